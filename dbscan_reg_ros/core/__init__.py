@@ -1,0 +1,1 @@
+"""The method: numpy, scipy and scikit-learn only; no ROS, no files, no clock, no module-level state."""

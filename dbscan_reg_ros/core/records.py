@@ -1,0 +1,207 @@
+"""The records that flow through the registration, each made by one step and read by the next."""
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+
+import numpy as np
+
+from .scan import Scan
+from .se2 import SE2
+
+
+class Status(Enum):
+    """What a registration is worth."""
+
+    OK = 'ok'
+    """The motion is known in every direction."""
+    DEGENERATE = 'degenerate'
+    """The scans agree, but one direction of the motion is not determined by them."""
+    AMBIGUOUS = 'ambiguous'
+    """A rival motion explains the scans nearly as well."""
+    FAILED = 'failed'
+    """No motion explains the scans."""
+
+
+class EndKind(IntEnum):
+    """What ends a segment."""
+
+    CORNER = 0
+    """Another segment starts there: a true point of the world."""
+    FREE = 1
+    """The wall ends there and the beams beyond it see farther: a true point of the world."""
+    OCCLUSION = 2
+    """Something nearer hides the rest, or the view ends: the point moves with the sensor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Line segments of one scan as a structure of arrays, in beam order, M of them.
+
+    Attributes
+    ----------
+    start, end : (M, 2) float [m]
+        End points on the fitted line: first and last beam, so that a segment is directed and the sensor always
+        lies on the same side.
+    direction : (M,) float [rad]
+        Angle of the line from start to end, in [-pi, pi).
+    length : (M,) float [m]
+    sigma_direction : (M,) float [rad]
+        Standard deviation of the direction.
+    sigma_offset : (M,) float [m]
+        Standard deviation of the line's distance from its midpoint.
+    kinds : (M, 2) int
+        `EndKind` of start and end.
+    beams : (M, 2) int
+        First and last beam.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    direction: np.ndarray
+    length: np.ndarray
+    sigma_direction: np.ndarray
+    sigma_offset: np.ndarray
+    kinds: np.ndarray
+    beams: np.ndarray
+
+    def __len__(self):
+        return len(self.direction)
+
+    @property
+    def midpoint(self):
+        """(M, 2) [m]"""
+        return 0.5 * (self.start + self.end)
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """What is kept of a scan, computed once.
+
+    Attributes
+    ----------
+    scan : Scan
+    points : (P, 2) float [m]
+        Filtered points in the sensor's frame, in beam order.
+    beams : (P,) int
+        The beam of each point.
+    normals : (P, 2) float
+        Unit normals that face the sensor; zero where the surroundings have no direction.
+    segments : Segments
+    """
+
+    scan: Scan
+    points: np.ndarray
+    beams: np.ndarray
+    normals: np.ndarray
+    segments: Segments
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One candidate motion with what speaks for it."""
+
+    transform: SE2
+    score: float
+    origin: str
+    """Which step proposed it: ``lines``, ``ends``, ``prior``, ..."""
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Result of registering one scan onto another.
+
+    Attributes
+    ----------
+    transform : SE2
+        Pose of the current sensor in the reference's frame: ``p_R = transform.apply(p_O)`` (Eq. 8).
+    covariance : (3, 3) float
+        Covariance of (x, y, theta) in the *current* sensor's frame (a right perturbation), m, m, rad.
+    status : Status
+    overlap : float
+        Share of the current scan's points that lie on the reference's surfaces, 0..1.
+    score : float
+        The winning hypothesis' score, 0..1.
+    hypotheses : tuple of Hypothesis
+        Best first; the first is the result.
+    free_direction : float or None
+        Angle [rad] in the reference's frame along which the scans leave the translation free.
+    matches : (K, 2) int
+        Matched segments: index into the reference's and the current scan's.
+    reason : str
+        Why the status is not ``OK``; empty otherwise.
+    """
+
+    transform: SE2
+    covariance: np.ndarray
+    status: Status
+    overlap: float = 0.0
+    score: float = 0.0
+    hypotheses: tuple = ()
+    free_direction: float | None = None
+    matches: np.ndarray = field(default_factory=lambda: np.empty((0, 2), dtype=int))
+    reason: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is believed of the motion before the scans are looked at.
+
+    Attributes
+    ----------
+    transform : SE2
+        Pose of the current sensor in the reference's frame.
+    covariance : (3, 3) float
+        As in `Registration`.
+    """
+
+    transform: SE2
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryUpdate:
+    """What `Odometry.process` says of one scan.
+
+    Attributes
+    ----------
+    stamp : int
+        The scan's own stamp [ns].
+    pose : SE2
+        Pose of the sensor in the odometry frame (that of the first scan).
+    covariance : (3, 3) float
+        Of `pose`, for (x, y, theta) in the odometry frame, m, m, rad.
+    twist : (3,) float
+        Velocity (vx, vy, omega) in the sensor's frame, m/s, m/s, rad/s.
+    twist_covariance : (3, 3) float
+    interval : float
+        The cleaned time since the last scan [s]; 0 for the first.
+    increment : SE2
+        Motion since the last scan, in the last scan's frame.
+    status : Status
+    registration : Registration or None
+        None for the first scan after a start or a reset.
+    features : Features
+        Of this scan.
+    reference : Features or None
+        What it was registered to.
+    reference_pose : SE2
+        Pose of `reference` in the odometry frame.
+    reference_changed : bool
+        This scan becomes the reference (or part of it) for those that follow.
+    restarted : str
+        Why the odometry started anew at this scan; empty otherwise.
+    """
+
+    stamp: int
+    pose: SE2
+    covariance: np.ndarray
+    twist: np.ndarray
+    twist_covariance: np.ndarray
+    interval: float
+    increment: SE2
+    status: Status
+    registration: Registration | None
+    features: Features
+    reference: Features | None
+    reference_pose: SE2
+    reference_changed: bool
+    restarted: str = ''

@@ -1,0 +1,165 @@
+"""Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .errors import ScanError
+
+MAX_BEAMS = 100_000
+
+
+@dataclass(frozen=True)
+class ScanGeometry:
+    """Where the beams of a scan point, and which ranges count.
+
+    Two geometries are equal when their beams point the same way, so one object (with its cached
+    sines and cosines) can serve all scans of a sensor.
+
+    Parameters
+    ----------
+    angle_min : float
+        Bearing of beam 0 [rad], rounded to float32.
+    angle_increment : float
+        Step from one beam to the next [rad], rounded to float32; negative for clockwise lidars.
+    size : int
+        Number of beams N.
+    range_min, range_max : float
+        A return counts when ``range_min <= range <= range_max`` [m], rounded to float32.
+        A `range_max` of 0 or less, or one that is not finite, means "no limit".
+    bearings_given : tuple of float, optional
+        One bearing [rad] for each beam where they are not uniform (a moved or deskewed scan).
+
+    Raises
+    ------
+    ScanError
+        When an angle is not finite, the increment is 0, or the number of beams is out of range.
+    """
+
+    angle_min: float
+    angle_increment: float
+    size: int
+    range_min: float = 0.0
+    range_max: float = math.inf
+    bearings_given: tuple | None = None
+
+    def __post_init__(self):
+        for name in ('angle_min', 'angle_increment', 'range_min', 'range_max'):
+            object.__setattr__(self, name, float(np.float32(getattr(self, name))))
+        if not (math.isfinite(self.angle_min) and math.isfinite(self.angle_increment)):
+            raise ScanError(f'angle_min {self.angle_min} and angle_increment {self.angle_increment} must be finite')
+        if self.angle_increment == 0.0:
+            raise ScanError('angle_increment is 0: the driver must say how far apart its beams are')
+        if not 1 <= self.size <= MAX_BEAMS:
+            raise ScanError(f'a scan of {self.size} beams; expected 1 to {MAX_BEAMS}')
+        if abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
+            raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice')
+        if math.isnan(self.range_min):
+            object.__setattr__(self, 'range_min', 0.0)
+        if not self.range_max > 0.0:
+            object.__setattr__(self, 'range_max', math.inf)
+        if self.bearings_given is not None and len(self.bearings_given) != self.size:
+            raise ScanError(f'{len(self.bearings_given)} bearings for {self.size} beams')
+
+    @classmethod
+    def from_bearings(cls, bearings, range_min=0.0, range_max=math.inf) -> 'ScanGeometry':
+        """Geometry of a scan whose bearings ``(N,)`` [rad] are given one by one, in beam order."""
+        bearings = np.asarray(bearings, dtype=np.float32).astype(float)
+        if bearings.ndim != 1 or not np.isfinite(bearings).all():
+            raise ScanError('bearings must be one finite number for each beam')
+        steps = np.diff(bearings)
+        steps = (steps + math.pi) % (2.0 * math.pi) - math.pi
+        increment = float(np.median(steps)) if len(steps) else 1.0
+        if increment == 0.0:
+            increment = float(np.abs(steps).mean()) or 1e-3
+        return cls(float(bearings[0]), increment, len(bearings), range_min, range_max,
+                   tuple(bearings.tolist()))
+
+    @cached_property
+    def bearings(self):
+        """``(N,)`` bearing of each beam [rad] (Eq. 1)."""
+        if self.bearings_given is not None:
+            return _frozen(np.array(self.bearings_given))
+        return _frozen(self.angle_min + self.angle_increment * np.arange(self.size))
+
+    @cached_property
+    def directions(self):
+        """``(N, 2)`` unit vector along each beam."""
+        return _frozen(np.stack((np.cos(self.bearings), np.sin(self.bearings)), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sweep of a 2D lidar, immutable; the fields of a LaserScan that matter here.
+
+    Parameters
+    ----------
+    stamp : int
+        Time of the first beam [ns].
+    ranges : array_like (N,)
+        Measured ranges [m], rounded to float32; `inf`, `nan`, 0, negative values and values outside the
+        geometry's limits are beams with no return (REP-117).
+    geometry : ScanGeometry
+    time_increment : float
+        Time from one beam to the next [s]; 0 where unknown.
+    frame_id : str
+        The sensor's coordinate frame.
+
+    Raises
+    ------
+    ScanError
+        When the number of ranges is not that of the geometry.
+    """
+
+    stamp: int
+    ranges: np.ndarray
+    geometry: ScanGeometry
+    time_increment: float = 0.0
+    frame_id: str = ''
+
+    def __post_init__(self):
+        with np.errstate(over='ignore'):
+            ranges = np.array(self.ranges, dtype=np.float32)
+        if ranges.ndim != 1 or len(ranges) != self.geometry.size:
+            raise ScanError(f'{ranges.size} ranges for {self.geometry.size} beams')
+        object.__setattr__(self, 'ranges', _frozen(ranges))
+        increment = float(np.float32(self.time_increment))
+        object.__setattr__(self, 'time_increment', increment if math.isfinite(increment) else 0.0)
+
+    @cached_property
+    def valid(self):
+        """``(N,)`` bool: beams with a return between `range_min` and `range_max`."""
+        ranges, geometry = self.ranges, self.geometry
+        with np.errstate(invalid='ignore'):
+            ok = (ranges > 0.0) & (ranges >= np.float32(geometry.range_min))
+            ok &= (ranges <= np.float32(geometry.range_max)) & (ranges < np.inf)
+        return _frozen(ok)
+
+    @cached_property
+    def points(self):
+        """``(N, 2)`` Cartesian points [m] in the sensor's frame (Eq. 2); not finite without a return."""
+        ranges = np.where(self.valid, self.ranges.astype(float), np.nan)
+        return _frozen(ranges[:, None] * self.geometry.directions)
+
+    @classmethod
+    def from_points(cls, points, stamp=0, range_min=0.0, range_max=math.inf, frame_id='') -> 'Scan':
+        """A scan with the returns at `points` ``(N, 2)`` [m], in beam order, one bearing each.
+
+        Rows that are not finite become beams without a return.
+        """
+        points = np.asarray(points, dtype=float)
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        bearings = np.arctan2(points[:, 1], points[:, 0])
+        missing = ~np.isfinite(ranges)
+        if missing.all():
+            raise ScanError('no finite point')
+        known = np.flatnonzero(~missing)
+        bearings[missing] = np.interp(np.flatnonzero(missing), known, np.unwrap(bearings[known]))
+        ranges[missing] = np.inf
+        return cls(stamp, ranges, ScanGeometry.from_bearings(bearings, range_min, range_max), 0.0, frame_id)
+
+
+def _frozen(array):
+    array.flags.writeable = False
+    return array
