@@ -143,6 +143,35 @@ class Scan:
         return _frozen(ranges[:, None] * self.geometry.directions)
 
     @classmethod
+    def from_fields(cls, stamp, ranges, angle_min, angle_increment, range_min=0.0, range_max=math.inf,
+                    time_increment=0.0, frame_id='', geometry=None) -> 'Scan':
+        """A scan from plain LaserScan fields, wherever they come from.
+
+        Parameters
+        ----------
+        geometry : ScanGeometry, optional
+            That of the scan before: kept, with what it has cached, when this scan's is equal.
+        """
+        made = ScanGeometry(angle_min, angle_increment, len(ranges), range_min, range_max)
+        return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)
+
+    @classmethod
+    def from_message(cls, message, geometry=None) -> 'Scan':
+        """A scan from any object with the fields of a LaserScan message: rclpy's, or a bag reader's.
+
+        The beams are counted in `ranges`; `angle_max`, which many drivers get wrong, is not looked at.
+
+        Parameters
+        ----------
+        geometry : ScanGeometry, optional
+            As in `from_fields`.
+        """
+        stamp = message.header.stamp
+        return cls.from_fields(stamp.sec * 1_000_000_000 + stamp.nanosec, message.ranges, message.angle_min,
+                               message.angle_increment, message.range_min, message.range_max,
+                               message.time_increment, message.header.frame_id, geometry)
+
+    @classmethod
     def from_points(cls, points, stamp=0, range_min=0.0, range_max=math.inf, frame_id='') -> 'Scan':
         """A scan with the returns at `points` ``(N, 2)`` [m], in beam order, one bearing each.
 

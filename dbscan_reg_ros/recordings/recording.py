@@ -1,0 +1,110 @@
+"""One interface to recorded scans, and the function that finds out what a file holds."""
+import gzip
+import zlib
+from pathlib import Path
+
+from ..core.errors import RecordingError
+
+
+def open_recording(path, topic=None) -> 'Recording':
+    """The recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
+
+    Parameters
+    ----------
+    path : str or Path
+    topic : str, optional
+        The topic of the scans; for a CARMEN log the name of its message. Needed where there are several.
+
+    Raises
+    ------
+    RecordingError
+        When `path` cannot be read, is empty or of no known format, holds no scan, or several topics
+        of scans and none was chosen.
+    """
+    path = Path(path)
+    try:
+        start = b'' if path.is_dir() else _start_of(path)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    if path.is_dir() or start.startswith((b'#ROSBAG', b'SQLite format 3\0', b'\x89MCAP')):
+        from .bag import Bag
+        return Bag(path, topic)
+    if not start:
+        raise RecordingError(f'{path}: the file is empty')
+    if b'\0' in start:
+        raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
+    from .carmen import CarmenLog
+    return CarmenLog(path, topic)
+
+
+class Recording:
+    """Recorded scans, read from the disk anew at every pass and one at a time.
+
+    Attributes
+    ----------
+    path : Path
+    name : str
+        The file's name without its endings.
+    topic : str
+        Where the scans are taken from.
+    frame_id : str
+        The coordinate frame of the first scan.
+    count : int
+        How many scans the recording claims to hold, damaged ones included.
+    """
+
+    topic: str
+    frame_id: str
+    count: int
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.name = self.path.name.removesuffix('.gz').rpartition('.')[0] or self.path.name
+        self._problems = {}
+
+    @property
+    def problems(self) -> list:
+        """One line for each damaged part met so far and skipped."""
+        return list(self._problems)
+
+    def scans(self):
+        """Iterator of `Scan`, in the order of the file, which is the physical one; stamps may go back.
+
+        Scans whose beams point the same way share one `ScanGeometry`.
+        """
+        raise NotImplementedError
+
+    def stamps(self) -> list:
+        """The stamps of all scans [ns], in the order of the file."""
+        return [scan.stamp for scan in self.scans()]
+
+    def wheel_odometry(self):
+        """Raw odometry: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base, or None."""
+
+    def truth(self):
+        """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
+
+    def _report(self, problem):
+        self._problems[problem] = None
+
+    def _choose(self, counts, topic):
+        """Set `topic` and `count` from how many scans each topic holds."""
+        held = ', '.join(sorted(counts)) or 'none'
+        if not counts:
+            raise RecordingError(f'{self.path}: holds no laser scan')
+        if topic is None and len(counts) > 1:
+            raise RecordingError(f'{self.path}: choose one of its {len(counts)} topics of scans: {held}')
+        if topic is not None and topic not in counts:
+            raise RecordingError(f'{self.path}: no scans on {topic!r}; topics of scans: {held}')
+        self.topic = topic or next(iter(counts))
+        self.count = counts[self.topic]
+
+
+def _start_of(path, size=512):
+    """The first bytes of a file, unpacked when it is gzip."""
+    with open(path, 'rb') as file:
+        start = file.read(size)
+    if start.startswith(b'\x1f\x8b'):
+        with gzip.open(path) as file:
+            return file.read1(size)
+    return start
