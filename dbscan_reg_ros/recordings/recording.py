@@ -26,6 +26,8 @@ def open_recording(path, topic=None) -> 'Recording':
         start = b'' if path.is_dir() else _start_of(path)
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    if path.is_dir() and not (path / 'metadata.yaml').exists():
+        raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it')
     if path.is_dir() or start.startswith((b'#ROSBAG', b'SQLite format 3\0', b'\x89MCAP')):
         from .bag import Bag
         return Bag(path, topic)
