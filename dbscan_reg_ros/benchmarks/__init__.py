@@ -1,0 +1,1 @@
+"""Benchmarks on public recordings and on moved scans: what ``scripts/bench`` runs."""

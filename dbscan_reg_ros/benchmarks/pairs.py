@@ -1,0 +1,25 @@
+"""Pairs k, k+s of the Intel log without an initial guess."""
+from .bounds import at_least, at_most
+from .trials import Trial, run, summarise, thinned
+
+BOUNDS = {
+    'pairs_s1': at_least(0.995), 'pairs_s2': at_least(0.995), 'pairs_s5': at_least(0.995),
+    'pairs_s10': at_least(0.99), 'pairs_s20': at_least(0.97),
+    'median_m': at_most(0.003), 'median_deg': at_most(0.1),
+    'ok_precision': at_least(0.997), 'ok_recall': at_least(0.96),
+}
+
+
+def trials(intel, limit=None) -> list:
+    """A `Trial` for each pair; `limit` counts for each s."""
+    groups = {}
+    for i, j, truth in intel.pairs:
+        groups.setdefault(j - i, []).append(
+            Trial(f'pairs_s{j - i}', f'{i} {j}', intel.scans[i], intel.scans[j], truth))
+    return [trial for step in sorted(groups) for trial in thinned(groups[step], limit)]
+
+
+def measure(intel, methods, limit=None):
+    """Metrics by method, and the outcomes by method."""
+    outcomes = run(methods, trials(intel, limit), 'pairs')
+    return {name: summarise(results) for name, results in outcomes.items()}, outcomes

@@ -1,0 +1,85 @@
+"""Tables for the terminal, and what was run on what."""
+import importlib.metadata
+import math
+import platform
+
+from .trials import Outcome
+
+PACKAGES = ('numpy', 'scipy', 'scikit-learn', 'small_gicp', 'kiss-icp')
+
+
+def machine() -> str:
+    """Versions and machine in one line."""
+    packages = [f'{name} {version}' for name in PACKAGES if (version := _version(name))]
+    return f'python {platform.python_version()}, {", ".join(packages)}; {_processor()}'
+
+
+def table(metrics) -> str:
+    """One row for each method, one column for each metric."""
+    names = list(dict.fromkeys(name for row in metrics.values() for name in row))
+    cells = [['method', *names]]
+    cells += [[method, *(_cell(name, row.get(name, math.nan)) for name in names)] for method, row in metrics.items()]
+    return _aligned(_folded(cells))
+
+
+def verdict(metrics, bounds) -> list:
+    """One line for each bound that the metrics of one method miss."""
+    return [f'{name} = {metrics[name]:.4g}, expected {bound}'
+            for name, bound in bounds.items() if name in metrics and not bound.holds(metrics[name])]
+
+
+def failures(outcomes) -> str:
+    """One line for each `Outcome` that failed, or was right and not called OK."""
+    return '\n'.join(_line(outcome) for outcome in outcomes if not outcome.success or outcome.status.value != 'ok')
+
+
+def _line(outcome: Outcome):
+    trial, found = outcome.trial, outcome.transform
+    return (f'{trial.group:20s} {trial.label:12s} {"right" if outcome.success else "WRONG"} {outcome.status.value:10s} '
+            f'error {outcome.translation_error:.3f} m {math.degrees(outcome.rotation_error):7.2f} deg   '
+            f'truth {_pose(trial.truth)} found {_pose(found)}')
+
+
+def _pose(pose):
+    return f'({pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f})'
+
+
+def _cell(name, value):
+    if name.endswith('_count'):
+        return str(value)
+    if math.isnan(value):
+        return '-'
+    if '_m' in name or '_deg' in name or name.startswith(('ms', 'ratio')):
+        return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
+    return f'{100.0 * value:.1f}'
+
+
+def _folded(cells, width=12):
+    """Blocks of at most `width` columns beside the first."""
+    return [[[row[0], *row[start:start + width]] for row in cells] for start in range(1, len(cells[0]), width)]
+
+
+def _aligned(blocks):
+    lines = []
+    for block in blocks:
+        widths = [max(map(len, column)) for column in zip(*block)]
+        lines += ['  '.join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:]))])
+                  for row in block]
+        lines.append('')
+    return '\n'.join(lines[:-1])
+
+
+def _version(package):
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ''
+
+
+def _processor():
+    try:
+        with open('/proc/cpuinfo') as file:
+            name = next((line.split(':', 1)[1].strip() for line in file if line.startswith('model name')), '')
+    except OSError:
+        name = ''
+    return name or platform.processor() or platform.machine()
