@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from .errors import ParameterError
 
 
-def parameter(default, help, unit='', minimum=None, maximum=None, choices=None):
-    """A dataclass field that knows what it means."""
+def parameter(default, help, unit='', minimum=None, maximum=None, choices=None, read_only=False):
+    """A dataclass field that knows what it means; a tuple of numbers as default is a list of that length."""
     return dataclasses.field(default=default, metadata={
-        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices})
+        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices,
+        'read_only': read_only})
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,19 @@ class Description:
     minimum: float | None
     maximum: float | None
     choices: tuple | None
+    read_only: bool
+
+    @property
+    def bounds(self) -> str:
+        """The allowed values in words; empty where every value of the type is."""
+        if self.choices is not None:
+            return f'one of {", ".join(map(repr, self.choices))}'
+        unit = f' {self.unit}' if self.unit else ''
+        if self.minimum is not None and self.maximum is not None:
+            return f'{self.minimum} to {self.maximum}{unit}'
+        if self.minimum is not None:
+            return f'at least {self.minimum}{unit}'
+        return '' if self.maximum is None else f'at most {self.maximum}{unit}'
 
 
 class ParameterGroup:
@@ -40,20 +54,22 @@ class ParameterGroup:
 
 
 class ParameterTree:
-    """A frozen dataclass of parameter groups, read and made by full names."""
+    """A frozen dataclass of parameters and groups of parameters, read and made by full names."""
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if not _is_group(field):
+                object.__setattr__(self, field.name, check(_describe('', field), getattr(self, field.name)))
 
     @classmethod
     def describe(cls) -> tuple:
         """A `Description` of every parameter, in order."""
-        return tuple(_describe(f'{group.name}.', field)
-                     for group in dataclasses.fields(cls)
-                     for field in dataclasses.fields(group.default_factory))
+        return tuple(_describe(prefix, field) for prefix, field in _parameter_fields(cls))
 
     def flatten(self) -> dict:
         """Full name -> value."""
-        return {f'{group.name}.{field.name}': getattr(getattr(self, group.name), field.name)
-                for group in dataclasses.fields(self)
-                for field in dataclasses.fields(group.default_factory)}
+        return {prefix + field.name: getattr(getattr(self, prefix[:-1]) if prefix else self, field.name)
+                for prefix, field in _parameter_fields(type(self))}
 
     def replace(self, values):
         """A copy with `values` (full name -> value) changed, all or none.
@@ -64,14 +80,14 @@ class ParameterTree:
             When a name is unknown, or a value has the wrong type or lies outside its bounds.
         """
         descriptions = {d.name: d for d in self.describe()}
-        changes = {}
+        own, groups = {}, {}
         for name, value in values.items():
             if name not in descriptions:
                 raise ParameterError(f'unknown parameter {name!r}; {_nearest(name, descriptions)}')
-            group, _, field = name.partition('.')
-            changes.setdefault(group, {})[field] = check(descriptions[name], value)
-        return dataclasses.replace(self, **{
-            group: dataclasses.replace(getattr(self, group), **fields) for group, fields in changes.items()})
+            group, _, field = name.rpartition('.')
+            (groups.setdefault(group, {}) if group else own)[field] = check(descriptions[name], value)
+        return dataclasses.replace(self, **own, **{
+            group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()})
 
 
 def check(description, value):
@@ -83,32 +99,44 @@ def check(description, value):
         When it has another type or lies outside its bounds.
     """
     d = description
+    if d.type is tuple:
+        return _check_list(d, value)
     if d.type is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not d.type:
         raise ParameterError(f'{d.name} = {value!r}: expected {_article(d.type)}')
     if d.type is float and not math.isfinite(value):
         raise ParameterError(f'{d.name} = {value!r}: expected a finite number')
-    if d.choices is not None and value not in d.choices:
-        raise ParameterError(f'{d.name} = {value!r}: expected one of {", ".join(map(repr, d.choices))}')
-    if d.minimum is not None and value < d.minimum or d.maximum is not None and value > d.maximum:
-        raise ParameterError(f'{d.name} = {value!r}: expected {_interval(d)}')
+    if (d.choices is not None and value not in d.choices or d.minimum is not None and value < d.minimum
+            or d.maximum is not None and value > d.maximum):
+        raise ParameterError(f'{d.name} = {value!r}: expected {d.bounds}')
     return value
 
 
+def _check_list(d, values):
+    if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(d.default):
+        raise ParameterError(f'{d.name} = {values!r}: expected {len(d.default)} numbers')
+    kind = type(d.default[0])
+    return tuple(check(dataclasses.replace(d, name=f'{d.name}[{i}]', type=kind), value)
+                 for i, value in enumerate(values))
+
+
+def _is_group(field):
+    return field.default is dataclasses.MISSING
+
+
+def _parameter_fields(tree):
+    """(prefix of the full name, dataclass field) of every parameter of the class `tree`, in order."""
+    for field in dataclasses.fields(tree):
+        if _is_group(field):
+            for inner in dataclasses.fields(field.default_factory):
+                yield f'{field.name}.', inner
+        else:
+            yield '', field
+
+
 def _describe(prefix, field):
-    m = field.metadata
-    return Description(prefix + field.name, type(field.default), field.default, m['help'], m['unit'],
-                       m['minimum'], m['maximum'], m['choices'])
-
-
-def _interval(d):
-    unit = f' {d.unit}' if d.unit else ''
-    if d.maximum is None:
-        return f'at least {d.minimum}{unit}'
-    if d.minimum is None:
-        return f'at most {d.maximum}{unit}'
-    return f'{d.minimum} to {d.maximum}{unit}'
+    return Description(prefix + field.name, type(field.default), field.default, **field.metadata)
 
 
 def _article(kind):
