@@ -72,18 +72,17 @@ class Bag(Recording):
             number = 0
             while True:
                 number += 1
-                # A damaged bag can make rosbags raise nearly anything, here and below.
                 try:
                     connection, _, raw = next(messages)
                 except StopIteration:
                     return
-                except Exception as error:
+                except Exception as error:  # noqa: BLE001 - a damaged bag makes its reader raise nearly anything
                     self._report(f'{self.path.name}: cannot be read from message {number} on {topic} on: '
                                  f'{describe(error)}')
                     return
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
-                except Exception as error:
+                except Exception as error:  # noqa: BLE001 - as above
                     self._report(f'{self.path.name}: damaged message {number} on {topic} skipped: {describe(error)}')
                     continue
                 yield number, message

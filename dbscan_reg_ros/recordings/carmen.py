@@ -4,21 +4,19 @@ import math
 import re
 import zlib
 from collections import Counter
-from decimal import Decimal, InvalidOperation
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
+from .decimals import nanoseconds
 from .poses import relative
 from .recording import Recording
 
 FRAME_ID = 'laser'
 FLASER_RANGE_MAX = 50.0
 """A ``FLASER`` reading of this or more [m] is a missing return (50, 81.83, 81.91)."""
-LATEST_STAMP = 2**31 * 1_000_000_000
-"""The first stamp that a ROS message cannot hold [ns]."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -101,7 +99,7 @@ def _read_flaser(words, geometry):
     if n < 2 or len(words) != n + 10:
         raise ValueError(f'{len(words)} values where {n} readings need {n + 10}')
     step = math.pi / n if n % 2 == 0 else math.pi / (n - 1)
-    scan = Scan.from_fields(_stamp(words[-3]), _ranges(words[1:n + 1], FLASER_RANGE_MAX), -math.pi / 2, step,
+    scan = Scan.from_fields(nanoseconds(words[-3]), _ranges(words[1:n + 1], FLASER_RANGE_MAX), -math.pi / 2, step,
                             0.0, FLASER_RANGE_MAX, frame_id=FRAME_ID, geometry=geometry)
     return _Record(scan, _pose(words[n + 1:n + 4]), _pose(words[n + 4:n + 7]))
 
@@ -115,7 +113,7 @@ def _read_robotlaser(words, geometry):
     start, view, step, range_max = (float(word) for word in words[1:5])
     if not step and n > 1:
         step = view / (n - 1)
-    scan = Scan.from_fields(_stamp(words[-3]), _ranges(words[8:8 + n], range_max), start, step,
+    scan = Scan.from_fields(nanoseconds(words[-3]), _ranges(words[8:8 + n], range_max), start, step,
                             0.0, range_max, frame_id=FRAME_ID, geometry=geometry)
     return _Record(scan, _pose(words[poses:poses + 3]), _pose(words[poses + 3:poses + 6]))
 
@@ -134,17 +132,6 @@ def _pose(words):
     if not all(map(math.isfinite, pose)):
         raise ValueError(f'pose {" ".join(words)} is not finite')
     return pose
-
-
-def _stamp(word):
-    """Seconds in decimal to whole nanoseconds, without the detour through binary fractions."""
-    try:
-        stamp = int((Decimal(word) * 1_000_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError):
-        raise ValueError(f'stamp {word!r} is no number of seconds') from None
-    if not 0 <= stamp < LATEST_STAMP:
-        raise ValueError(f'stamp {word} s is outside 0 to 2^31 s')
-    return stamp
 
 
 def _is_gzip(path):

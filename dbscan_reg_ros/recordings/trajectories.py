@@ -1,0 +1,117 @@
+"""Trajectories as files: TUM (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
+import math
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import RecordingError
+from .decimals import nanoseconds, seconds
+
+
+def write_tum(path, stamps, poses):
+    """Write a trajectory in TUM's form; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    stamps : sequence of int (N,)
+        [ns], written with all nine decimals.
+    poses : array_like (N, 3)
+        x, y [m], theta [rad].
+    """
+    with _replacing(path) as file:
+        for stamp, (x, y, theta) in zip(stamps, np.asarray(poses, dtype=float).reshape(-1, 3), strict=True):
+            file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n')
+
+
+def read_tum(path):
+    """A trajectory in TUM's form: stamps ``(N,)`` int64 [ns], poses ``(N, 3)`` [m, m, rad].
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read or a line does not hold eight numbers.
+    """
+    stamps, poses = [], []
+    for number, line in numbered_lines(path):
+        try:
+            stamp, *values = line.split()
+            x, y, _, qx, qy, qz, qw = (float(value) for value in values)
+            stamps.append(nanoseconds(stamp))
+        except ValueError:
+            raise RecordingError(f'{path}:{number}: expected timestamp x y z qx qy qz qw') from None
+        poses.append((x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))))
+    return np.array(stamps, dtype=np.int64), np.array(poses, dtype=float).reshape(-1, 3)
+
+
+def write_csv(path, poses, indices=None, ms=None):
+    """Write poses ``(N, 3)`` as ``index,x,y,theta[,ms]``; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    indices : sequence of int (N,), optional
+        The number of each pose's scan in the recording, from 0; all scans when not given.
+    ms : sequence of float (N,), optional
+        Time spent on each scan [ms].
+    """
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    with _replacing(path) as file:
+        file.write('index,x,y,theta' + (',ms' if ms is not None else '') + '\n')
+        for row, (index, pose) in enumerate(zip(range(len(poses)) if indices is None else indices, poses, strict=True)):
+            x, y, theta = pose.tolist()
+            file.write(f'{index},{x!r},{y!r},{theta!r}' + (f',{ms[row]:.4f}' if ms is not None else '') + '\n')
+
+
+def read_csv(path):
+    """Indices ``(N,)`` and poses ``(N, 3)`` of a file with the columns index, x, y, theta and perhaps more.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read, a column is missing or a line does not hold numbers.
+    """
+    lines = numbered_lines(path)
+    header = next(lines, (1, ''))[1].split(',')
+    try:
+        columns = [header.index(name) for name in ('index', 'x', 'y', 'theta')]
+    except ValueError:
+        raise RecordingError(f'{path}:1: expected the columns index,x,y,theta') from None
+    rows = []
+    for number, line in lines:
+        words = line.split(',')
+        try:
+            rows.append([float(words[column]) for column in columns])
+        except (ValueError, IndexError):
+            raise RecordingError(f'{path}:{number}: expected {len(header)} numbers') from None
+    rows = np.array(rows, dtype=float).reshape(-1, 4)
+    return rows[:, 0].astype(int), rows[:, 1:]
+
+
+def numbered_lines(path):
+    """Number and text of the lines of a small file that are neither empty nor a ``#`` comment.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read.
+    """
+    try:
+        lines = Path(path).read_text(encoding='utf-8').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    return ((number, line.strip()) for number, line in enumerate(lines, 1)
+            if line.strip() and not line.startswith('#'))
+
+
+@contextmanager
+def _replacing(path):
+    """A text file that takes the place of `path` once it is complete."""
+    path = Path(path)
+    unfinished = path.with_name(path.name + '.part')
+    try:
+        with open(unfinished, 'w', encoding='utf-8') as file:
+            yield file
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)

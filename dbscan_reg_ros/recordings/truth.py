@@ -1,0 +1,108 @@
+"""What is known of a recording's true motion, and where the recordings are."""
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.errors import RecordingError
+from ..core.se2 import wrap
+from .decimals import nanoseconds
+from .trajectories import numbered_lines
+
+DATA_VARIABLE = 'DBSCAN_REG_DATA'
+
+
+def data_folder(argument=None) -> Path:
+    """The folder that holds ``intel/`` and the other public recordings.
+
+    `argument` where given, else ``$DBSCAN_REG_DATA``, else ``../shared/data`` beside the project's root.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such folder.
+    """
+    project = Path(__file__).resolve().parents[2]
+    folder = Path(argument or os.environ.get(DATA_VARIABLE) or project.parent / 'shared' / 'data')
+    if not folder.is_dir():
+        raise RecordingError(f'{folder}: no such folder of recordings; name it with --data or ${DATA_VARIABLE}')
+    return folder
+
+
+def find_recording(path, data=None) -> Path:
+    """`path` itself where it exists, else below the data folder, where that exists."""
+    path = Path(path)
+    if path.exists() or path.is_absolute():
+        return path
+    try:
+        below = data_folder(data) / path
+    except RecordingError:
+        if data:
+            raise
+        return path
+    return below if below.exists() else path
+
+
+class Relations(NamedTuple):
+    """True motions between pairs of moments.
+
+    Attributes
+    ----------
+    stamps : (R, 2) int64 [ns]
+    motions : (R, 3) float [m, m, rad]
+        The pose at the second stamp in the frame of the pose at the first.
+    """
+
+    stamps: np.ndarray
+    motions: np.ndarray
+
+
+def find_relations(recording):
+    """Path of ``NAME.relations`` beside the recording ``NAME.log[.gz]``, or None."""
+    recording = Path(recording)
+    path = recording.with_name(recording.name.removesuffix('.gz').removesuffix('.log') + '.relations')
+    return path if path != recording and path.is_file() else None
+
+
+def load_relations(path) -> Relations:
+    """Relations from lines ``t1 t2 x y z roll pitch yaw``.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read, holds none, or a line is not eight numbers.
+    """
+    stamps, motions = [], []
+    for number, line in numbered_lines(path):
+        try:
+            first, second, *values = line.split()
+            x, y, _, _, _, yaw = (float(value) for value in values)
+            stamps.append((nanoseconds(first), nanoseconds(second)))
+        except ValueError:
+            raise RecordingError(f'{path}:{number}: expected t1 t2 x y z roll pitch yaw') from None
+        motions.append((x, y, yaw))
+    if not stamps:
+        raise RecordingError(f'{path}: holds no relation')
+    return Relations(np.array(stamps, dtype=np.int64), np.array(motions))
+
+
+def interpolate(stamps, poses, at):
+    """Poses ``(M, 3)`` at the moments `at` ``(M,)`` [ns], on the straight way and the shorter turn between neighbours.
+
+    Not a number outside of the known time. `stamps` ``(N,)`` need not be in order.
+    """
+    stamps, first = np.unique(np.asarray(stamps, dtype=np.int64), return_index=True)
+    poses, at = np.asarray(poses, dtype=float)[first], np.asarray(at, dtype=np.int64)
+    if len(stamps) == 0:
+        return np.full((len(at), 3), np.nan)
+    after = np.clip(np.searchsorted(stamps, at), 1, max(len(stamps) - 1, 1)) % len(stamps)
+    before = np.maximum(after - 1, 0)
+    span = np.maximum(stamps[after] - stamps[before], 1)
+    share = ((at - stamps[before]) / span)[:, None]
+    step = poses[after] - poses[before]
+    step[:, 2] = wrap(step[:, 2])
+    result = poses[before] + share * step
+    result[:, 2] = wrap(result[:, 2])
+    result[(at < stamps[0]) | (at > stamps[-1])] = np.nan
+    return result
