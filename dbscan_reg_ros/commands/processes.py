@@ -1,0 +1,74 @@
+"""Processes of our own that always end."""
+import os
+import signal
+import subprocess
+import sys
+
+
+class Process:
+    """A child process with a session of its own, so that a Ctrl-C in the terminal does not reach it by itself.
+
+    Parameters
+    ----------
+    command : list of str
+    log : path-like
+        File that takes its standard output and error.
+    environment : dict, optional
+        Variables on top of this process' own.
+    """
+
+    def __init__(self, command, log, environment=None):
+        self.command = [os.fspath(word) for word in command]
+        self.log = log
+        with open(log, 'wb') as output:
+            self._popen = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                                           env=os.environ | (environment or {}), start_new_session=True)
+        self.pid = self._popen.pid
+
+    def running(self) -> bool:
+        return self._popen.poll() is None
+
+    def output(self) -> str:
+        """What it has printed so far."""
+        with open(self.log, encoding='utf-8', errors='replace') as log:
+            return log.read()
+
+    def signal(self, number):
+        """Send it a signal, if it still runs."""
+        self._popen.send_signal(number)
+
+    def wait(self, timeout) -> int:
+        """Its exit status; `subprocess.TimeoutExpired` after `timeout` seconds."""
+        return self._popen.wait(timeout)
+
+    def stop(self, patience=5.0) -> int:
+        """End it and all its children: politely at first, by force after `patience` seconds.
+
+        Returns
+        -------
+        int
+            Its exit status; negative when a signal ended it.
+        """
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self.signal(number)
+            try:
+                self.wait(patience)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+        try:
+            os.killpg(self.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        return self._popen.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stop()
+
+
+def package_command(*words) -> list:
+    """The command line that runs ``python -m dbscan_reg_ros`` with `words`, in this interpreter."""
+    return [sys.executable, '-m', 'dbscan_reg_ros', *words]
