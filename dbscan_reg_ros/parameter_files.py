@@ -1,0 +1,155 @@
+"""Parameter files in the form that ROS 2 takes with ``--params-file``.
+
+``python -m dbscan_reg_ros.parameter_files`` prints the defaults as such a file, ``--write`` renews
+``config/scan_matcher.yaml`` in the source tree.
+"""
+import argparse
+import re
+import sys
+import textwrap
+from pathlib import Path
+
+import yaml
+
+from .core.errors import ParameterError
+from .node.parameters import NodeParameters
+
+DEFAULTS_FILE = Path(__file__).parent.parent / 'config' / 'scan_matcher.yaml'
+NODE_NAME = 'scan_matcher'
+WIDTH = 120
+DEFAULTS = NodeParameters()
+
+HEAD = """\
+The parameters of scan_matcher with their defaults.
+Made by `python -m dbscan_reg_ros.parameter_files --write`; copy it and keep only the lines that you change."""
+
+
+def is_ros_parameter(name) -> bool:
+    """Whether every ROS node has the parameter `name`: a file may set it, the method does not know it."""
+    return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')
+
+
+def read_parameters(path, node=NODE_NAME) -> NodeParameters:
+    """The parameters that the file at `path` sets for `node`; the others have their defaults.
+
+    Sections may be named after the node, with or without its namespace, or by a wildcard (``/**``); names may be
+    nested or joined by dots. Sections of other nodes are passed over.
+
+    Raises
+    ------
+    ParameterError
+        When the file cannot be read, is no parameter file, says nothing for `node`, or sets a parameter that is
+        unknown or has a wrong value.
+    """
+    sections = dict(_sections(_load(path), path))
+    own = [section for name, section in sections.items() if name.split('/')[-1] in (node, '*', '**')]
+    if not own:
+        raise ParameterError(f'{path}: no parameters for {node!r}, only for {", ".join(sections)}; '
+                             "expected a section '/**' or one named after the node")
+    values = {name: value for section in own for name, value in _flatten(section)}
+    try:
+        return NodeParameters().replace({k: v for k, v in values.items() if not is_ros_parameter(k)})
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+
+
+def write_parameters(path, parameters=DEFAULTS, head=HEAD):
+    """Write `parameters` to the file at `path`, each with its help, unit and bounds as a comment."""
+    Path(path).write_text(format_parameters(parameters, head), encoding='utf-8')
+
+
+def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
+    """`parameters` as the text of a parameter file, those without a group first."""
+    values = parameters.flatten()
+    lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
+    current = ''
+    for d in sorted(parameters.describe(), key=lambda d: '.' in d.name):
+        group, _, field = d.name.rpartition('.')
+        if group != current:
+            lines.append(f'    {group}:')
+            current = group
+        indent = ' ' * (6 if group else 4)
+        lines += _comment(d, indent)
+        lines.append(f'{indent}{field}: {_scalar(values[d.name])}')
+    return '\n'.join(lines) + '\n'
+
+
+def describe_limits(description) -> str:
+    """Unit and bounds of a parameter in words, empty where it has neither."""
+    bounds = description.bounds or description.unit
+    return '; '.join(filter(None, [bounds, 'read-only' if description.read_only else '']))
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads YAML as ROS does."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what `_Loader` reads."""
+
+
+for _yaml in (_Loader, _Dumper):
+    # To ROS 1e-3 is a number, to YAML 1.1 a text.
+    _yaml.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+                                list('-+.0123456789'))
+
+
+def _load(path):
+    try:
+        return yaml.load(Path(path).read_text(encoding='utf-8'), _Loader)
+    except OSError as error:
+        raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        where = getattr(error, 'problem_mark', None)
+        line = f', line {where.line + 1}' if where else ''
+        raise ParameterError(f'{path}{line}: no valid YAML: {getattr(error, "problem", error)}') from None
+
+
+def _sections(tree, path, prefix=''):
+    """(name of the node, its parameters) of every section; namespaces may be nested."""
+    if not isinstance(tree, dict) or not tree:
+        raise ParameterError(f'{path}: {prefix or "the file"} holds no section; expected '
+                             "'/**: ros__parameters: ...' or the node's name in place of '/**'")
+    for name, section in tree.items():
+        name = f'{prefix}/{name}'.replace('//', '/')
+        if isinstance(section, dict) and 'ros__parameters' in section:
+            parameters = section['ros__parameters'] or {}
+            if not isinstance(parameters, dict):
+                raise ParameterError(f'{path}: {name}: {parameters!r}: expected names with values')
+            yield name, parameters
+        else:
+            yield from _sections(section, path, name)
+
+
+def _flatten(section, prefix=''):
+    """(full name, value) of every parameter, in order."""
+    for name, value in section.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def _comment(description, indent):
+    limits = describe_limits(description)
+    text = description.help + (f' [{limits}]' if limits else '')
+    return textwrap.wrap(text, WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ')
+
+
+def _scalar(value):
+    value = list(value) if isinstance(value, tuple) else value
+    return yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=10_000).split('\n')[0]
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.parameter_files', description=__doc__.split('\n')[0])
+    parser.add_argument('--write', action='store_true', help=f'renew {DEFAULTS_FILE.name} in the source tree')
+    if parser.parse_args(argv).write:
+        write_parameters(DEFAULTS_FILE)
+    else:
+        sys.stdout.write(format_parameters())
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
