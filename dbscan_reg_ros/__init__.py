@@ -1,15 +1,22 @@
 """2D lidar scan registration by DBSCAN clustering, and laser odometry (Liu et al. 2023)."""
-from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError
-from .core.odometry import Odometry
-from .core.parameters import Parameters
-from .core.records import (EndKind, Features, Hypothesis, OdometryUpdate, Prior, Registration, Segments,
-                           Status)
-from .core.registration import register
-from .core.scan import Scan, ScanGeometry
-from .core.se2 import SE2
+from importlib import import_module
 
-__all__ = [
-    'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate', 'ParameterError',
-    'Parameters', 'Prior', 'RecordingError', 'Registration', 'SE2', 'Scan', 'ScanError', 'ScanGeometry',
-    'Segments', 'Status', 'register',
-]
+_HOME = {
+    'DbscanRegError': 'errors', 'ParameterError': 'errors', 'RecordingError': 'errors', 'ScanError': 'errors',
+    'Odometry': 'odometry', 'Parameters': 'parameters',
+    'EndKind': 'records', 'Features': 'records', 'Hypothesis': 'records', 'OdometryUpdate': 'records',
+    'Prior': 'records', 'Registration': 'records', 'Segments': 'records', 'Status': 'records',
+    'register': 'registration', 'Scan': 'scan', 'ScanGeometry': 'scan', 'SE2': 'se2',
+}
+__all__ = list(_HOME)
+
+
+def __getattr__(name):
+    """Names are fetched when they are first used: a command's ``--help`` needs no numpy."""
+    if name not in _HOME:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.core.{_HOME[name]}'), name)
+
+
+def __dir__():
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,58 @@
+"""What all commands share: the way they take arguments, fail and end."""
+import argparse
+import sys
+import traceback
+
+from ..core.errors import DbscanRegError
+
+BAD_INPUT = 2
+FAILED = 1
+INTERRUPTED = 130
+
+
+def make_parser(command, description) -> argparse.ArgumentParser:
+    """A parser with the options that every command takes."""
+    parser = argparse.ArgumentParser(prog=command, description=description)
+    parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
+    return parser
+
+
+def add_recording(parser):
+    """The arguments that name a recording."""
+    parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
+                        'looked for below the data folder as well')
+    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+    add_data(parser)
+
+
+def add_data(parser):
+    """The argument that names the folder of public recordings."""
+    parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '
+                        '(default: $DBSCAN_REG_DATA, else ../shared/data beside the project)')
+
+
+def run(parser, work, argv=None) -> int:
+    """Parse `argv`, do `work(args)` and turn what goes wrong into one line and an exit code.
+
+    Returns
+    -------
+    int
+        What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
+    """
+    args = parser.parse_args(argv)
+    try:
+        return work(args) or 0
+    except KeyboardInterrupt:
+        code, message = INTERRUPTED, 'interrupted'
+    except ModuleNotFoundError as error:
+        code, message = FAILED, f'needs the Python package {error.name!r}: install it, for example with pip'
+    except DbscanRegError as error:
+        code, message = BAD_INPUT, str(error)
+    except OSError as error:
+        code, message = FAILED, f'{error.filename}: {error.strerror}' if error.filename else str(error)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the user gets one line
+        code, message = FAILED, f'{type(error).__name__}: {error} (-v shows where)'
+    if args.verbose:
+        traceback.print_exc()
+    print(f'{parser.prog}: {message}', file=sys.stderr)
+    return code

@@ -1,0 +1,76 @@
+"""Pictures: metres on both axes to the same scale, legible without colour."""
+import numpy as np
+
+from .recordings.poses import compose
+
+MOST_POINTS = 3_000_000
+"""Larger maps are thinned to about this many points."""
+CELLS = 1600
+"""Cells of the map's longer side."""
+
+
+def plot_map(path, scans, poses, title='', truth=None):
+    """Draw scans laid out along their poses, as a density of returns, with the trajectory over it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write; its ending chooses the format.
+    scans : iterable of Scan
+        One for each pose; taken one at a time.
+    poses : (N, 3)
+        Where the sensor was: x, y [m], theta [rad].
+    truth : (M, 3), optional
+        The true trajectory in the same frame.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    points = _laid_out(scans, poses)
+    density, extent = _density(points, poses)
+    width, height = extent[1] - extent[0], extent[3] - extent[2]
+    longer = max(width, height)
+    figure = Figure(figsize=(2.0 + 10.0 * width / longer, 1.4 + 10.0 * height / longer), layout='constrained')
+    axes = figure.add_subplot()
+    axes.imshow(density, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0, interpolation='antialiased')
+    axes.plot(poses[:, 0], poses[:, 1], '-', color='tab:blue', linewidth=0.8, alpha=0.9, label='trajectory')
+    if truth is not None:
+        axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
+    if len(poses):
+        axes.plot(*poses[0, :2], 'o', color='white', markeredgecolor='black', markersize=8, label='start')
+        axes.plot(*poses[-1, :2], 's', color='black', markeredgecolor='white', markersize=8, label='end')
+    axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=extent[:2], ylim=extent[2:])
+    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.grid(linewidth=0.3, alpha=0.5)
+    axes.legend(loc='upper left', bbox_to_anchor=(0.0, -0.06), ncols=4, frameon=False, borderaxespad=0.0)
+    figure.savefig(path, dpi=150)
+
+
+def _laid_out(scans, poses):
+    """``(P, 2)`` returns of all scans in the frame of the poses."""
+    each = max(1, MOST_POINTS // max(len(poses), 1))
+    laid = [np.empty((0, 2))]
+    for scan, pose in zip(scans, poses, strict=True):
+        points = scan.points[scan.valid]
+        points = points[::-(-len(points) // each) or 1]
+        at = np.column_stack((points, np.zeros(len(points))))
+        laid.append(compose(np.broadcast_to(pose, at.shape), at)[:, :2].astype(np.float32))
+    return np.concatenate(laid)
+
+
+def _density(points, poses):
+    """Share of ink ``(rows, columns)`` of each cell, and the map's extent: left, right, bottom, top [m]."""
+    seen = np.concatenate((np.quantile(points, (0.001, 0.999), axis=0) if len(points) else np.zeros((0, 2)),
+                           poses[:, :2], np.zeros((0 if len(poses) else 1, 2))))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = 0.03 * (high - low).max() + 0.5
+    low, high = low - margin, high + margin
+    cell = (high - low).max() / CELLS
+    shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=shape[::-1],
+                                  range=((low[1], low[1] + shape[1] * cell), (low[0], low[0] + shape[0] * cell)))
+    full = np.quantile(counts[counts > 0], 0.95) if counts.any() else 1.0
+    ink = np.minimum(np.log1p(counts) / np.log1p(full), 1.0)
+    return ink, (low[0], low[0] + shape[0] * cell, low[1], low[1] + shape[1] * cell)
