@@ -1,0 +1,355 @@
+"""Recordings of every format: what is read, what is skipped, what is refused."""
+import gzip
+import math
+import shutil
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros.recordings import data_folder, find_recording, open_recording
+
+SECOND = 1_000_000_000
+
+
+def flaser(ranges, stamp='12.5', pose='1 2 0.5', odometry='1 2 0.5'):
+    return f'FLASER {len(ranges)} {" ".join(map(str, ranges))} {pose} {odometry} {stamp} host 0.1'
+
+
+def write_log(path, *lines):
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def write_bag(path, messages, storage='mcap'):
+    """A ROS 2 bag of (topic, record time [ns], message or raw bytes); a raw message passes for a LaserScan."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+        connections = {}
+        for topic, time, message in messages:
+            kind = getattr(message, '__msgtype__', 'sensor_msgs/msg/LaserScan')
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            raw = message if isinstance(message, bytes) else store.serialize_cdr(message, kind)
+            writer.write(connections[topic], time, raw)
+    return path
+
+
+def laser_scan(stamp=5 * SECOND + 7, n=5, angle_min=-0.5, increment=0.25):
+    from rosbags.typesys import Stores, get_typestore
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    header = types['std_msgs/msg/Header'](
+        stamp=types['builtin_interfaces/msg/Time'](sec=stamp // SECOND, nanosec=stamp % SECOND), frame_id='front')
+    return types['sensor_msgs/msg/LaserScan'](
+        header=header, angle_min=angle_min, angle_max=99.0, angle_increment=increment, time_increment=0.0,
+        scan_time=0.1, range_min=0.1, range_max=10.0, ranges=np.arange(1, n + 1, dtype=np.float32),
+        intensities=np.zeros(0, dtype=np.float32))
+
+
+def text(content):
+    from rosbags.typesys import Stores, get_typestore
+    return get_typestore(Stores.ROS2_JAZZY).types['std_msgs/msg/String'](data=content)
+
+
+# CARMEN
+
+def test_intel_keeps_the_order_of_the_file_and_its_stamps_to_the_nanosecond(data):
+    recording = open_recording(data / 'intel' / 'intel.log.gz')
+    scans = list(recording.scans())
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as log:
+        written = [line.split()[-3] for line in log if line.startswith('FLASER ')]
+    whole, fraction = zip(*(word.split('.') for word in written), strict=True)
+    exact = [int(w + f.ljust(9, '0')) for w, f in zip(whole, fraction, strict=True)]
+    assert [scan.stamp for scan in scans] == exact == recording.stamps()
+    assert exact[0] == 976052857337530000
+    steps = np.diff(exact)
+    assert len(scans) == recording.count == 5505
+    assert (steps < 0).sum() == 265 and steps.min() == -897325000
+    assert ((steps >= 0) & (steps < SECOND // 100)).sum() == 1213
+    assert recording.problems == []
+    assert (recording.name, recording.topic, recording.frame_id) == ('intel', 'FLASER', 'laser')
+
+
+def test_all_scans_of_a_sensor_share_one_geometry(data):
+    geometries = {id(scan.geometry): scan.geometry for scan in open_recording(data / 'intel' / 'intel.log.gz').scans()}
+    (geometry,) = geometries.values()
+    assert geometry.size == 180
+    assert np.allclose(np.degrees(geometry.bearings), np.arange(-90, 90), atol=1e-5)
+
+
+@pytest.mark.parametrize(('log', 'missing', 'longest'),
+                         [('intel/intel.log.gz', 48459, 50.0), ('aces/aces.log.gz', 620, 50.0)])
+def test_a_missing_return_of_a_log_is_infinite(data, log, missing, longest):
+    ranges = np.array([scan.ranges for scan in open_recording(data / log).scans()])
+    assert np.isinf(ranges).sum() == missing
+    assert ranges[np.isfinite(ranges)].max() < longest
+    assert ranges.dtype == np.float32
+
+
+def test_aces_has_corrected_poses_beside_its_odometry(data):
+    recording = open_recording(data / 'aces' / 'aces.log.gz')
+    stamps, corrected = recording.truth()
+    odometry_stamps, odometry = recording.wheel_odometry()
+    assert len(stamps) == 440 and (stamps == odometry_stamps).all() and stamps.tolist() == recording.stamps()
+    assert corrected[1].tolist() == [0.829539, -0.206873, -1.007360]
+    assert odometry[1].tolist() == [0.884870, -0.176229, -1.001110]
+
+
+def test_intel_has_raw_odometry_and_no_corrected_poses(data):
+    recording = open_recording(data / 'intel' / 'intel.log.gz')
+    assert recording.truth() is None
+    stamps, poses = recording.wheel_odometry()
+    assert poses.shape == (5505, 3) and stamps.tolist() == recording.stamps()
+
+
+def test_a_laser_ahead_of_the_robot_is_no_correction(tmp_path):
+    lines = [flaser([1.0] * 4, pose=f'{x + 0.2 * math.cos(a):.6f} {0.2 * math.sin(a):.6f} {a}', odometry=f'{x} 0 {a}')
+             for x, a in ((0, 0.0), (1, 0.7), (2, -2.0))]
+    assert open_recording(write_log(tmp_path / 'a.log', *lines)).truth() is None
+
+
+@pytest.mark.parametrize(('n', 'step', 'last'), [(180, 1.0, 89.0), (181, 1.0, 90.0), (361, 0.5, 90.0), (360, 0.5, 89.5)])
+def test_flaser_spans_half_a_turn(tmp_path, n, step, last):
+    (scan,) = open_recording(write_log(tmp_path / 'a.log', flaser([2.0] * n))).scans()
+    bearings = np.degrees(scan.geometry.bearings)
+    assert bearings[0] == pytest.approx(-90.0, abs=1e-4) and bearings[-1] == pytest.approx(last, abs=1e-4)
+    assert math.degrees(scan.geometry.angle_increment) == pytest.approx(step, abs=1e-5)
+
+
+def test_robotlaser_carries_its_own_angles_and_range(tmp_path):
+    line = ('ROBOTLASER1 0 -1.2 2.4 0.6 20.0 0.01 0 5 1.0 2.5 20.0 81.9 4.0 2 7 8 '
+            '1.1 2.1 0.3 1.0 2.0 0.25 0.5 0.1 0.3 0.2 1e6 1234567890.123456 host 3.5')
+    recording = open_recording(write_log(tmp_path / 'a.log', 'PARAM x 1', line))
+    (scan,) = recording.scans()
+    assert np.allclose(scan.geometry.bearings, [-1.2, -0.6, 0.0, 0.6, 1.2], atol=1e-6)
+    assert scan.ranges.tolist() == [1.0, 2.5, math.inf, math.inf, 4.0]
+    assert scan.geometry.range_max == 20.0 and scan.stamp == 1234567890123456000
+    assert recording.wheel_odometry()[1].tolist() == [[1.0, 2.0, 0.25]]
+    assert recording.topic == 'ROBOTLASER1'
+
+
+def test_a_log_with_two_kinds_of_scans_asks_which(tmp_path):
+    robotlaser = 'ROBOTLASER1 0 -1 2 1 20 0 0 3 1 2 3 0 0 0 0 0 0 0 0 0 0 0 0 9.25 host 1'
+    log = write_log(tmp_path / 'a.log', flaser([1.0, 2.0]), robotlaser)
+    with pytest.raises(RecordingError, match='choose one of its 2 topics of scans: FLASER, ROBOTLASER1'):
+        open_recording(log)
+    assert open_recording(log, 'ROBOTLASER1').stamps() == [9_250_000_000]
+    with pytest.raises(RecordingError, match="no scans on '/scan'; topics of scans: FLASER, ROBOTLASER1"):
+        open_recording(log, '/scan')
+
+
+@pytest.mark.parametrize(('damaged', 'reason'), [
+    ('FLASER 180 1.0 2.0 3.0', '4 values where 180 readings need 190'),
+    ('FLASER', 'too few values'),
+    ('FLASER x 1.0', 'x'),
+    ('FLASER 0 0 0 0 0 0 0 1.0 host 1.0', '0 readings'),
+    (flaser([1.0, 'wall']), 'wall'),
+    (flaser([1.0, 2.0], stamp='yesterday'), "stamp 'yesterday' is no number of seconds"),
+    (flaser([1.0, 2.0], stamp='nan'), "stamp 'nan' is no number of seconds"),
+    (flaser([1.0, 2.0], stamp='-3.0'), 'outside 0 to 2'),
+    (flaser([1.0, 2.0], odometry='1 nan 0'), 'not finite'),
+    ('1.0 2.0 3.0 12.5 host 0.1', 'not a CARMEN message'),
+    ('\x01\xff\xfe', 'not a CARMEN message'),
+])
+def test_a_damaged_line_is_named_and_skipped(tmp_path, damaged, reason):
+    good = flaser([1.0, 2.0], stamp='1.5'), flaser([1.0, 2.0], stamp='2.5')
+    recording = open_recording(write_log(tmp_path / 'a.log', '# CARMEN', good[0], damaged, good[1]))
+    assert recording.stamps() == [1_500_000_000, 2_500_000_000]
+    (problem,) = recording.problems
+    assert problem.startswith('a.log:3: ') and reason in problem
+
+
+def test_damage_in_a_real_log_costs_only_the_damaged_lines(data, tmp_path):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as log:
+        lines = log.read().splitlines()
+    for number in (10, 500, 501, 5000):
+        lines[number - 1] = lines[number - 1][:len(lines[number - 1]) // 2]
+    lines[99] = lines[99].replace(' 1.', ' !.')
+    recording = open_recording(write_log(tmp_path / 'intel.log', *lines))
+    assert sum(1 for _ in recording.scans()) == 5500
+    assert len(recording.stamps()) == 5500
+    assert [problem.split(': ')[0] for problem in recording.problems] == [
+        f'intel.log:{number}' for number in (10, 100, 500, 501, 5000)]
+
+
+def test_a_cut_gzip_file_gives_what_it_holds(data, tmp_path):
+    whole = (data / 'intel' / 'intel.log.gz').read_bytes()
+    path = tmp_path / 'cut.log.gz'
+    path.write_bytes(whole[:len(whole) // 2])
+    recording = open_recording(path)
+    stamps = recording.stamps()
+    assert 2500 < len(stamps) < 3000
+    assert stamps == open_recording(data / 'intel' / 'intel.log.gz').stamps()[:len(stamps)]
+    assert any('cannot be read from here on' in problem for problem in recording.problems)
+
+
+def test_a_flipped_bit_in_a_gzip_file_is_a_problem_not_a_crash(data, tmp_path):
+    damaged = bytearray((data / 'aces' / 'aces.log.gz').read_bytes())
+    damaged[len(damaged) // 2] ^= 0xff
+    path = tmp_path / 'aces.log.gz'
+    path.write_bytes(damaged)
+    recording = open_recording(path)
+    assert 100 < len(recording.stamps()) <= 440
+    assert recording.problems
+
+
+def test_problems_are_named_once_however_often_the_log_is_read(tmp_path):
+    recording = open_recording(write_log(tmp_path / 'a.log', flaser([1.0, 2.0]), 'FLASER 3 1'))
+    for _ in range(3):
+        recording.stamps()
+    assert len(recording.problems) == 1
+
+
+def test_reading_a_log_takes_little_memory(data):
+    recording = open_recording(data / 'intel' / 'intel.log.gz')
+    tracemalloc.start()
+    try:
+        for _ in recording.scans():
+            pass
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 500_000
+
+
+# Bags
+
+@pytest.mark.parametrize(('path', 'count', 'beams', 'first', 'name'), [
+    ('lms511/static', 173, 1141, 4101310801000, 'static'),
+    ('lms511/static/static.db3', 173, 1141, 4101310801000, 'static'),
+    ('urg04lx/exp1', 756, 682, 212387282000, 'exp1'),
+    ('urg04lx/exp1/exp1.mcap', 756, 682, 212387282000, 'exp1'),
+    ('ccny_demo/demo.bag', 360, 681, 1282836370970876375, 'demo'),
+])
+def test_bags_of_all_kinds_are_read(data, path, count, beams, first, name):
+    recording = open_recording(data / path)
+    scans = list(recording.scans())
+    assert len(scans) == recording.count == count
+    assert {scan.geometry.size for scan in scans} == {beams}
+    assert len({id(scan.geometry) for scan in scans}) == 1
+    assert scans[0].stamp == first == recording.stamps()[0]
+    assert (recording.name, recording.topic, recording.frame_id) == (name, '/scan', 'laser')
+    assert recording.problems == []
+
+
+def test_a_bag_gives_its_messages_bit_for_bit(data):
+    from rosbags.highlevel import AnyReader
+    scans = open_recording(data / 'ccny_demo' / 'demo.bag').scans()
+    with AnyReader([data / 'ccny_demo' / 'demo.bag']) as reader:
+        for scan, (connection, _, raw) in zip(scans, reader.messages(), strict=True):
+            message = reader.deserialize(raw, connection.msgtype)
+            assert scan.ranges.tobytes() == message.ranges.tobytes()
+            assert scan.geometry.angle_min == message.angle_min
+            assert scan.geometry.angle_increment == message.angle_increment
+            assert scan.time_increment == message.time_increment == pytest.approx(97.7e-6, abs=1e-7)
+
+
+def test_wheel_odometry_of_a_bag(data):
+    stamps, poses = open_recording(data / 'urg04lx' / 'exp1').wheel_odometry()
+    assert stamps.shape == (756,) and poses.shape == (756, 3)
+    assert poses[-1] == pytest.approx([-5.780807, -2.981989, 1.866315], abs=1e-6)
+    assert open_recording(data / 'lms511' / 'static').wheel_odometry() is None
+
+
+def test_the_beams_are_counted_and_angle_max_is_not_trusted(tmp_path):
+    (scan,) = open_recording(write_bag(tmp_path / 'bag', [('/scan', 1, laser_scan())])).scans()
+    assert scan.geometry.bearings.tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
+    assert scan.stamp == 5_000_000_007 and scan.frame_id == 'front'
+
+
+def test_two_topics_of_scans_ask_which(tmp_path):
+    bag = write_bag(tmp_path / 'bag', [('/front', 1, laser_scan(n=3)), ('/rear', 2, laser_scan(n=4))])
+    with pytest.raises(RecordingError, match='choose one of its 2 topics of scans: /front, /rear'):
+        open_recording(bag)
+    assert next(open_recording(bag, '/rear').scans()).geometry.size == 4
+    with pytest.raises(RecordingError, match="no scans on '/scan'; topics of scans: /front, /rear"):
+        open_recording(bag, '/scan')
+
+
+def test_a_bag_without_scans_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match='holds no sensor_msgs/msg/LaserScan'):
+        open_recording(write_bag(tmp_path / 'bag', [('/chatter', 1, text('hello'))]))
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_an_empty_bag_is_refused(tmp_path, storage):
+    with pytest.raises(RecordingError, match='bag: '):
+        open_recording(write_bag(tmp_path / 'bag', [], storage))
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_damaged_message_is_named_and_skipped(tmp_path, storage):
+    messages = [laser_scan(1), b'\0\1\0\0short', laser_scan(2, angle_min=math.nan), laser_scan(3, increment=0.0),
+                laser_scan(4, n=0), laser_scan(5)]
+    bag = write_bag(tmp_path / 'bag', [('/scan', i, message) for i, message in enumerate(messages)], storage)
+    recording = open_recording(bag)
+    assert recording.stamps() == [1, 5]
+    assert [problem.partition(' skipped')[0] for problem in recording.problems] == [
+        'bag: damaged message 2 on /scan', 'bag: scan 3 on /scan', 'bag: scan 4 on /scan', 'bag: scan 5 on /scan']
+
+
+def test_a_bag_whose_every_message_is_damaged_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match='no readable scan on /scan: bag: damaged message 1'):
+        open_recording(write_bag(tmp_path / 'bag', [('/scan', 1, b'\0\1\0\0')]))
+
+
+@pytest.mark.parametrize('path', ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag'])
+@pytest.mark.parametrize('kept', [0.0, 0.01, 0.5, 0.999])
+def test_a_cut_bag_is_refused_or_read_up_to_the_cut(data, tmp_path, path, kept):
+    if (data / path).is_dir():
+        shutil.copytree(data / path, tmp_path / 'bag')
+        (file,) = (file for file in (tmp_path / 'bag').iterdir() if file.name != 'metadata.yaml')
+    else:
+        file = tmp_path / 'bag.bag'
+        shutil.copyfile(data / path, file)
+    content = (data / path / file.name if (data / path).is_dir() else data / path).read_bytes()
+    file.chmod(0o644)
+    file.write_bytes(content[:int(kept * len(content))])
+    target = tmp_path / 'bag' if (data / path).is_dir() else file
+    try:
+        recording = open_recording(target)
+        found = recording.stamps()
+    except RecordingError as error:
+        assert target.name in str(error) and '\n' not in str(error)
+    else:
+        assert found == open_recording(data / path).stamps()[:len(found)]
+        assert recording.problems
+
+
+# Neither
+
+def test_what_cannot_be_read_is_refused_by_name(tmp_path):
+    (tmp_path / 'empty.log').touch()
+    (tmp_path / 'empty.bag').touch()
+    (tmp_path / 'empty.log.gz').write_bytes(gzip.compress(b''))
+    (tmp_path / 'picture.png').write_bytes(b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR')
+    (tmp_path / 'broken.log.gz').write_bytes(b'\x1f\x8bnonsense')
+    (tmp_path / 'notes.txt').write_text('nothing to see\n')
+    (tmp_path / 'folder').mkdir()
+    for name, reason in (('empty.log', 'the file is empty'), ('empty.bag', 'the file is empty'),
+                         ('empty.log.gz', 'the file is empty'), ('picture.png', 'neither a CARMEN log nor a ROS bag'),
+                         ('broken.log.gz', 'cannot be read'), ('notes.txt', 'holds no laser scan'),
+                         ('folder', 'no ROS 2 bag'), ('absent.log', 'cannot be read: No such file or directory')):
+        with pytest.raises(RecordingError) as caught:
+            open_recording(tmp_path / name)
+        assert name in str(caught.value) and reason in str(caught.value)
+
+
+# Where they are
+
+def test_the_data_folder_is_the_argument_then_the_variable(tmp_path, monkeypatch):
+    (tmp_path / 'a').mkdir()
+    (tmp_path / 'b').mkdir()
+    monkeypatch.setenv('DBSCAN_REG_DATA', str(tmp_path / 'b'))
+    assert data_folder(tmp_path / 'a') == tmp_path / 'a'
+    assert data_folder() == tmp_path / 'b'
+    with pytest.raises(RecordingError, match='absent: no such folder of recordings; name it with --data'):
+        data_folder(tmp_path / 'absent')
+
+
+def test_a_recording_is_found_below_the_data_folder(data):
+    assert find_recording('intel/intel.log.gz', data) == data / 'intel' / 'intel.log.gz'
+    assert str(find_recording('nowhere.log', data)) == 'nowhere.log'
