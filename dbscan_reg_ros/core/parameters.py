@@ -83,7 +83,7 @@ class ParameterTree:
         own, groups = {}, {}
         for name, value in values.items():
             if name not in descriptions:
-                raise ParameterError(f'unknown parameter {name!r}; {_nearest(name, descriptions)}')
+                raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
             group, _, field = name.rpartition('.')
             (groups.setdefault(group, {}) if group else own)[field] = check(descriptions[name], value)
         return dataclasses.replace(self, **own, **{
@@ -143,7 +143,8 @@ def _article(kind):
     return {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'a text'}[kind]
 
 
-def _nearest(name, names):
+def suggest(name, names) -> str:
+    """Which of `names` was meant by the unknown `name`, as the end of a message."""
     import difflib
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f'did you mean {close[0]!r}?' if close else 'see the parameter reference for the names'
