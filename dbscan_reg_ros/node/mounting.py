@@ -1,0 +1,100 @@
+"""Where the laser sits on the base, and what its motion means for the base."""
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.errors import DbscanRegError
+from ..core.records import OdometryUpdate
+from ..core.se2 import SE2
+
+LEVEL = math.cos(math.radians(20.0))
+IDENTITY = SE2()
+
+
+class MountingError(DbscanRegError, ValueError):
+    """The laser does not look along the plane in which the base moves."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """The laser's place on the base.
+
+    Attributes
+    ----------
+    pose : SE2
+        Of an upright sensor with the laser's x axis, in the base frame.
+    upside_down : bool
+        The laser's z axis points down; `scan_from_message` makes its scans those of the upright sensor.
+    """
+
+    pose: SE2 = IDENTITY
+    upside_down: bool = False
+
+    @classmethod
+    def from_quaternion(cls, x, y, z, w, position=(0.0, 0.0)) -> 'Mounting':
+        """The mounting of a laser at `position` [m] with the rotation (x, y, z, w) from its frame to the base's.
+
+        Raises
+        ------
+        MountingError
+            When the rotation is none, or the laser's axis is tilted by more than 20 degrees.
+        """
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
+        if not abs(norm - 1.0) < 0.1 or not all(map(math.isfinite, position)):
+            raise MountingError(f'position {position} and quaternion {(x, y, z, w)} of the laser: expected finite '
+                                'numbers and a quaternion of length 1')
+        x, y, z, w = x / norm, y / norm, z / norm, w / norm
+        upward = 1.0 - 2.0 * (x * x + y * y)
+        if abs(upward) < LEVEL:
+            raise MountingError(f'the axis of the laser is tilted by {math.degrees(math.acos(upward)):.0f} deg against '
+                                'the vertical of the base; expected it within 20 deg of straight up or down')
+        yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+        return cls(SE2(*position, yaw), upward < 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseState:
+    """What the odometry means for the base.
+
+    Attributes
+    ----------
+    stamp : int
+        [ns]
+    pose : SE2
+        Of the base, in the odometry frame.
+    covariance : (3, 3) float
+        Of `pose`, for (x, y, theta) in the odometry frame.
+    twist : (3,) float
+        Velocity (vx, vy, omega) of the base in its own frame [m/s, m/s, rad/s].
+    twist_covariance : (3, 3) float
+    """
+
+    stamp: int
+    pose: SE2
+    covariance: np.ndarray
+    twist: np.ndarray
+    twist_covariance: np.ndarray
+
+
+def base_state(update: OdometryUpdate, origin: SE2, laser: SE2) -> BaseState:
+    """The state of the base from that of the sensor.
+
+    Parameters
+    ----------
+    update : OdometryUpdate
+    origin : SE2
+        The sensor's place on the base when the odometry started: there the base is the odometry frame.
+    laser : SE2
+        The sensor's place on the base now.
+    """
+    back = laser.inverse()
+    c, s = math.cos(update.pose.theta), math.sin(update.pose.theta)
+    jacobian = np.eye(3)
+    jacobian[:2, 2] = -s * back.x - c * back.y, c * back.x - s * back.y
+    turn = np.eye(3)
+    turn[:2, :2] = origin.rotation()
+    jacobian = turn @ jacobian
+    adjoint = laser.adjoint()
+    return BaseState(update.stamp, origin @ update.pose @ back, jacobian @ update.covariance @ jacobian.T,
+                     adjoint @ update.twist, adjoint @ update.twist_covariance @ adjoint.T)

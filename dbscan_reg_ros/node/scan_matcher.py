@@ -1,0 +1,71 @@
+"""``scan_matcher``: laser odometry as a ROS 2 node."""
+import argparse
+import signal
+import sys
+
+BAD_INPUT = 2
+
+
+def main(argv=None) -> int:
+    """Run the node until SIGINT or SIGTERM.
+
+    Returns
+    -------
+    int
+        0 after a signal, 2 when an argument or a parameter is wrong.
+    """
+    argv = sys.argv[1:] if argv is None else list(argv)
+    own = argv[:argv.index('--ros-args')] if '--ros-args' in argv else argv
+    argparse.ArgumentParser(
+        prog='scan_matcher', description='Laser odometry: subscribes to scan, publishes odom, segments and /tf.',
+        usage='scan_matcher [-h] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]').parse_args(own)
+    stop = _StopSignals()
+
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.node import Node
+
+    from ..core.errors import ParameterError
+    from .matcher import ScanMatcher
+
+    try:
+        rclpy.init(args=['scan_matcher', *argv])
+        stop.leave_to_ros()
+        node = Node('scan_matcher', automatically_declare_parameters_from_overrides=True)
+        ScanMatcher(node).start()
+        rclpy.spin(node)
+    except ExternalShutdownException:
+        pass
+    except ParameterError as error:
+        print(f'scan_matcher: {error}', file=sys.stderr)
+        return BAD_INPUT
+    except Exception:
+        if rclpy.ok():
+            raise
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+class _StopSignals:
+    """Ends the process quietly on SIGINT and SIGTERM, at any moment.
+
+    Until ROS is up, by an exit on the spot; from then on ROS shuts its context down, which ends the spinning after the
+    callback that runs.
+    """
+
+    def __init__(self):
+        self._ros_is_up = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._stop)
+
+    def leave_to_ros(self):
+        self._ros_is_up = True
+
+    def _stop(self, _number, _frame):
+        if not self._ros_is_up:
+            sys.exit(0)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
