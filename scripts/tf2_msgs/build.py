@@ -1,7 +1,7 @@
 """Build tf2_msgs into the virtual environment that runs this file.
 
-The ROS 2 wheels hold no tf2_msgs, but every header and generator that is needed to make it. Exit status: 0 built,
-1 the build failed, 2 no C++ compiler.
+The ROS 2 wheels hold no tf2_msgs, but every header and generator that is needed to make it. Where that fails, the
+exit status is 1 and one line on standard output says why.
 """
 import os
 import pathlib
@@ -30,23 +30,39 @@ def correct_paths():
             path.write_text(corrected)
 
 
-def build(folder):
+def missing():
+    """What this machine lacks, or None."""
+    include = pathlib.Path(sysconfig.get_paths()['include'])
+    if not shutil.which(os.environ.get('CC', 'cc')) or not shutil.which(os.environ.get('CXX', 'c++')):
+        return 'no C++ compiler here (Debian and Ubuntu: apt-get install g++)'
+    if not (include / 'Python.h').exists():
+        return f'no Python.h in {include} (Debian and Ubuntu: apt-get install python3-dev)'
+
+
+def build(folder, log):
+    """Configure, build and install; `subprocess.CalledProcessError` when a step fails."""
     cmake = PREFIX / 'bin' / 'cmake'
     environment = os.environ | {'AMENT_PREFIX_PATH': str(PREFIX), 'CMAKE_PREFIX_PATH': str(PREFIX),
                                 'PATH': f'{PREFIX / "bin"}{os.pathsep}{os.environ["PATH"]}'}
-    subprocess.run([cmake, '-S', HERE, '-B', folder, f'-DCMAKE_INSTALL_PREFIX={PREFIX}', '-DBUILD_TESTING=OFF',
-                    f'-DPython3_EXECUTABLE={sys.executable}'], env=environment, check=True)
-    subprocess.run([cmake, '--build', folder, '--parallel', '--target', 'install'], env=environment, check=True)
+    for step in (['-S', HERE, '-B', folder, f'-DCMAKE_INSTALL_PREFIX={PREFIX}', '-DBUILD_TESTING=OFF',
+                  f'-DPython3_EXECUTABLE={sys.executable}'],
+                 ['--build', folder, '--parallel', '2', '--target', 'install']):
+        subprocess.run([cmake, *step], env=environment, stdout=log, stderr=log, check=True)
 
 
 def main():
-    if not any(shutil.which(compiler) for compiler in (os.environ.get('CXX', 'c++'), 'g++', 'clang++')):
-        return 2
+    reason = missing()
+    if reason:
+        print(reason)
+        return 1
+    print('Building tf2_msgs ...', file=sys.stderr)
     correct_paths()
-    with tempfile.TemporaryDirectory(prefix='tf2_msgs-') as folder:
+    path = PREFIX / 'tf2_msgs.log'
+    with tempfile.TemporaryDirectory(prefix='tf2_msgs-') as folder, open(path, 'w') as log:
         try:
-            build(folder)
+            build(folder, log)
         except subprocess.CalledProcessError:
+            print(f'tf2_msgs could not be built, see {path}')
             return 1
     return 0
 
