@@ -8,6 +8,7 @@ import numpy as np
 from .errors import ScanError
 
 MAX_BEAMS = 100_000
+SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class Scan:
         return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)
 
     @classmethod
-    def from_message(cls, message, geometry=None) -> 'Scan':
+    def from_message(cls, message, geometry=None, upside_down=False) -> 'Scan':
         """A scan from any object with the fields of a LaserScan message: rclpy's, or a bag reader's.
 
         The beams are counted in `ranges`; `angle_max`, which many drivers get wrong, is not looked at.
@@ -165,10 +166,19 @@ class Scan:
         ----------
         geometry : ScanGeometry, optional
             As in `from_fields`.
+        upside_down : bool
+            The sensor's z axis points down: the scan is that of an upright sensor with the same x axis.
+
+        Raises
+        ------
+        ScanError
+            When the message's stamp, angles or number of ranges cannot be those of a scan.
         """
-        stamp = message.header.stamp
-        return cls.from_fields(stamp.sec * 1_000_000_000 + stamp.nanosec, message.ranges, message.angle_min,
-                               message.angle_increment, message.range_min, message.range_max,
+        stamp, sign = message.header.stamp, -1.0 if upside_down else 1.0
+        if not 0 <= stamp.nanosec < SECOND:
+            raise ScanError(f'header.stamp.nanosec = {stamp.nanosec}: expected less than {SECOND}')
+        return cls.from_fields(stamp.sec * SECOND + stamp.nanosec, message.ranges, sign * message.angle_min,
+                               sign * message.angle_increment, message.range_min, message.range_max,
                                message.time_increment, message.header.frame_id, geometry)
 
     @classmethod
