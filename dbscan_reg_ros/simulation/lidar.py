@@ -1,0 +1,85 @@
+"""What a 2D lidar measures of true distances."""
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..core.scan import ScanGeometry
+from ..core.se2 import SE2
+
+OUTLIER_RANGE = 10.0
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A 2D lidar.
+
+    Attributes
+    ----------
+    beams : int
+    angle_min, angle_increment : float [rad]
+        Negative increment: clockwise.
+    range_min, range_max : float [m]
+        Nothing is returned from nearer or farther.
+    rate : float [Hz]
+        Scans a second.
+    duration : float [s]
+        From the first to the last beam; 0: all at once.
+    noise : float [m]
+        Standard deviation of a range.
+    dropouts, outliers : float
+        Share of the beams without a return, and with a random one between `range_min` and 10 m at most.
+    resolution : float [m]
+        Ranges are multiples of it; 0: not rounded.
+    mounting : SE2
+        Pose of the sensor on the robot.
+    """
+
+    beams: int = 180
+    angle_min: float = -0.5 * math.pi
+    angle_increment: float = math.pi / 180.0
+    range_min: float = 0.05
+    range_max: float = 30.0
+    rate: float = 10.0
+    duration: float = 0.0
+    noise: float = 0.01
+    dropouts: float = 0.0
+    outliers: float = 0.0
+    resolution: float = 0.0
+    mounting: SE2 = field(default_factory=SE2)
+    frame_id: str = 'laser'
+
+    @cached_property
+    def geometry(self) -> ScanGeometry:
+        return ScanGeometry(self.angle_min, self.angle_increment, self.beams, self.range_min, self.range_max)
+
+    @property
+    def time_increment(self):
+        """[s] from beam to beam."""
+        return self.duration / (self.beams - 1) if self.beams > 1 else 0.0
+
+    def measured(self, distances, rng):
+        """(N,) ranges [m] that the sensor says of true `distances` (N,) [m]; `inf` without a return."""
+        number = len(distances)
+        ranges = distances + rng.normal(0.0, self.noise, number) if self.noise else distances
+        kind = rng.random(number)
+        random = rng.uniform(self.range_min, min(OUTLIER_RANGE, self.range_max), number)
+        ranges = np.where(kind < self.outliers, random, ranges)
+        if self.resolution:
+            ranges = self.resolution * np.round(ranges / self.resolution)
+        lost = (kind > 1.0 - self.dropouts) | (ranges < self.range_min) | (ranges > self.range_max)
+        return np.where(lost, np.inf, ranges)
+
+
+LIDARS = {
+    'lms200': Lidar(180, -math.pi / 2, math.radians(1.0), 0.1, 30.0, 10.0, noise=0.01, resolution=0.01),
+    'lms511': Lidar(381, math.radians(-95.0), math.radians(0.5), 0.7, 80.0, 25.0, duration=0.021, noise=0.007,
+                    resolution=0.001),
+    'urg04lx': Lidar(682, math.radians(-120.0), math.radians(240.0) / 681, 0.06, 4.0, 10.0, duration=0.0667, noise=0.01,
+                     resolution=0.001),
+    'utm30lx': Lidar(1081, math.radians(-135.0), math.radians(0.25), 0.1, 30.0, 40.0, duration=0.019, noise=0.01,
+                     resolution=0.001),
+    'rplidar_a2': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.0999, noise=0.015, dropouts=0.02),
+}
+"""Lidars by name, after their data sheets."""

@@ -1,0 +1,94 @@
+"""Scans along a path through a world, with the exact truth."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.scan import Scan
+from ..core.se2 import SE2
+from .lidar import Lidar
+from .paths import Path, follow
+from .raycasting import cast
+from .worlds import World, rooms
+
+START = 1_700_000_000 * 10**9
+"""Stamp of the first scan [ns]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated recording.
+
+    Attributes
+    ----------
+    scans : list of Scan
+    truth : (N, 3) float
+        x, y [m], theta [rad] of the *sensor* in the world at each scan's stamp, its first beam.
+    """
+
+    scans: list
+    truth: np.ndarray
+    world: World
+    path: Path
+    lidar: Lidar
+
+    @property
+    def stamps(self):
+        """(N,) int64 [ns]"""
+        return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
+
+
+def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
+    """What `lidar` sees along `path`; the same seed gives the same scans.
+
+    Parameters
+    ----------
+    world : World
+    path : Path
+        Of the robot; the sensor sits on it as `lidar.mounting` says.
+    lidar : Lidar
+    seed : int
+    start : int
+        Stamp [ns] of the first scan.
+    """
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, path.duration - lidar.duration, 1.0 / lidar.rate)
+    within = lidar.time_increment * np.arange(lidar.beams) if lidar.duration else np.zeros(1)
+    scans = [measure(world, path.poses_at(time + within), lidar, rng, start + round(time * 1e9), time)
+             for time in times]
+    return Simulation(scans, _mounted(path.poses_at(times), lidar.mounting), world, path, lidar)
+
+
+def measure(world, poses, lidar, rng, stamp=0, time=0.0) -> Scan:
+    """One scan.
+
+    Parameters
+    ----------
+    world : World
+    poses : (B, 3) or (1, 3) float
+        The robot's pose x, y [m], theta [rad] at each beam, or one for all.
+    lidar : Lidar
+    rng : numpy.random.Generator
+    stamp : int [ns]
+    time : float [s]
+        Where people are.
+    """
+    sensor = _mounted(np.asarray(poses, dtype=float), lidar.mounting)
+    angles = sensor[:, 2] + lidar.geometry.bearings
+    directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    distances = cast(sensor[:, :2], directions, world.segments, world.circles_at(time))
+    return Scan(stamp, lidar.measured(distances, rng), lidar.geometry, lidar.time_increment, lidar.frame_id)
+
+
+def demo(seed=1) -> Simulation:
+    """The building of ``scripts/demo``: a tour through eight rooms and back along the corridor, seen at 10 Hz."""
+    world = rooms(seed)
+    pauses = {0: 1.0, len(world.tour) - 1: 1.0}
+    path = follow(world.tour, speed=1.2, acceleration=0.8, turn_rate=1.2, radius=0.5, pauses=pauses)
+    return simulate(world, path, seed=seed)
+
+
+def _mounted(poses, mounting: SE2):
+    """(N, 3) poses of a sensor that sits at `mounting` on robots at `poses`."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.stack((poses[:, 0] + c * mounting.x - s * mounting.y, poses[:, 1] + s * mounting.x + c * mounting.y,
+                     poses[:, 2] + mounting.theta), axis=1)
