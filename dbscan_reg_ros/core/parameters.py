@@ -152,10 +152,121 @@ def suggest(name, names) -> str:
 
 @dataclass(frozen=True)
 class ScanParameters(ParameterGroup):
-    """Which returns of a scan are used."""
+    """Which returns of a scan are used, and how good they are."""
 
-    range_min: float = parameter(0.0, 'returns nearer than this are ignored; 0: the sensor\'s own limit', 'm', 0.0, 1000.0)
-    range_max: float = parameter(0.0, 'returns farther than this are ignored; 0: the sensor\'s own limit', 'm', 0.0, 1000.0)
+    range_min: float = parameter(0.0, "returns nearer than this are ignored; 0: the sensor's own limit", 'm', 0.0, 1000.0)
+    range_max: float = parameter(0.0, "returns farther than this are ignored; 0: the sensor's own limit", 'm', 0.0, 1000.0)
+    min_returns: int = parameter(20, 'a scan with fewer returns is skipped', 'beams', 3, 100000)
+    noise_min: float = parameter(0.004, 'least range noise assumed, whatever the scan says', 'm', 0.0001, 1.0)
+    noise_max: float = parameter(0.05, 'greatest range noise assumed', 'm', 0.0001, 1.0)
+
+
+@dataclass(frozen=True)
+class RingBandParameters(ParameterGroup):
+    """Ring band filter (Eq. 3-4)."""
+
+    test: str = parameter('consensus', 'what makes a beam an outlier: anchor (slopes from the beam before the ring, the '
+                          'paper), consensus (on no line through two others of its ring), off', '',
+                          choices=('anchor', 'consensus', 'off'))
+    inner_threshold: int = parameter(2, 'T1: this many outliers in the inner ring remove the candidate', 'beams', 1, 4)
+    outer_threshold: int = parameter(3, 'T2: this many outliers in the outer ring make it a corner', 'beams', 1, 8)
+    gross: float = parameter(0.05, 'an outlier farther than this from its neighbours\' line is removed, never averaged; '
+                             '0: always averaged', 'm', 0.0, 100.0)
+    slope_tolerance: float = parameter(0.2, 'anchor: a slope this far from the ring\'s median is an outlier', 'rad', 0.001, 3.2)
+    jump: float = parameter(0.5, 'anchor: rings whose neighbours lie farther apart are not judged', 'm', 0.01, 100.0)
+    noise_factor: float = parameter(3.0, 'consensus: tolerance in multiples of the range noise', '', 0.0, 100.0)
+    relative_tolerance: float = parameter(0.01, 'consensus: tolerance as a share of the range', '', 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SegmentParameters(ParameterGroup):
+    """Line segments (Eq. 5-7) and normals."""
+
+    breakpoint_factor: float = parameter(8.0, 'k of Eq. 5: neighbours farther apart than k times the beam spacing are '
+                                         'separate', '', 1.0, 100.0)
+    breakpoint_noise: float = parameter(5.0, 'added to the threshold of Eq. 5, in multiples of the range noise', '', 0.0, 100.0)
+    max_gap: int = parameter(8, 'a gap of more beams than this separates surfaces', 'beams', 1, 1000)
+    split_distance: float = parameter(0.03, 'a point this far from the chord, plus noise, is a corner', 'm', 0.0, 10.0)
+    split_noise: float = parameter(3.0, 'added to split_distance, in multiples of the range noise', '', 0.0, 100.0)
+    split_levels: int = parameter(6, 'a run is cut into at most two to this power', '', 1, 16)
+    join_noise: float = parameter(2.5, 'neighbours are one line when their joint residual stays below this many times '
+                                  'the range noise', '', 0.0, 100.0)
+    join_gap: float = parameter(1.0, 'neighbours farther apart are never joined', 'm', 0.0, 100.0)
+    min_points: int = parameter(4, 'a segment has at least this many points', 'beams', 2, 1000)
+    min_length: float = parameter(0.15, 'a segment is at least this long', 'm', 0.0, 100.0)
+    depth_margin: float = parameter(0.15, 'an end is free when the next return lies this much deeper', 'm', 0.0, 10.0)
+    corner_reach: float = parameter(0.1, 'two lines meet in a corner when both end this close to it', 'm', 0.0, 10.0)
+    normal_reach: float = parameter(0.1, 'normals are fitted to neighbours up to this far on each side', 'm', 0.0, 10.0)
+    normal_beams: int = parameter(2, 'and to at least this many beams on each side', 'beams', 1, 100)
+
+
+@dataclass(frozen=True)
+class RotationParameters(ParameterGroup):
+    """Clusters of angle differences (Eq. 9)."""
+
+    directed: bool = parameter(True, 'lines keep the direction in which the beams pass them')
+    weighted: bool = parameter(True, 'pairs weigh as much as their shorter line is long')
+    sigma: float = parameter(0.0, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'rad', 0.0, 3.2)
+    sigma_min: float = parameter(0.005, 'least neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
+    sigma_max: float = parameter(0.05, 'greatest neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
+    min_points: int = parameter(2, 'MinPts of DBSCAN', '', 1, 1000)
+    width: float = parameter(0.1, 'a wider cluster is a chain and is clustered again; 0: never', 'rad', 0.0, 6.4)
+    recuts: int = parameter(3, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+    hypotheses: int = parameter(10, 'clusters that are followed further, heaviest first', '', 1, 1000)
+
+
+@dataclass(frozen=True)
+class TranslationParameters(ParameterGroup):
+    """Clusters of translations (Eq. 10-15)."""
+
+    parallel: float = parameter(0.06, 'eps1 of Eq. 12: lines this far from parallel still count (one standard deviation)', 'rad',
+                                0.0001, 1.6)
+    crossing: float = parameter(0.35, 'eps2 of Eq. 13, as the sine of the angle between two pairs', '', 0.0001, 1.0)
+    pairs: int = parameter(20, 'line pairs used for each rotation, heaviest first', '', 2, 10000)
+    end_weight: float = parameter(1.0, 'weight of matched end points against line pairs; 0: lines only', '', 0.0, 100.0)
+    sigma: float = parameter(0.06, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'm', 0.0, 100.0)
+    sigma_min: float = parameter(0.02, 'least neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
+    sigma_max: float = parameter(0.2, 'greatest neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
+    min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
+    width: float = parameter(0.15, 'a cluster spread wider is a chain and is clustered again; 0: never', 'm', 0.0, 100.0)
+    recuts: int = parameter(2, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+
+
+@dataclass(frozen=True)
+class DensityParameters(ParameterGroup):
+    """Density of the reference as a table, and how scans are compared to it (Eq. 16-21)."""
+
+    points: int = parameter(200, 'points of the current scan that are compared, evenly along the scan', '', 10, 100000)
+    cell: float = parameter(0.08, 'least cell of the table', 'm', 0.005, 10.0)
+    cells: int = parameter(400, 'most cells along a side of the table', '', 50, 4000)
+    reach: float = parameter(0.4, 'a point has no partner farther away than this', 'm', 0.02, 10.0)
+    facing: float = parameter(0.5, 'cosine of the greatest angle between the normals of partners', '', -1.0, 1.0)
+    violation: float = parameter(1.0, 'weight of a point in the other scan\'s free space against one on its surface', '', 0.0, 100.0)
+
+
+@dataclass(frozen=True)
+class SelectionParameters(ParameterGroup):
+    """From many hypotheses to one."""
+
+    candidates: int = parameter(64, 'heaviest translation clusters that are sieved', '', 1, 10000)
+    sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
+    sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
+    refined: int = parameter(16, 'hypotheses refined coarsely', '', 1, 1000)
+    finalists: int = parameter(4, 'hypotheses refined finely', '', 1, 1000)
+    rival_distance: float = parameter(0.2, 'hypotheses farther apart than this are rivals', 'm', 0.0, 10.0)
+    rival_angle: float = parameter(0.09, 'or turned by more than this', 'rad', 0.0, 3.2)
+
+
+@dataclass(frozen=True)
+class RefinementParameters(ParameterGroup):
+    """Robust point-to-line iterations on the density."""
+
+    coarse: int = parameter(5, 'iterations of the coarse refinement', '', 0, 100)
+    coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
+    fine: int = parameter(4, 'iterations of the fine refinement', '', 0, 100)
+    fine_scale: float = parameter(0.1, 'kernel of its first iteration and of the coarse score', 'm', 0.001, 10.0)
+    final_scale: float = parameter(0.03, 'kernel of the last iteration and of the final score', 'm', 0.001, 10.0)
+    damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -163,3 +274,10 @@ class Parameters(ParameterTree):
     """All parameters of the registration and the odometry."""
 
     scan: ScanParameters = dataclasses.field(default_factory=ScanParameters)
+    filter: RingBandParameters = dataclasses.field(default_factory=RingBandParameters)
+    segments: SegmentParameters = dataclasses.field(default_factory=SegmentParameters)
+    rotation: RotationParameters = dataclasses.field(default_factory=RotationParameters)
+    translation: TranslationParameters = dataclasses.field(default_factory=TranslationParameters)
+    density: DensityParameters = dataclasses.field(default_factory=DensityParameters)
+    selection: SelectionParameters = dataclasses.field(default_factory=SelectionParameters)
+    refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)

@@ -1,11 +1,14 @@
 """The records that flow through the registration, each made by one step and read by the next."""
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from functools import cached_property
 
 import numpy as np
 
+from .parameters import DensityParameters
 from .scan import Scan
 from .se2 import SE2
+from .surface import build_cloud, build_surface, build_view
 
 
 class Status(Enum):
@@ -86,6 +89,14 @@ class Features:
     normals : (P, 2) float
         Unit normals that face the sensor; zero where the surroundings have no direction.
     segments : Segments
+    noise : float [m]
+        Standard deviation of a range, as estimated from this scan.
+    cloud : Cloud
+        The points that are compared to a reference.
+    surface : Surface
+        The density of this scan as a reference; made when first asked for, like `view`.
+    view : View
+        How far this scan saw.
     """
 
     scan: Scan
@@ -93,6 +104,20 @@ class Features:
     beams: np.ndarray
     normals: np.ndarray
     segments: Segments
+    noise: float
+    density: DensityParameters
+
+    @cached_property
+    def cloud(self):
+        return build_cloud(self.points, self.normals, self.density)
+
+    @cached_property
+    def surface(self):
+        return build_surface(self.points, self.normals, self.density)
+
+    @cached_property
+    def view(self):
+        return build_view(self.points, self.scan.geometry.angle_increment)
 
 
 @dataclass(frozen=True, eq=False)

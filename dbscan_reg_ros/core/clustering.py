@@ -1,0 +1,171 @@
+"""DBSCAN, faster than scikit-learn's on small sets and equal to it sample for sample; the k-dist graph.
+
+Ester, Kriegel, Sander, Xu: "A density-based algorithm for discovering clusters in large spatial databases with noise",
+KDD 1996.
+"""
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+NOISE = -1
+_DENSE = 128
+
+
+def dbscan_line(samples, sigma, min_points, weights=None, period=None):
+    """DBSCAN of numbers: sort, count the neighbours by bisection, cut at the gaps.
+
+    Parameters
+    ----------
+    samples : (N,) array
+        On a circle of circumference `period`, they must lie within one period.
+    sigma : float
+        Neighbours lie at most this far apart.
+    min_points : float
+        A sample whose neighbours (itself included) weigh at least this is a core sample.
+    weights : (N,) array, optional
+        1 each when not given.
+    period : float, optional
+
+    Returns
+    -------
+    (N,) int array
+        Cluster of each sample, numbered by the first core sample of each; `NOISE` where there is none. A border sample
+        goes to the first of the clusters that reach it.
+    """
+    size = len(samples)
+    order = np.argsort(samples, kind='stable')
+    x = samples[order]
+    left, right = _neighbour_range(x, sigma, period)
+    copies = 1 if period is None else 3
+    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
+    total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
+    core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
+    labels = np.full(size, NOISE)
+    at = np.flatnonzero(core)
+    if not len(at):
+        return labels
+    gap = np.diff(x[at]) > sigma
+    component = np.concatenate(([0], np.cumsum(gap)))
+    if period is not None and component[-1] > 0 and x[at[0]] + period - x[at[-1]] <= sigma:
+        component[component == component[-1]] = 0
+    component = _renumber(component, order[at])
+    sorted_labels = np.full(size, NOISE)
+    sorted_labels[at] = component
+    border = np.flatnonzero(~core)
+    if len(border):
+        position, reach = x[border], np.searchsorted(at, border)
+        best = np.full(len(border), size)
+        for neighbour in (reach - 1, reach):
+            turns = np.where(neighbour < 0, -1, np.where(neighbour >= len(at), 1, 0))
+            value = x[at[neighbour % len(at)]]
+            if period is None:
+                near = (turns == 0) & (np.abs(position - value) <= sigma)
+            else:
+                near = np.abs(position - (value + turns * period)) <= sigma
+            best = np.where(near, np.minimum(best, component[neighbour % len(at)]), best)
+        sorted_labels[border] = np.where(best < size, best, NOISE)
+    labels[order] = sorted_labels
+    return labels
+
+
+def _neighbour_range(x, sigma, period):
+    """Indices ``[left, right)`` of the neighbours of each of the sorted `x`; into three laps on a circle."""
+    if period is None:
+        return np.searchsorted(x, x - sigma), np.searchsorted(x, x + sigma, 'right')
+    laps = np.concatenate((x - period, x, x + period))
+    size = len(x)
+    left, right = np.searchsorted(laps, x - sigma), np.searchsorted(laps, x + sigma, 'right')
+    middle = np.arange(size, 2 * size)
+    return np.maximum(left, middle - size + 1), np.minimum(right, np.maximum(left, middle - size + 1) + size)
+
+
+def dbscan_plane(samples, sigma, min_points, weights=None):
+    """DBSCAN of points: neighbours by one table of distances (few samples) or a k-d tree, clusters as components.
+
+    Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
+    call by a coordinate that keeps them apart.
+    """
+    size = len(samples)
+    if size == 0:
+        return np.empty(0, dtype=int)
+    if size <= _DENSE:
+        distance = np.zeros((size, size))
+        for column in samples.T:
+            step = column[:, None] - column
+            step *= step
+            distance += step
+        one, two = np.divmod(np.flatnonzero(distance <= sigma * sigma), size)
+    else:
+        pairs = cKDTree(samples).query_pairs(sigma, output_type='ndarray')
+        self_pairs = np.arange(size)
+        one = np.concatenate((pairs[:, 0], pairs[:, 1], self_pairs))
+        two = np.concatenate((pairs[:, 1], pairs[:, 0], self_pairs))
+    return _label(one, two, size, min_points, weights)
+
+
+def _label(one, two, size, min_points, weights):
+    """Labels from all ordered pairs of neighbours, each sample with itself included."""
+    mass = np.bincount(one, None if weights is None else np.asarray(weights, dtype=float)[two], minlength=size)
+    core = mass >= min_points - 1e-12 * max(mass.max(), 1.0)
+    labels = np.full(size, NOISE)
+    at = np.flatnonzero(core)
+    if not len(at):
+        return labels
+    linked = core[one] & core[two]
+    graph = csr_array((np.ones(np.count_nonzero(linked), dtype=np.int8), (one[linked], two[linked])), shape=(size, size))
+    component = connected_components(graph, directed=False)[1][at]
+    labels[at] = _renumber(component, at)
+    reached = core[two] & ~core[one]
+    if reached.any():
+        best = np.full(size, size)
+        np.minimum.at(best, one[reached], labels[two[reached]])
+        border = best < size
+        labels[border] = best[border]
+    return labels
+
+
+def _renumber(component, index):
+    """Components numbered in the order of their least `index`."""
+    count = component.max() + 1
+    least = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(least, component, index)
+    rank = np.empty(count, dtype=int)
+    rank[np.argsort(least, kind='stable')] = np.arange(count)
+    return rank[component]
+
+
+def k_distances(samples, k):
+    """Sorted distances, largest first, from each sample to its k-th nearest neighbour (the k-dist graph).
+
+    Parameters
+    ----------
+    samples : (N,) or (N, D) array
+    k : int
+        The sample itself is not counted; at most N - 1 is used.
+    """
+    samples = np.asarray(samples, dtype=float)
+    k = min(k, len(samples) - 1)
+    if k < 1:
+        return np.zeros(len(samples))
+    if samples.ndim == 1:
+        x = np.sort(samples)
+        padded = np.concatenate((np.full(k, -np.inf), x, np.full(k, np.inf)))
+        size = len(x)
+        nearest = np.full(size, np.inf)
+        for before in range(k + 1):
+            low = padded[k - before:k - before + size]
+            high = padded[2 * k - before:2 * k - before + size]
+            np.minimum(nearest, np.maximum(x - low, high - x), out=nearest)
+    else:
+        nearest = cKDTree(samples).query(samples, k=k + 1)[0][:, k]
+    return np.sort(nearest)[::-1]
+
+
+def knee(distances):
+    """The distance at the bend of a k-dist graph: where the curve lies farthest below the chord of its ends."""
+    size = len(distances)
+    if size < 3 or distances[0] <= distances[-1]:
+        return float(distances[-1]) if size else 0.0
+    chord = np.linspace(distances[0], distances[-1], size)
+    return float(distances[np.argmax(chord - distances)])

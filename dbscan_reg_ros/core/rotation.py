@@ -1,0 +1,111 @@
+"""Rotation hypotheses: clusters of the angle differences between two sets of segments (section 2.2.1, Eq. 9)."""
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clustering import NOISE, dbscan_line, k_distances, knee
+from .parameters import RotationParameters
+from .records import Segments
+from .se2 import wrap
+
+
+@dataclass(frozen=True, eq=False)
+class Rotations:
+    """Rotation hypotheses, K of them, heaviest first, and what they were made from.
+
+    Attributes
+    ----------
+    phi : (K,) float [rad]
+    weight : (K,) float [m]
+        Weight of the samples in the cluster.
+    difference : (n, m) float [rad]
+        Angle differences between the reference's n and the current scan's m segments (Eq. 9).
+    labels : (n, m) int
+        Cluster of each difference, in the order of `phi`; -1 for none.
+    sigma : float [rad]
+        The neighbourhood that was used.
+    """
+
+    phi: np.ndarray
+    weight: np.ndarray
+    difference: np.ndarray
+    labels: np.ndarray
+    sigma: float
+
+
+def estimate_rotations(reference: Segments, current: Segments, parameters: RotationParameters) -> Rotations:
+    """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
+
+    Directed segments give differences unique modulo 2 pi. Clusters wider than `width` are chains of several motions
+    and are clustered again with half the neighbourhood.
+    """
+    period = 2.0 * math.pi if parameters.directed else math.pi
+    difference = reference.direction[:, None] - current.direction
+    difference = (difference + 0.5 * period) % period - 0.5 * period
+    samples = difference.ravel()
+    if not len(samples):
+        return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.sigma)
+    weights = pair_weights(reference, current, parameters).ravel()
+    sigma = parameters.sigma or knee_sigma(samples, parameters)
+    labels = np.full(len(samples), NOISE)
+    todo, offset = np.arange(len(samples)), 0
+    reach = sigma
+    for _ in range(parameters.recuts + 1):
+        found = dbscan_line(samples[todo], reach, parameters.min_points, None, period)
+        count = int(found.max(initial=NOISE)) + 1
+        if not count:
+            break
+        kept = found != NOISE
+        labels[todo[kept]] = found[kept] + offset
+        todo, found = todo[kept], found[kept]
+        if parameters.width <= 0.0:
+            break
+        anchor = np.empty(count)
+        anchor[found] = samples[todo]
+        spread = wrap_period(samples[todo] - anchor[found], period)
+        low, high = np.full(count, np.inf), np.full(count, -np.inf)
+        np.minimum.at(low, found, spread)
+        np.maximum.at(high, found, spread)
+        wide = (high - low > parameters.width)[found]
+        if not wide.any():
+            break
+        todo, offset, reach = todo[wide], offset + count, 0.5 * reach
+    return _rank(samples, weights, labels, sigma, difference.shape, period, parameters)
+
+
+def pair_weights(reference, current, parameters):
+    """``(n, m)`` weight of each pair: its shorter length, less where the directions are uncertain."""
+    if not parameters.weighted:
+        return np.ones((len(reference), len(current)))
+    variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
+    shorter = np.minimum(reference.length[:, None], current.length)
+    return shorter / (1.0 + variance / parameters.width ** 2)
+
+
+def knee_sigma(samples, parameters):
+    """The neighbourhood from the knee of the k-dist graph, with ``k = MinPts - 1`` (at least 1), within its bounds."""
+    bend = knee(k_distances(samples, max(parameters.min_points - 1, 1)))
+    return float(np.clip(bend, parameters.sigma_min, parameters.sigma_max))
+
+
+def wrap_period(angle, period):
+    return (angle + 0.5 * period) % period - 0.5 * period
+
+
+def _rank(samples, weights, labels, sigma, shape, period, parameters):
+    """Weighted mean and weight of each cluster, heaviest first, the best `hypotheses` of them."""
+    at = np.flatnonzero(labels != NOISE)
+    if not len(at):
+        return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), sigma)
+    _, index = np.unique(labels[at], return_inverse=True)
+    mass = np.bincount(index, weights[at])
+    anchor = np.empty(len(mass))
+    anchor[index] = samples[at]
+    mean = np.bincount(index, weights[at] * wrap_period(samples[at] - anchor[index], period)) / mass
+    order = np.argsort(-mass, kind='stable')[:parameters.hypotheses]
+    rank = np.full(len(mass), NOISE)
+    rank[order] = np.arange(len(order))
+    ranked = np.full(len(samples), NOISE)
+    ranked[at] = rank[index]
+    return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), sigma)

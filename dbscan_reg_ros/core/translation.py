@@ -1,0 +1,192 @@
+"""Translation hypotheses: clusters of the solutions of pairs of line equations (section 2.2.2, Eq. 10-15)."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clustering import NOISE, dbscan_plane, k_distances, knee
+from .parameters import TranslationParameters
+from .records import EndKind, Segments
+from .rotation import Rotations, wrap_period
+
+
+@dataclass(frozen=True, eq=False)
+class Translations:
+    """Translation hypotheses, C of them, and the samples that they were made from.
+
+    Attributes
+    ----------
+    transform : (C, 3) float
+        x, y [m] and theta [rad] of each hypothesis.
+    weight : (C,) float
+        Weight of its samples.
+    samples : (S, 2) float [m]
+    sample_weight : (S,) float
+    rotation : (S,) int
+        The rotation hypothesis that each sample belongs to.
+    labels : (S,) int
+        Cluster of each sample, in the order of `transform`; -1 for none.
+    sigma : float [m]
+        The neighbourhood that was used.
+    """
+
+    transform: np.ndarray
+    weight: np.ndarray
+    samples: np.ndarray
+    sample_weight: np.ndarray
+    rotation: np.ndarray
+    labels: np.ndarray
+    sigma: float
+
+
+def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights,
+                          parameters: TranslationParameters) -> Translations:
+    """Cluster the translations that pairs of matched lines and matched end points ask for, for every rotation.
+
+    Parameters
+    ----------
+    reference, current : Segments
+    rotations : Rotations
+    weights : (n, m) array
+        Weight of each pair of segments.
+    parameters : TranslationParameters
+    """
+    pairs = match_lines(rotations, weights, parameters)
+    lines = line_samples(reference, current, rotations, pairs, parameters)
+    ends = end_samples(reference, current, rotations, pairs, parameters)
+    samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
+    if not len(samples):
+        return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0)
+    sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)
+    labels = cluster(samples, mass, rotation, sigma, parameters)
+    return _rank(samples, mass, rotation, labels, sigma, rotations.phi)
+
+
+def match_lines(rotations, weights, parameters):
+    """The heaviest pairs of lines that each rotation makes parallel (Eq. 12).
+
+    Returns
+    -------
+    rotation, line_r, line_o : (L,) int arrays
+    weight : (L,) array
+    """
+    count, (n, m) = len(rotations.phi), weights.shape
+    off = np.abs(wrap_period(rotations.difference - rotations.phi[:, None, None], 2.0 * np.pi))
+    fit = np.exp(-0.5 * (off / parameters.parallel) ** 2) * (off < 2.0 * parameters.parallel)
+    value = (fit * weights).reshape(count, n * m)
+    keep = min(parameters.pairs, n * m)
+    best = np.argpartition(-value, keep - 1, axis=1)[:, :keep]
+    value = np.take_along_axis(value, best, axis=1)
+    rotation, column = np.nonzero(value > 0.0)
+    line = best[rotation, column]
+    return rotation, line // m, line % m, value[rotation, column]
+
+
+def line_samples(reference, current, rotations, pairs, parameters):
+    """Translations from all pairs of non-parallel line equations ``n . t = n . (m_R - Rot(phi) m_O)`` (Eq. 13-15)."""
+    rotation, r, o, weight = pairs
+    phi = rotations.phi[rotation]
+    angle = reference.direction[r] - 0.5 * wrap_period(rotations.difference[r, o] - phi, 2.0 * np.pi)
+    nx, ny = -np.sin(angle), np.cos(angle)
+    offset = reference.midpoint[r] - rotate(phi, current.midpoint[o])
+    c = nx * offset[:, 0] + ny * offset[:, 1]
+    first, second = same_group_pairs(rotation)
+    determinant = nx[first] * ny[second] - ny[first] * nx[second]
+    crossing = np.abs(determinant) > parameters.crossing
+    first, second, determinant = first[crossing], second[crossing], determinant[crossing]
+    tx = (c[first] * ny[second] - c[second] * ny[first]) / determinant
+    ty = (nx[first] * c[second] - nx[second] * c[first]) / determinant
+    mass = np.minimum(weight[first], weight[second]) * np.abs(determinant)
+    return np.stack((tx, ty), axis=1), mass, rotation[first]
+
+
+def end_samples(reference, current, rotations, pairs, parameters):
+    """Translations from matched end points: starts onto starts, ends onto ends, where both are points of the world."""
+    rotation, r, o, weight = pairs
+    phi = rotations.phi[rotation]
+    samples, masses, groups = [], [], []
+    for side, name in enumerate(('start', 'end')):
+        kind_r, kind_o = reference.kinds[r, side], current.kinds[o, side]
+        worth = _END_WORTH[kind_r, kind_o]
+        use = worth > 0.0
+        t = getattr(reference, name)[r[use]] - rotate(phi[use], getattr(current, name)[o[use]])
+        samples.append(t)
+        masses.append(weight[use] * worth[use] * parameters.end_weight)
+        groups.append(rotation[use])
+    return np.concatenate(samples), np.concatenate(masses), np.concatenate(groups)
+
+
+_END_WORTH = np.zeros((3, 3))
+_END_WORTH[EndKind.CORNER, EndKind.CORNER] = 1.0
+_END_WORTH[EndKind.FREE, EndKind.FREE] = 0.7
+_END_WORTH[EndKind.CORNER, EndKind.FREE] = _END_WORTH[EndKind.FREE, EndKind.CORNER] = 0.4
+_END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
+
+
+def rotate(phi, points):
+    """Points ``(N, 2)`` each turned by its own angle ``(N,)`` (Eq. 10)."""
+    c, s = np.cos(phi), np.sin(phi)
+    x, y = points[:, 0], points[:, 1]
+    return np.stack((c * x - s * y, s * x + c * y), axis=1)
+
+
+def same_group_pairs(group):
+    """All pairs ``i < j`` with equal `group`, which must be sorted."""
+    size = len(group)
+    end = np.searchsorted(group, group, 'right')
+    count = end - np.arange(size) - 1
+    first = np.repeat(np.arange(size), count)
+    start = np.cumsum(count) - count
+    return first, first + 1 + np.arange(len(first)) - np.repeat(start, count)
+
+
+def knee_sigma(samples, rotation, parameters):
+    """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
+    bend = knee(k_distances(_apart(samples, rotation, parameters.sigma_max), max(parameters.min_points - 1, 1)))
+    return float(np.clip(bend, parameters.sigma_min, parameters.sigma_max))
+
+
+def _apart(samples, rotation, reach):
+    return np.column_stack((samples, 10.0 * reach * rotation))
+
+
+def cluster(samples, mass, rotation, sigma, parameters):
+    """DBSCAN of the samples of each rotation; clusters wider than `width` are clustered again, twice as finely."""
+    labels = np.full(len(samples), NOISE)
+    todo, offset = np.arange(len(samples)), 0
+    for _ in range(parameters.recuts + 1):
+        found = dbscan_plane(_apart(samples[todo], rotation[todo], max(sigma, parameters.sigma_max)), sigma,
+                             parameters.min_points)
+        kept = found != NOISE
+        todo, found = todo[kept], found[kept]
+        if not len(todo):
+            break
+        labels[todo] = found + offset
+        if parameters.width <= 0.0:
+            break
+        weight = np.bincount(found)
+        spread = np.zeros(len(weight))
+        for column in samples[todo].T:
+            mean = np.bincount(found, column) / weight
+            spread += np.bincount(found, (column - mean[found]) ** 2) / weight
+        wide = (spread > parameters.width ** 2)[found]
+        if not wide.any():
+            break
+        offset += len(weight)
+        todo, sigma = todo[wide], 0.5 * sigma
+    return labels
+
+
+def _rank(samples, mass, rotation, labels, sigma, phi):
+    at = np.flatnonzero(labels != NOISE)
+    _, index = np.unique(labels[at], return_inverse=True)
+    weight = np.bincount(index, mass[at])
+    transform = np.empty((len(weight), 3))
+    for column in (0, 1):
+        transform[:, column] = np.bincount(index, mass[at] * samples[at, column]) / weight
+    transform[index, 2] = phi[rotation[at]]
+    order = np.argsort(-weight, kind='stable')
+    rank = np.empty(len(weight), dtype=int)
+    rank[order] = np.arange(len(order))
+    ranked = np.full(len(samples), NOISE)
+    ranked[at] = rank[index]
+    return Translations(transform[order], weight[order], samples, mass, rotation, ranked, sigma)
