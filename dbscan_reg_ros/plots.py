@@ -38,8 +38,8 @@ def plot_map(path, scans, poses, title='', truth=None):
     if truth is not None:
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
     if len(poses):
-        axes.plot(*poses[0, :2], 'o', color='white', markeredgecolor='black', markersize=8, label='start')
-        axes.plot(*poses[-1, :2], 's', color='black', markeredgecolor='white', markersize=8, label='end')
+        axes.plot(*poses[0, :2], 'o', color='white', markeredgecolor='black', markersize=11, label='start')
+        axes.plot(*poses[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')
     axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=extent[:2], ylim=extent[2:])
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))

@@ -42,17 +42,22 @@ def run(parser, work, argv=None) -> int:
     args = parser.parse_args(argv)
     try:
         return work(args) or 0
-    except KeyboardInterrupt:
-        code, message = INTERRUPTED, 'interrupted'
-    except ModuleNotFoundError as error:
-        code, message = FAILED, f'needs the Python package {error.name!r}: install it, for example with pip'
-    except DbscanRegError as error:
-        code, message = BAD_INPUT, str(error)
-    except OSError as error:
-        code, message = FAILED, f'{error.filename}: {error.strerror}' if error.filename else str(error)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the user gets one line
-        code, message = FAILED, f'{type(error).__name__}: {error} (-v shows where)'
-    if args.verbose:
-        traceback.print_exc()
-    print(f'{parser.prog}: {message}', file=sys.stderr)
-    return code
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
+        if args.verbose:
+            traceback.print_exc()
+        code, message = _explain(error)
+        print(f'{parser.prog}: {message}', file=sys.stderr)
+        return code
+
+
+def _explain(error):
+    """Exit code and one line for what went wrong."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, 'interrupted'
+    if isinstance(error, DbscanRegError):
+        return BAD_INPUT, str(error)
+    if isinstance(error, ModuleNotFoundError):
+        return FAILED, f'needs the Python package {error.name!r}: install it, for example with pip'
+    if isinstance(error, OSError) and error.filename:
+        return FAILED, f'{error.filename}: {error.strerror}'
+    return FAILED, f'{type(error).__name__}: {error} (-v shows where)'

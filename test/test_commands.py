@@ -1,0 +1,110 @@
+"""What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros.__main__ import main
+from dbscan_reg_ros.commands import COMMANDS, command_line
+
+
+@pytest.fixture
+def shell(root, tmp_path):
+    """``shell('replay', ...)``: run a command of the package to its end, in an empty folder."""
+    def shell(*words):
+        return subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *map(str, words)], cwd=tmp_path, timeout=120,
+                              capture_output=True, text=True, check=False, env=os.environ | {'PYTHONPATH': str(root)})
+    return shell
+
+
+def run(work, *argv):
+    return command_line.run(command_line.make_parser('work', 'Tests.'), work, argv)
+
+
+@pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)], ids=lambda words: ' '.join(words) or 'all')
+def test_help_comes_at_once(shell, command):
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        result = shell(*command, '--help')
+        times.append(time.perf_counter() - begin)
+        assert result.returncode == 0 and result.stdout.startswith('usage: ')
+        if times[-1] < 0.3:
+            break
+    assert min(times) < 0.3
+
+
+def test_the_overview_names_every_command(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(['--help'])
+    assert stop.value.code == 0
+    overview = capsys.readouterr().out
+    assert all(f'\n  {name} ' in overview and summary in overview for name, (_, summary) in COMMANDS.items())
+
+
+@pytest.mark.parametrize('argv', [[], ['replai'], ['replay'], ['replay', 'a.log', '--nonsense']])
+def test_wrong_usage_ends_with_2(argv, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(argv)
+    assert stop.value.code == 2
+    assert 'usage: ' in capsys.readouterr().err
+
+
+def test_bad_input_is_one_line_and_2(shell, tmp_path):
+    result = shell('replay', 'absent.log')
+    assert result.returncode == 2 and result.stdout == ''
+    assert result.stderr == 'replay: absent.log: cannot be read: No such file or directory\n'
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_verbose_shows_where_an_error_comes_from(shell):
+    result = shell('replay', '-v', 'absent.log')
+    assert result.returncode == 2
+    assert result.stderr.startswith('Traceback') and result.stderr.count('open_recording') >= 1
+    assert result.stderr.endswith('replay: absent.log: cannot be read: No such file or directory\n')
+
+
+@pytest.mark.parametrize(('error', 'code', 'line'), [
+    (RecordingError('a.log: empty'), 2, 'work: a.log: empty\n'),
+    (KeyboardInterrupt(), 130, 'work: interrupted\n'),
+    (PermissionError(13, 'Permission denied', 'out/a'), 1, 'work: out/a: Permission denied\n'),
+    (ModuleNotFoundError('no', name='rosbags'), 1,
+     "work: needs the Python package 'rosbags': install it, for example with pip\n"),
+    (ZeroDivisionError('by zero'), 1, 'work: ZeroDivisionError: by zero (-v shows where)\n'),
+])
+def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
+    def work(args):
+        raise error
+    assert run(work) == code
+    assert capsys.readouterr().err == line
+
+
+def test_success_is_0_and_a_code_of_the_work_is_kept():
+    assert run(lambda args: None) == 0
+    assert run(lambda args: 3) == 3
+
+
+def test_the_package_imports_nothing_heavy(root):
+    code = ('import sys, dbscan_reg_ros as package; light = set(sys.modules);'
+            '[getattr(package, name) for name in package.__all__];'
+            'print(sorted({"numpy"} & light), sorted({"rclpy", "rosbags", "matplotlib", "sklearn", "tqdm", "yaml"}'
+            ' & set(sys.modules)))')
+    result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
+    assert result.stdout == '[] []\n'
+
+
+def test_recordings_import_no_reader_before_it_is_needed(root):
+    code = ('import sys, dbscan_reg_ros.recordings, dbscan_reg_ros.plots, dbscan_reg_ros.commands.replay;'
+            'print(sorted({"rclpy", "rosbags", "matplotlib", "sklearn", "scipy", "tqdm"} & set(sys.modules)))')
+    result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
+    assert result.stdout == '[]\n'
+
+
+def test_an_unknown_name_of_the_package_is_an_attribute_error():
+    import dbscan_reg_ros
+    assert 'register' in dir(dbscan_reg_ros)
+    with pytest.raises(AttributeError, match='nonsense'):
+        _ = dbscan_reg_ros.nonsense
