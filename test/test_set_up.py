@@ -1,0 +1,135 @@
+"""The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+CANDIDATES = ['python3.12', 'python3.11', 'python3.13', 'python3.10', 'python3']
+BROKEN = '#!/bin/sh\necho "command not found here" >&2\nexit 127\n'
+OLD = '#!/bin/sh\n[ "$1" = --version ] && { echo "Python 3.9.2"; exit; }\n[ "$2" = "" ]\n'
+BARE = '#!/bin/sh\ncase "$2" in *ensurepip*) exit 1;; esac\n'
+GOOD = f'#!/bin/sh\nexec {sys.executable} "$@"\n'
+
+
+@pytest.fixture
+def programs(tmp_path):
+    """``programs(name=script, ...)``: a PATH with these and the ordinary tools, but no other Python."""
+    folder = tmp_path / 'bin'
+    folder.mkdir()
+    for tool in ('bash', 'cat', 'cut', 'dirname', 'sh', 'sha256sum', 'uname', 'rm', 'mkdir', 'mv'):
+        (folder / tool).symlink_to(shutil.which(tool))
+
+    def programs(scripts):
+        for name, script in scripts.items():
+            (folder / name).write_text(script)
+            (folder / name).chmod(0o755)
+        return str(folder)
+    return programs
+
+
+@pytest.fixture
+def shell(root, programs):
+    """``shell(code, scripts)``: run bash code after the set-up was sourced."""
+    def shell(code, scripts):
+        return subprocess.run(['bash', '-c', f'set -euo pipefail; source {root}/scripts/setup; {code}'], text=True,
+                              env={'PATH': programs(scripts)}, capture_output=True, check=False, timeout=60)
+    return shell
+
+
+def find(shell, scripts):
+    return shell("find_python '3, 13' 'import ensurepip, venv'", scripts)
+
+
+@pytest.mark.parametrize('name', CANDIDATES)
+def test_each_candidate_is_found(shell, name):
+    result = find(shell, {name: GOOD})
+    assert (result.returncode, result.stdout) == (0, f'{sys.executable}\n')
+
+
+@pytest.mark.parametrize('bad', [BROKEN, OLD, BARE], ids=['broken', 'old', 'bare'])
+def test_a_candidate_that_does_not_serve_is_passed_over(shell, bad):
+    result = find(shell, {'python3.12': bad, 'python3.11': bad, 'python3': GOOD})
+    assert (result.returncode, result.stdout, result.stderr) == (0, f'{sys.executable}\n', '')
+
+
+def test_without_a_python_the_message_says_what_each_lacks(shell):
+    result = find(shell, {'python3.12': BROKEN, 'python3.11': BARE, 'python3': OLD})
+    assert result.returncode == 1 and result.stdout == ''
+    assert result.stderr.splitlines() == [
+        'No Python that serves. Needed: Python 3.10 to 3.13 that can make virtual environments',
+        '(Debian and Ubuntu: apt-get install python3 python3-venv). Tried:',
+        '  python3.12 is there but does not run',
+        "  python3.11 fails at 'import ensurepip, venv'",
+        '  python3.13 is not there',
+        '  python3.10 is not there',
+        '  python3 is Python 3.9.2']
+
+
+def test_the_demo_ends_with_that_message(root, programs):
+    result = subprocess.run(['bash', root / 'scripts' / 'demo'], env={'PATH': programs({})}, capture_output=True,
+                            text=True, check=False, timeout=60)
+    assert result.returncode == 1 and result.stdout == ''
+    assert result.stderr.startswith('No Python that serves. Needed: Python 3.10 to 3.13')
+
+
+FAKE_STEPS = '''
+install() { echo "install ${2##*/}"; test -e "$1/fail" && return 1 || return 0; }
+'''
+FAKE_PYTHON = ('#!/bin/sh\n[ "$2" = venv ] || exit 0\nfor last; do :; done\n'
+               'mkdir -p "$last/bin"; cat "$0" > "$last/bin/python"; chmod +x "$last/bin/python"; echo venv\n')
+
+
+@pytest.fixture
+def make(shell, programs, tmp_path):
+    """``make(step)``: the set-up's steps with an installer that only says what it would do."""
+    venv, base = tmp_path / 'venv', tmp_path / 'bin' / 'python3'
+    (tmp_path / 'wanted.txt').write_text('one==1\n')
+    (tmp_path / 'more.txt').write_text('two==2\n')
+
+    def make(more=False):
+        (tmp_path / 'bin' / 'chmod').exists() or (tmp_path / 'bin' / 'chmod').symlink_to(shutil.which('chmod'))
+        code = f'{FAKE_STEPS}\nmake_venv {venv} {base} {tmp_path}/wanted.txt'
+        if more:
+            code += f'\nadd_requirements {venv} {tmp_path}/more.txt'
+        return shell(code, {'python3': FAKE_PYTHON}).stdout.split('\n')[:-1]
+    make.venv, make.folder = venv, tmp_path
+    return make
+
+
+def test_an_environment_is_made_once(make):
+    assert make() == ['venv', 'install wanted.txt']
+    assert make() == []
+
+
+def test_an_environment_is_made_anew_when_its_requirements_change(make):
+    make()
+    (make.folder / 'wanted.txt').write_text('one==2\n')
+    assert make() == ['venv', 'install wanted.txt']
+
+
+def test_an_environment_whose_python_is_gone_is_made_anew(make):
+    make()
+    (make.venv / 'bin' / 'python').unlink()
+    assert make() == ['venv', 'install wanted.txt']
+
+
+def test_an_interrupted_environment_is_made_anew(make):
+    make()
+    (make.venv / 'stamps' / 'base').unlink()
+    assert make() == ['venv', 'install wanted.txt']
+    assert make() == []
+
+
+def test_additions_are_made_once_and_leave_the_environment_complete(make):
+    assert make(more=True) == ['venv', 'install wanted.txt', 'install more.txt']
+    assert make(more=True) == []
+    assert make() == []
+
+
+def test_an_interrupted_addition_is_repaired_from_the_ground_up(make):
+    make()
+    (make.venv / 'fail').touch()
+    assert make(more=True) == ['install more.txt']
+    assert make(more=True) == ['venv', 'install wanted.txt', 'install more.txt']
+    assert make(more=True) == []
