@@ -1,9 +1,10 @@
 """``python -m dbscan_reg_ros.benchmarks``: what ``scripts/bench`` runs."""
 import argparse
-import importlib
-import json
 import sys
+from importlib import import_module
 from pathlib import Path
+
+from ..commands.command_line import add_data, run
 
 BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',
@@ -13,51 +14,37 @@ BENCHMARKS = {
 }
 
 
-def parser():
+def main(argv=None) -> int:
+    """Run one benchmark; 1 when a bound is missed, 2 for bad input."""
+    return run(make_parser(), bench, argv)
+
+
+def make_parser():
     parser = argparse.ArgumentParser(
         prog='bench', description='Benchmarks: a table in the terminal; exit status 1 when dbscan misses a bound.')
     commands = parser.add_subparsers(dest='benchmark', required=True, metavar='BENCHMARK')
-    for name, help in BENCHMARKS.items():
-        command = commands.add_parser(name, help=help, description=help)
-        command.add_argument('--data', metavar='DIR', help='folder that holds intel/ '
-                             '(default: $DBSCAN_REG_DATA, else ../shared/data)')
-        command.add_argument('--method', nargs='+', metavar='NAME', help='only these methods (default: all that are '
-                             'installed; for speed dbscan and small_gicp)')
+    for name, summary in BENCHMARKS.items():
+        command = commands.add_parser(name, help=summary, description=summary)
+        add_data(command)
+        command.add_argument('--method', nargs='+', metavar='NAME', help='only these methods')
         command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
         command.add_argument('--limit', type=int, metavar='N', help='at most N trials of each kind, evenly spread')
-        command.add_argument('-v', '--verbose', action='store_true', help='list every failure; traceback on errors')
+        command.add_argument('-v', '--verbose', action='store_true',
+                             help='list every trial that failed or was doubted; show the traceback of an error')
     return parser
 
 
-def main(argv=None) -> int:
-    """Run one benchmark; 1 when a bound is missed, 2 for a usage error or unreadable data."""
-    args = parser().parse_args(argv)
-    from ..core.errors import DbscanRegError
-    try:
-        return bench(args)
-    except DbscanRegError as error:
-        if args.verbose:
-            raise
-        print(f'bench: {error}', file=sys.stderr)
-        return 2
+def bench(args):
+    """Measure, print the table and the bounds that are missed."""
+    import json
 
-
-def bench(args) -> int:
     from . import report
-    from .intel import Intel, data_folder
-    from .methods import available, method
-    module = importlib.import_module(f'.{args.benchmark}', __package__)
-    default = getattr(module, 'METHODS', None)
-    names = args.method or default
-    methods = [method(name) for name in names] if names else available()
+    module = import_module(f'.{args.benchmark}', __package__)
     print(report.machine())
-    metrics, outcomes = module.measure(Intel(data_folder(args.data) / 'intel'), methods, args.limit)
-    if args.verbose:
-        for name, results in outcomes.items():
-            print(f'\n{name}\n{report.failures(results)}')
+    metrics = module.measure(args)
     print(report.table(metrics))
     if args.json:
-        args.json.write_text(json.dumps(metrics, indent=1))
+        args.json.write_text(json.dumps(metrics, indent=1) + '\n')
     missed = report.verdict(metrics.get('dbscan', {}), module.BOUNDS)
     for line in missed:
         print(f'missed: {line}')

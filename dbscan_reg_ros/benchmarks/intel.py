@@ -1,5 +1,4 @@
 """The Intel Research Lab log with its references, as the benchmarks need it."""
-import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,39 +7,61 @@ import numpy as np
 
 from ..core.errors import RecordingError
 from ..core.se2 import SE2
-from ..recordings import open_recording
-
-
-def data_folder(data=None) -> Path:
-    """The folder that holds ``intel/``: `data`, else $DBSCAN_REG_DATA, else ``../shared/data`` beside the project."""
-    folder = Path(data or os.environ.get('DBSCAN_REG_DATA') or Path(__file__).resolve().parents[3] / 'shared' / 'data')
-    if not (folder / 'intel').is_dir():
-        raise RecordingError(f'{folder}: no folder intel in it; name the data with --data DIR or $DBSCAN_REG_DATA')
-    return folder
+from ..recordings import data_folder, load_relations, open_recording
 
 
 @dataclass(frozen=True)
 class Intel:
-    """The folder ``intel`` of the data."""
+    """The folder ``intel`` of the data.
+
+    Raises
+    ------
+    RecordingError
+        When a file that is asked for cannot be read.
+    """
 
     folder: Path
+
+    @classmethod
+    def below(cls, data=None) -> 'Intel':
+        """The folder ``intel`` below `data`, or where it is by default."""
+        return cls(data_folder(data) / 'intel')
+
+    @cached_property
+    def recording(self):
+        return open_recording(self.folder / 'intel.log.gz')
 
     @cached_property
     def scans(self) -> list:
         """Every `Scan` in log order."""
-        return list(open_recording(self.folder / 'intel.log.gz').scans())
+        return list(self.recording.scans())
+
+    @cached_property
+    def stamps(self):
+        """(N,) int64 [ns]"""
+        return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
+
+    @cached_property
+    def relations(self):
+        """The `Relations` of ``intel.relations``."""
+        return load_relations(self.folder / 'intel.relations')
 
     @cached_property
     def pairs(self) -> list:
         """(reference index, current index, truth) of ``pairs.csv``."""
-        rows = np.genfromtxt(self.folder / 'pairs.csv', delimiter=',', skip_header=1)
-        return [(int(row[0]), int(row[1]), SE2(*row[2:5])) for row in rows]
+        return [(int(row[0]), int(row[1]), SE2(*row[2:5])) for row in self._table('pairs.csv')]
 
     @cached_property
-    def relations(self) -> list:
-        """(reference index, current index, truth, seconds between) of ``intel.relations``."""
-        rows = np.loadtxt(self.folder / 'intel.relations')
-        stamps = np.array([scan.stamp for scan in self.scans]) / 1e9
-        first, second = ([int(np.abs(stamps - t).argmin()) for t in rows[:, column]] for column in (0, 1))
-        return [(i, j, SE2(row[2], row[3], row[7]), float(row[1] - row[0]))
-                for i, j, row in zip(first, second, rows)]
+    def reference(self):
+        """(N, 3) true pose of each scan, from ``reference.csv``."""
+        return self._table('reference.csv')[:, 1:4]
+
+    def index(self, stamp) -> int:
+        """The scan of that `stamp` [ns]."""
+        return int(np.abs(self.stamps - stamp).argmin())
+
+    def _table(self, name):
+        try:
+            return np.loadtxt(self.folder / name, delimiter=',', skiprows=1)
+        except (OSError, ValueError) as error:
+            raise RecordingError(f'{self.folder / name}: cannot be read: {error}') from error

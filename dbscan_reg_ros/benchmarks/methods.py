@@ -1,6 +1,7 @@
 """Ours, its rivals and the floor, all as ``method(reference_scan, current_scan) -> record``."""
 import importlib.metadata
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,14 +64,16 @@ def method(name) -> Method:
                             f'pip install {error.name or name}') from error
 
 
-def available() -> list:
-    """Every method that can run here."""
+def chosen(names=None) -> list:
+    """The methods called `names`; without names every one that can run here."""
+    if names:
+        return [method(name) for name in names]
     found = []
     for name in FACTORIES:
         try:
             found.append(method(name))
-        except MethodMissing:
-            pass
+        except MethodMissing as missing:
+            print(f'left out: {missing}', file=sys.stderr)
     return found
 
 

@@ -1,6 +1,7 @@
 """Pairs k, k+s of the Intel log without an initial guess."""
 from .bounds import at_least, at_most
-from .trials import Trial, run, summarise, thinned
+from .intel import Intel
+from .trials import Trial, rates, thinned
 
 BOUNDS = {
     'pairs_s1': at_least(0.995), 'pairs_s2': at_least(0.995), 'pairs_s5': at_least(0.995),
@@ -19,7 +20,6 @@ def trials(intel, limit=None) -> list:
     return [trial for step in sorted(groups) for trial in thinned(groups[step], limit)]
 
 
-def measure(intel, methods, limit=None):
-    """Metrics by method, and the outcomes by method."""
-    outcomes = run(methods, trials(intel, limit), 'pairs')
-    return {name: summarise(results) for name, results in outcomes.items()}, outcomes
+def measure(args):
+    """Metrics by method."""
+    return rates(args, trials(Intel.below(args.data), args.limit))

@@ -5,20 +5,23 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..core.se2 import SE2
+from ..recordings.metrics import NEIGHBOURS_WITHIN
 from .bounds import at_least
-from .trials import Trial, run, summarise, thinned
+from .intel import Intel
+from .trials import Trial, rates, thinned
 
 BOUNDS = {'relations_neighbour': at_least(0.99), 'relations_loop': at_least(0.985)}
-NEIGHBOURS_WITHIN = 30.0
 VIEWS = (0.0, 0.3, 0.5, 0.7, 1.0)
 
 
 def trials(intel, limit=None) -> list:
     """A `Trial` for each relation; `limit` counts for neighbours and loop closures apart."""
     groups = {'relations_neighbour': [], 'relations_loop': []}
-    for i, j, truth, seconds in intel.relations:
-        group = 'relations_neighbour' if abs(seconds) < NEIGHBOURS_WITHIN else 'relations_loop'
-        groups[group].append(Trial(group, f'{i} {j}', intel.scans[i], intel.scans[j], truth))
+    for (first, second), motion in zip(intel.relations.stamps, intel.relations.motions, strict=True):
+        group = 'relations_neighbour' if abs(second - first) < NEIGHBOURS_WITHIN else 'relations_loop'
+        i, j = intel.index(first), intel.index(second)
+        groups[group].append(Trial(group, f'{i} {j}', intel.scans[i], intel.scans[j], SE2.from_array(motion)))
     return [trial for items in groups.values() for trial in thinned(items, limit)]
 
 
@@ -37,18 +40,19 @@ def common_view(trial) -> float:
     return float(min(shares))
 
 
-def measure(intel, methods, limit=None):
-    """Metrics by method, and the outcomes by method; ``view_30_50`` is the success where 30 to 50 % are shared."""
-    items = trials(intel, limit)
-    views = np.array([common_view(trial) for trial in items])
-    outcomes = run(methods, items, 'relations')
+def by_view(outcomes) -> dict:
+    """Success by the share of the view in common: ``view_30_50`` where 30 to 50 % are shared, and how many they are."""
+    views = np.array([common_view(outcome.trial) for outcome in outcomes])
+    success = np.array([outcome.success for outcome in outcomes])
     metrics = {}
-    for name, results in outcomes.items():
-        metrics[name] = summarise(results)
-        success = np.array([outcome.success for outcome in results])
-        for low, high in itertools.pairwise(VIEWS):
-            inside = (views >= low) & ((views < high) | (high == 1.0))
-            key = f'view_{round(100 * low)}_{round(100 * high)}'
-            metrics[name][key] = float(success[inside].mean()) if inside.any() else math.nan
-            metrics[name][f'{key}_count'] = int(inside.sum())
-    return metrics, outcomes
+    for low, high in itertools.pairwise(VIEWS):
+        inside = (views >= low) & ((views < high) | (high == 1.0))
+        key = f'view_{round(100 * low)}_{round(100 * high)}'
+        metrics[key] = float(success[inside].mean()) if inside.any() else math.nan
+        metrics[f'{key}_count'] = int(inside.sum())
+    return metrics
+
+
+def measure(args):
+    """Metrics by method."""
+    return rates(args, trials(Intel.below(args.data), args.limit), by_view)

@@ -4,6 +4,8 @@ import numpy as np
 from ..recordings import open_recording
 from . import pairs, synthetic
 from .bounds import at_most
+from .intel import Intel
+from .methods import method
 from .trials import Trial, run, summarise, thinned
 
 BOUNDS = {
@@ -25,10 +27,12 @@ def fine_trials(folder, limit=None, seed=0) -> list:
     return items
 
 
-def measure(intel, methods, limit=None):
-    """Metrics by method, and the outcomes by method."""
-    coarse = run(methods, pairs.trials(intel, limit or PAIRS), '180 beams')
-    fine = run(methods, fine_trials(intel.folder.parent, limit), '1141 beams')
+def measure(args):
+    """Metrics by method."""
+    intel = Intel.below(args.data)
+    methods = [method(name) for name in args.method or METHODS]
+    coarse = run(methods, pairs.trials(intel, args.limit or PAIRS), '180 beams')
+    fine = run(methods, fine_trials(intel.folder.parent, args.limit), '1141 beams')
     metrics = {}
     for name in coarse:
         times = summarise(coarse[name])
@@ -37,4 +41,4 @@ def measure(intel, methods, limit=None):
     for row in metrics.values():
         if 'small_gicp' in metrics:
             row['ratio_gicp'] = row['ms_p50'] / metrics['small_gicp']['ms_p50']
-    return metrics, {name: coarse[name] + fine[name] for name in coarse}
+    return metrics

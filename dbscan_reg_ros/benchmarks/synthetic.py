@@ -6,7 +6,8 @@ import numpy as np
 from ..core.scan import Scan
 from ..core.se2 import SE2
 from .bounds import at_least
-from .trials import Trial, run, summarise, thinned
+from .intel import Intel
+from .trials import Trial, rates, thinned
 
 SCANS = 200
 MIN_RETURNS = 150
@@ -75,7 +76,6 @@ def trials(intel, limit=None, seed=0) -> list:
     return items
 
 
-def measure(intel, methods, limit=None):
-    """Metrics by method, and the outcomes by method."""
-    outcomes = run(methods, trials(intel, limit), 'synthetic')
-    return {name: summarise(results) for name, results in outcomes.items()}, outcomes
+def measure(args):
+    """Metrics by method."""
+    return rates(args, trials(Intel.below(args.data), args.limit))

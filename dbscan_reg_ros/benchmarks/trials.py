@@ -71,6 +71,21 @@ def run(methods, trials, title) -> dict:
     return outcomes
 
 
+def rates(args, trials, more=None) -> dict:
+    """Method -> metric -> number over `trials`, by the methods that `args` names; ``--verbose`` lists the failures.
+
+    `more(outcomes)` adds metrics of its own.
+    """
+    from .methods import chosen
+    from .report import failures
+    metrics = {}
+    for name, outcomes in run(chosen(args.method), trials, args.benchmark).items():
+        metrics[name] = summarise(outcomes) | (more(outcomes) if more else {})
+        if args.verbose:
+            print(f'{name}\n{failures(outcomes)}')
+    return metrics
+
+
 def summarise(outcomes) -> dict:
     """Metric -> number: the success rate of each group, errors, the worth of the status ``OK``, times."""
     groups = dict.fromkeys(outcome.trial.group for outcome in outcomes)

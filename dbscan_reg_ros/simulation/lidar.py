@@ -80,6 +80,6 @@ LIDARS = {
                      resolution=0.001),
     'utm30lx': Lidar(1081, math.radians(-135.0), math.radians(0.25), 0.1, 30.0, 40.0, duration=0.019, noise=0.01,
                      resolution=0.001),
-    'rplidar_a2': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.0999, noise=0.015, dropouts=0.02),
+    'rplidar_a2': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.1, noise=0.015, dropouts=0.02),
 }
 """Lidars by name, after their data sheets."""
