@@ -1,9 +1,9 @@
-"""What the method is set against: small classic registrations behind one interface.
+"""Small classic registrations that the method is set against (Table 1 of the paper).
 
-Every method is a pair of functions: ``prepare(scan)`` computes once what is kept of a scan, and
-``align(reference, current)`` returns a record with the ``transform`` that carries points of the current scan
-into the reference's frame (Eq. 8) and a ``status``.
+Every module is one of them behind the same interface: ``prepare(scan)`` computes what is kept of a scan, and
+``align(reference, current, guess=SE2())`` a `Result` from two of those.
 """
+from . import icl, icp, idc
 from .result import Result
 
-__all__ = ['Result']
+__all__ = ['Result', 'icl', 'icp', 'idc']

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..baselines import Result
+from ..baselines import Result, icl, icp, idc
 from ..core.errors import DbscanRegError, ScanError
 from ..core.features import extract_features
 from ..core.parameters import Parameters
@@ -162,5 +162,8 @@ FACTORIES = {
     'paper': _paper,
     'small_gicp': _small_gicp,
     'kiss-icp': _kiss_icp,
+    'icp': lambda name: Method(name, icp.prepare, icp.align),
+    'idc': lambda name: Method(name, idc.prepare, idc.align),
+    'icl': lambda name: Method(name, icl.prepare, icl.align),
     'identity': _identity,
 }

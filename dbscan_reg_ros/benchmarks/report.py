@@ -62,9 +62,10 @@ def _folded(cells, width=12):
 def _aligned(blocks):
     lines = []
     for block in blocks:
-        widths = [max(map(len, column)) for column in zip(*block)]
-        lines += ['  '.join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:]))])
-                  for row in block]
+        widths = [max(map(len, column)) for column in zip(*block, strict=True)]
+        for first, *others in block:
+            padded = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+            lines.append('  '.join([first.ljust(widths[0]), *padded]))
         lines.append('')
     return '\n'.join(lines[:-1])
 

@@ -71,7 +71,7 @@ def trials(intel, limit=None, seed=0) -> list:
             group = f'{kind}_{round(100 * share)}'
             made = [Trial(group, str(i), intel.scans[i],
                           moved(intel.scans[i], disturbed(intel.scans[i], NOISE, share, rng), truth), truth)
-                    for i, truth in zip(indices, truths)]
+                    for i, truth in zip(indices, truths, strict=True)]
             items += thinned(made, limit)
     return items
 
