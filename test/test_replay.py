@@ -49,13 +49,9 @@ def test_a_sensor_that_stands_still_stays_where_it_is(data, tmp_path):
 
 
 def test_the_intel_log_is_scored_by_its_relations(data, tmp_path, capsys):
-    log = tmp_path / 'intel.log'
-    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
-        log.write_text(''.join(whole.readlines()[:701]))
-    (tmp_path / 'intel.relations').write_text((data / 'intel' / 'intel.relations').read_text())
-    assert main([str(log), '--out', str(tmp_path / 'out')]) == 0
+    assert main(['intel/intel.log.gz', '--data', str(data), '--out', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert 'scans 700 lost 0' in printed
+    assert 'scans 5505 lost 0' in printed
     metres, degrees = re.search(r'neighbour relations  mean (\d\.\d+) m (\d\.\d+) deg', printed).groups()
     assert float(metres) < 0.03 and float(degrees) < 0.5
 
