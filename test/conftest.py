@@ -1,24 +1,19 @@
 """What every test may use: the recordings, a ROS graph of its own, processes that never outlive the test."""
-import fcntl
-import itertools
+import importlib.util
 import os
 import pathlib
-import tempfile
 
 import pytest
 
+from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
+from dbscan_reg_ros.recordings import data_folder
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-DOMAINS = range(1, 102)
-"""Domain 0 is everybody's; ids above 101 lead to ports that Linux gives away to anyone."""
 
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ.setdefault('MPLBACKEND', 'Agg')
-
-_start = os.getpid() % len(DOMAINS)
-_domains = itertools.cycle([*DOMAINS[_start:], *DOMAINS[:_start]])
 
 
 def pytest_ignore_collect(collection_path):
@@ -28,7 +23,6 @@ def pytest_ignore_collect(collection_path):
 
 
 def _ros_installed():
-    import importlib.util
     return importlib.util.find_spec('rclpy') is not None
 
 
@@ -41,29 +35,19 @@ def root():
 @pytest.fixture(scope='session')
 def data():
     """The folder of real recordings (the one that holds ``intel/``)."""
-    folder = pathlib.Path(os.environ.get('DBSCAN_REG_DATA', ROOT.parent / 'shared' / 'data'))
-    if not (folder / 'intel').is_dir():
-        pytest.skip(f'no recordings in {folder}; set DBSCAN_REG_DATA to the folder that holds intel/')
-    return folder
+    try:
+        return data_folder()
+    except RecordingError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture
-def domain_id(monkeypatch):
+def domain_id():
     """A ROS domain that no other test uses at the same time, set for this process and its children."""
     if not _ros_installed():
         pytest.skip('needs ROS 2 (rclpy)')
-    folder = pathlib.Path(tempfile.gettempdir()) / f'dbscan_reg_ros-domains-{os.getuid()}'
-    folder.mkdir(exist_ok=True)
-    for domain in itertools.islice(_domains, len(DOMAINS)):
-        with open(folder / str(domain), 'a') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-            yield domain
-            return
-    pytest.fail(f'all ROS domains {DOMAINS[0]} to {DOMAINS[-1]} are in use')
+    with private_graph() as domain:
+        yield domain
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 
 class Process:
@@ -49,17 +50,17 @@ class Process:
         int
             Its exit status; negative when a signal ended it.
         """
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self.signal(number)
-            try:
-                self.wait(patience)
-                break
-            except subprocess.TimeoutExpired:
-                continue
         try:
-            os.killpg(self.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self.signal(number)
+                try:
+                    self.wait(patience)
+                    break
+                except subprocess.TimeoutExpired:
+                    continue
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
         return self._popen.wait()
 
     def __enter__(self):

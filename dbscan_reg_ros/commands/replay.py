@@ -103,24 +103,14 @@ class Track:
 
     def _errors(self):
         """Errors against what is known of the true motion."""
-        import numpy as np
+        from ..recordings import errors_of
 
-        from ..recordings import find_relations, interpolate, load_relations
-        from ..recordings.metrics import evaluate
-
-        poses = np.array(self.poses).reshape(-1, 3)
-        path = find_relations(self.recording.path)
-        if path and len(poses):
-            errors = evaluate(poses, self.stamps, load_relations(path))
-            for name, words in (('neighbour', 'neighbour relations'), ('all', 'all relations')):
-                if f'relations_{name}_mean_m' in errors:
-                    yield (f'{words}  mean {errors[f"relations_{name}_mean_m"]:.3f} m '
-                           f'{errors[f"relations_{name}_mean_deg"]:.2f} deg')
-        truth = self.recording.truth()
-        if truth and len(poses) > 1:
-            reference = interpolate(*truth, self.stamps)
-            known = np.isfinite(reference).all(axis=1)
-            errors = evaluate(poses[known], reference=reference[known])
+        errors = errors_of(self.recording, self.stamps, self.poses)
+        for name, words in (('neighbour', 'neighbour relations'), ('all', 'all relations')):
+            if f'relations_{name}_mean_m' in errors:
+                yield (f'{words}  mean {errors[f"relations_{name}_mean_m"]:.3f} m '
+                       f'{errors[f"relations_{name}_mean_deg"]:.2f} deg')
+        if 'ate_m' in errors:
             yield 'against the corrected poses  ' + ', '.join(
                 f'{name} {errors[key]:.3f} m' for name, key in (
                     ('over 1 m', 'rpe_1m_mean_m'), ('over 5 m', 'rpe_5m_mean_m'), ('ATE', 'ate_m')) if key in errors)

@@ -1,7 +1,7 @@
 """Recordings on disk: scans, odometry and truth, whatever the format."""
 from .recording import Recording, open_recording
 from .trajectories import read_csv, read_tum, write_csv, write_tum
-from .truth import Relations, data_folder, find_recording, find_relations, interpolate, load_relations
+from .truth import Relations, data_folder, errors_of, find_recording, find_relations, interpolate, load_relations
 
-__all__ = ['Recording', 'Relations', 'data_folder', 'find_recording', 'find_relations', 'interpolate',
+__all__ = ['Recording', 'Relations', 'data_folder', 'errors_of', 'find_recording', 'find_relations', 'interpolate',
            'load_relations', 'open_recording', 'read_csv', 'read_tum', 'write_csv', 'write_tum']

@@ -103,6 +103,13 @@ def absolute_error(poses, reference) -> float:
     return float(np.sqrt((difference ** 2).sum(axis=1).mean()))
 
 
+def final_error(poses, reference) -> dict:
+    """Error of the whole motion from the first to the last pose, ``final_m`` and ``final_deg``, and ``path_m``."""
+    ends = poses[:1], poses[-1:], reference[:1], reference[-1:]
+    metres, degrees = errors(relative(*ends[:2]), relative(*ends[2:]))
+    return {'final_m': float(metres[0]), 'final_deg': float(degrees[0]), 'path_m': float(path_lengths(reference)[-1])}
+
+
 def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
     """Every measure that the truth at hand allows.
 

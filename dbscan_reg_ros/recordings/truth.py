@@ -8,6 +8,7 @@ import numpy as np
 from ..core.errors import RecordingError
 from ..core.se2 import wrap
 from .decimals import nanoseconds
+from .metrics import evaluate, final_error
 from .trajectories import numbered_lines
 
 DATA_VARIABLE = 'DBSCAN_REG_DATA'
@@ -106,3 +107,33 @@ def interpolate(stamps, poses, at):
     result[:, 2] = wrap(result[:, 2])
     result[(at < stamps[0]) | (at > stamps[-1])] = np.nan
     return result
+
+
+def errors_of(recording, stamps, poses) -> dict:
+    """Every measure that the relations beside a recording and the poses in it allow.
+
+    Parameters
+    ----------
+    recording : Recording
+    stamps : sequence of int (N,)
+        Of the poses [ns].
+    poses : array_like (N, 3)
+        The sensor's estimated poses, in the order of the scans.
+
+    Returns
+    -------
+    dict
+        As from `metrics.evaluate` and `metrics.final_error`; empty where nothing is known.
+    """
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    if not len(poses):
+        return {}
+    path, truth, errors = find_relations(recording.path), recording.truth(), {}
+    if path:
+        errors |= evaluate(poses, stamps, load_relations(path))
+    if truth:
+        reference = interpolate(*truth, stamps)
+        known = np.isfinite(reference).all(axis=1)
+        if known.sum() > 1:
+            errors |= evaluate(poses[known], reference=reference[known]) | final_error(poses[known], reference[known])
+    return errors

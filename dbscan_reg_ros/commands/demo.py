@@ -1,0 +1,106 @@
+"""``demo [FILE]``: the whole chain, from scans over the real node to odometry, trajectory and map."""
+import os
+import signal
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+from .command_line import FAILED, add_data, make_parser, run
+
+STARTING = 30.0
+"""The node has to be up after this time [s]."""
+
+
+def main(argv=None) -> int:
+    parser = make_parser('demo', 'Starts the node scan_matcher as a process of its own, plays a recording to it over ROS '
+                         'as fast as it answers, or a simulated building with known truth, and says how good the '
+                         'odometry is. Writes trajectory.tum and map.png.')
+    parser.add_argument('file', metavar='FILE', nargs='?', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag '
+                        '(default: the simulated building)')
+    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+    add_data(parser)
+    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node (default: the defaults)')
+    parser.add_argument('--out', metavar='DIR', help='where the results go (default: results/demo-NAME)')
+    return run(parser, demo, argv)
+
+
+def demo(args):
+    """Play the recording to a node of our own, write the results and print the summary."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    recording = _recording(args)
+    out = Path(args.out or Path('results', f'demo-{recording.name}'))
+    out.mkdir(parents=True, exist_ok=True)
+    answers = _play(recording, out, args.params_file)
+    return _report(recording, answers, out)
+
+
+def _interrupt(_number, _frame):
+    raise KeyboardInterrupt
+
+
+def _recording(args):
+    if args.file:
+        from ..recordings import find_recording, open_recording
+        return open_recording(find_recording(args.file, args.data), args.topic)
+    print('simulating a building ...', file=sys.stderr)
+    from ..simulation import demo as simulated_building
+    from ..simulation.recording import SimulatedRecording
+    return SimulatedRecording('building', simulated_building())
+
+
+def _play(recording, out, params_file):
+    """The `Answers` of a node of our own to all scans of the recording."""
+    from tqdm import tqdm
+
+    from ..node.player import Player, PlayerError
+    from .private_graph import private_graph
+    from .processes import Process, package_command
+
+    os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
+    words = ['--ros-args', '-p', 'mounting:=none']
+    if params_file:
+        words += ['--params-file', params_file]
+    with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
+          Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
+          Player() as player):
+        print(f'node         process {node.pid}, ROS domain {domain}, log {node.log}')
+        try:
+            player.wait_for_node(STARTING)
+        except PlayerError as error:
+            raise PlayerError(f'{error}; the node said:\n{node.output()}') from error
+        return player.play(tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None))
+
+
+def _report(recording, answers, out):
+    """Write what was answered, print where it is and how good; the exit status."""
+    import numpy as np
+
+    from ..plots import plot_map
+    from ..recordings import write_tum
+
+    poses = answers.poses()
+    answered = np.isfinite(poses).all(axis=1)
+    stamps, poses = np.array(answers.stamps, dtype=np.int64)[answered], poses[answered]
+    scans = (scan for scan, kept in zip(recording.scans(), answered, strict=True) if kept)
+    write_tum(out / 'trajectory.tum', stamps, poses)
+    print(f'trajectory   {out / "trajectory.tum"}')
+    plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans')
+    print(f'map          {out / "map.png"}')
+    print(*recording.problems, sep='\n', end='\n' if recording.problems else '')
+    if answers.unexpected:
+        print(f'{answers.unexpected} odometry messages belong to no scan')
+    print(' '.join([f'scans {len(answered)} lost {answers.lost}', *_errors(recording, stamps, poses)]))
+    return FAILED if answers.lost or answers.unexpected else 0
+
+
+def _errors(recording, stamps, poses):
+    """What is known of the error, in words."""
+    from ..recordings import errors_of
+
+    errors = errors_of(recording, stamps, poses)
+    if 'relations_neighbour_mean_m' in errors:
+        yield f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m {errors["relations_neighbour_mean_deg"]:.2f} deg'
+    if 'final_m' in errors:
+        share = 100.0 * errors['final_m'] / errors['path_m']
+        yield f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) {errors["final_deg"]:.2f} deg'
