@@ -125,8 +125,10 @@ def test_robotlaser_carries_its_own_angles_and_range(tmp_path):
     recording = open_recording(write_log(tmp_path / 'a.log', 'PARAM x 1', line))
     (scan,) = recording.scans()
     assert np.allclose(scan.geometry.bearings, [-1.2, -0.6, 0.0, 0.6, 1.2], atol=1e-6)
-    assert scan.ranges.tolist() == [1.0, 2.5, math.inf, math.inf, 4.0]
-    assert scan.geometry.range_max == 20.0 and scan.stamp == 1234567890123456000
+    assert scan.ranges.tolist() == [1.0, 2.5, math.inf, np.float32(81.9), 4.0]
+    assert scan.valid.tolist() == [True, True, False, False, True]
+    assert scan.geometry.range_max == np.nextafter(np.float32(20.0), np.float32(0.0))
+    assert scan.stamp == 1234567890123456000
     assert recording.wheel_odometry()[1].tolist() == [[1.0, 2.0, 0.25]]
     assert recording.topic == 'ROBOTLASER1'
 

@@ -7,7 +7,9 @@ import numpy as np
 
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
-from .recording import Recording
+from .poses import corrected
+from .recording import Record, Recording
+from .truth import interpolate
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -16,14 +18,15 @@ ODOMETRY = 'nav_msgs/msg/Odometry'
 class Bag(Recording):
     """A ROS 1 ``.bag``, or a ROS 2 bag: its folder, or one sqlite3 or mcap file.
 
-    Messages come in order of record time. Odometry topics with *truth* in their name are truth; of the
-    others the only one, or the only one with *wheel* in its name, is the wheels'.
+    Messages come in order of record time. Among the odometry topics those with *truth* in their name are truth and
+    those with *laser_pose* the laser's poses; of the others the only one, or the only one with *wheel* in its name,
+    is the wheels'.
     """
 
     def __init__(self, path, topic=None):
         super().__init__(path)
         self.name = self.path.stem if self.path.is_file() else self.path.resolve().name
-        with self._reader() as reader:
+        with open_reader(self.path) as reader:
             counts = {kind: Counter() for kind in (LASER_SCAN, ODOMETRY)}
             for connection in reader.connections:
                 if connection.msgtype in counts:
@@ -32,7 +35,8 @@ class Bag(Recording):
             raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; record a topic of that type')
         self._choose(counts[LASER_SCAN], topic)
         self._truth_topic = _only(name for name in counts[ODOMETRY] if 'truth' in name)
-        others = [name for name in counts[ODOMETRY] if 'truth' not in name]
+        self._laser_topic = _only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
+        others = [name for name in counts[ODOMETRY] if 'truth' not in name and 'laser_pose' not in name]
         self._wheel_topic = _only(others) or _only(name for name in others if 'wheel' in name)
         first = next(self.scans(), None)
         if first is None:
@@ -51,55 +55,82 @@ class Bag(Recording):
             geometry = scan.geometry
             yield scan
 
+    def records(self):
+        stamps = np.array(self.stamps(), dtype=np.int64)
+        robot = _at(stamps, self.wheel_odometry())
+        laser = _at(stamps, self._odometry(self._laser_topic or self._truth_topic or self._wheel_topic))
+        for scan, laser_pose, robot_pose in zip(self.scans(), laser, robot, strict=True):
+            yield Record(scan, laser_pose, robot_pose)
+
     def wheel_odometry(self):
         return self._odometry(self._wheel_topic)
 
     def truth(self):
-        return self._odometry(self._truth_topic)
+        if self._truth_topic:
+            return self._odometry(self._truth_topic)
+        laser, wheels = self._odometry(self._laser_topic), self.wheel_odometry()
+        if laser and wheels and np.array_equal(laser[0], wheels[0]) and corrected(laser[1], wheels[1]):
+            return laser
+        return None
 
     def _odometry(self, topic):
         if topic is None:
             return None
         rows = [(_stamp(message), *_planar(message.pose.pose)) for _, message in self._messages(topic)]
-        stamps = np.array([row[0] for row in rows], dtype=np.int64)
-        return stamps, np.array([row[1:] for row in rows], dtype=float).reshape(-1, 3)
+        if not rows:
+            return None
+        return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
     def _messages(self, topic):
         """Number in the topic, counted from 1, and message."""
-        with self._reader() as reader:
+        with open_reader(self.path) as reader:
             connections = [connection for connection in reader.connections if connection.topic == topic]
-            messages = reader.messages(connections=connections)
-            number = 0
-            while True:
-                number += 1
-                try:
-                    connection, _, raw = next(messages)
-                except StopIteration:
-                    return
-                except Exception as error:  # noqa: BLE001 - a damaged bag makes its reader raise nearly anything
-                    self._report(f'{self.path.name}: cannot be read from message {number} on {topic} on: '
-                                 f'{describe(error)}')
-                    return
+            for number, (connection, _, raw) in enumerate(safely(reader, connections, self._report), 1):
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
-                except Exception as error:  # noqa: BLE001 - as above
+                except Exception as error:  # noqa: BLE001 - a damaged message makes rosbags raise nearly anything
                     self._report(f'{self.path.name}: damaged message {number} on {topic} skipped: {describe(error)}')
                     continue
                 yield number, message
 
-    @contextmanager
-    def _reader(self):
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
+
+@contextmanager
+def open_reader(path):
+    """The `rosbags` reader of a bag.
+
+    Raises
+    ------
+    RecordingError
+        When the bag cannot be opened.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader.open()
+    except Exception as error:
+        raise RecordingError(f'{path}: cannot be read as a bag: {describe(error)}') from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def safely(reader, connections, report, **window):
+    """The reader's messages (connection, record time [ns], bytes) up to where the bag is damaged, which is reported."""
+    messages = reader.messages(connections=connections, **window)
+    number = 0
+    while True:
+        number += 1
         try:
-            reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader.open()
-        except Exception as error:
-            raise RecordingError(f'{self.path}: cannot be read as a bag: {describe(error)}') from error
-        try:
-            yield reader
-        finally:
-            reader.close()
+            message = next(messages)
+        except StopIteration:
+            return
+        except Exception as error:  # noqa: BLE001 - a damaged bag makes rosbags raise nearly anything
+            topics = ', '.join(sorted({connection.topic for connection in connections}))
+            report(f'{reader.paths[0].name}: cannot be read from message {number} on {topics} on: {describe(error)}')
+            return
+        yield message
 
 
 def describe(error):
@@ -110,6 +141,16 @@ def describe(error):
 def _only(names):
     names = list(names)
     return names[0] if len(names) == 1 else None
+
+
+def _at(stamps, trajectory):
+    """Poses ``(N, 3)`` of a trajectory, or zeros, at the stamps ``(N,)``: message by message where they go together."""
+    if trajectory is None:
+        return np.zeros((len(stamps), 3))
+    known, poses = trajectory
+    if np.array_equal(known, stamps):
+        return poses
+    return interpolate(known, poses, np.clip(stamps, known.min(), known.max()))
 
 
 def _stamp(message):

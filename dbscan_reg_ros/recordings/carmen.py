@@ -4,19 +4,22 @@ import math
 import re
 import zlib
 from collections import Counter
-from typing import NamedTuple
 
 import numpy as np
 
 from ..core.errors import RecordingError, ScanError
-from ..core.scan import Scan
-from .decimals import nanoseconds
-from .poses import relative
-from .recording import Recording
+from ..core.scan import Scan, ScanGeometry
+from .decimals import nanoseconds, seconds
+from .poses import corrected
+from .recording import Record, Recording
 
 FRAME_ID = 'laser'
 FLASER_RANGE_MAX = 50.0
 """A ``FLASER`` reading of this or more [m] is a missing return (50, 81.83, 81.91)."""
+FLASER_NO_RETURN = 81.83
+"""What a missing return is written as [m]."""
+UNLIMITED = 1e6
+"""The maximum range [m] that is written for a sensor that names none."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -25,7 +28,8 @@ class CarmenLog(Recording):
     """A CARMEN log, plain or gzip.
 
     ``FLASER`` holds no angles: its n beams span 180 degrees from -90 on, 180 / n apart for even n and
-    180 / (n - 1) for odd n. The stamp is the ipc_timestamp, third from the end.
+    180 / (n - 1) for odd n. In ``ROBOTLASER1`` a reading of the maximum range is a missing return. The stamp is
+    the ipc_timestamp, third from the end.
     """
 
     frame_id = FRAME_ID
@@ -33,29 +37,14 @@ class CarmenLog(Recording):
     def __init__(self, path, topic=None):
         super().__init__(path)
         self._choose(Counter(kind for _, kind, _ in self._lines()), topic)
-        if next(self._records(), None) is None:
+        if next(self.records(), None) is None:
             raise RecordingError(f'{self.path}: no readable scan; first problem: {self.problems[0]}')
 
     def scans(self):
-        for record in self._records():
+        for record in self.records():
             yield record.scan
 
-    def wheel_odometry(self):
-        stamps, _, robot = self._poses()
-        return stamps, robot
-
-    def truth(self):
-        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
-        stamps, laser, robot = self._poses()
-        offset = relative(robot, laser)
-        return (stamps, laser) if np.abs(offset - offset[0]).max() > 1e-3 else None
-
-    def _poses(self):
-        records = [(r.scan.stamp, r.laser_pose, r.robot_pose) for r in self._records()]
-        stamps, laser, robot = zip(*records, strict=True)
-        return np.array(stamps, dtype=np.int64), np.array(laser), np.array(robot)
-
-    def _records(self):
+    def records(self):
         geometry = None
         for number, kind, words in self._lines():
             if kind != self.topic:
@@ -70,6 +59,20 @@ class CarmenLog(Recording):
                 continue
             geometry = record.scan.geometry
             yield record
+
+    def wheel_odometry(self):
+        stamps, _, robot = self._poses()
+        return stamps, robot
+
+    def truth(self):
+        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
+        stamps, laser, robot = self._poses()
+        return (stamps, laser) if corrected(laser, robot) else None
+
+    def _poses(self):
+        records = [(r.scan.stamp, r.laser_pose, r.robot_pose) for r in self.records()]
+        stamps, laser, robot = zip(*records, strict=True)
+        return np.array(stamps, dtype=np.int64), np.array(laser), np.array(robot)
 
     def _lines(self):
         """Line number, kind and words of every message that holds a scan."""
@@ -86,22 +89,42 @@ class CarmenLog(Recording):
                 self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
 
 
-class _Record(NamedTuple):
-    """What one line says; poses are x, y, theta."""
+def format_line(record) -> str:
+    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``.
 
-    scan: Scan
-    laser_pose: list
-    robot_pose: list
+    A log holds neither `range_min` (nearer readings are written as 0), `time_increment` nor `frame_id`.
+    """
+    scan, geometry = record.scan, record.scan.geometry
+    n = geometry.size
+    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, 0.0, FLASER_RANGE_MAX)
+    limit = _after(geometry.range_max) if math.isfinite(geometry.range_max) else UNLIMITED
+    missing = np.isnan(scan.ranges) | (scan.ranges == np.inf)
+    ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit),
+                      np.where(scan.ranges < geometry.range_min, np.float32(0.0), scan.ranges))
+    readings = ' '.join([str(n), *ranges.astype(str)])
+    poses = ' '.join(f'{value:.9f}' for pose in (record.laser_pose, record.robot_pose) for value in pose)
+    stamp = seconds(scan.stamp)
+    if is_flaser:
+        return f'FLASER {readings} {poses} {stamp} log {stamp}'
+    start, step = np.float32(geometry.angle_min), np.float32(geometry.angle_increment)
+    return (f'ROBOTLASER1 0 {start!s} {step * (n - 1)!s} {step!s} {np.float32(limit)!s} 0.01 0 {readings} 0 {poses} '
+            f'0 0 0 0 0 {stamp} log {stamp}')
 
 
 def _read_flaser(words, geometry):
     n = int(words[0])
     if n < 2 or len(words) != n + 10:
         raise ValueError(f'{len(words)} values where {n} readings need {n + 10}')
-    step = math.pi / n if n % 2 == 0 else math.pi / (n - 1)
-    scan = Scan.from_fields(nanoseconds(words[-3]), _ranges(words[1:n + 1], FLASER_RANGE_MAX), -math.pi / 2, step,
-                            0.0, FLASER_RANGE_MAX, frame_id=FRAME_ID, geometry=geometry)
-    return _Record(scan, _pose(words[n + 1:n + 4]), _pose(words[n + 4:n + 7]))
+    ranges = _floats(words[1:n + 1])
+    ranges[ranges >= FLASER_RANGE_MAX] = np.inf
+    scan = Scan.from_fields(nanoseconds(words[-3]), ranges, *_flaser_angles(n), 0.0, FLASER_RANGE_MAX,
+                            frame_id=FRAME_ID, geometry=geometry)
+    return Record(scan, _pose(words[n + 1:n + 4]), _pose(words[n + 4:n + 7]))
+
+
+def _flaser_angles(n):
+    """First bearing and step [rad] of a ``FLASER`` with n beams."""
+    return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
 
 
 def _read_robotlaser(words, geometry):
@@ -110,21 +133,31 @@ def _read_robotlaser(words, geometry):
     poses = 9 + n + remissions
     if n < 1 or remissions < 0 or len(words) != poses + 14:
         raise ValueError(f'{len(words)} values where {n} readings and {remissions} remissions need {poses + 14}')
-    start, view, step, range_max = (float(word) for word in words[1:5])
+    start, view, step, limit = _floats(words[1:5])
     if not step and n > 1:
         step = view / (n - 1)
-    scan = Scan.from_fields(nanoseconds(words[-3]), _ranges(words[8:8 + n], range_max), start, step,
-                            0.0, range_max, frame_id=FRAME_ID, geometry=geometry)
-    return _Record(scan, _pose(words[poses:poses + 3]), _pose(words[poses + 3:poses + 6]))
+    ranges = _floats(words[8:8 + n])
+    ranges[ranges == limit] = np.inf
+    scan = Scan.from_fields(nanoseconds(words[-3]), ranges, start, step, 0.0, _before(limit),
+                            frame_id=FRAME_ID, geometry=geometry)
+    return Record(scan, _pose(words[poses:poses + 3]), _pose(words[poses + 3:poses + 6]))
 
 
 _READERS = {'FLASER': _read_flaser, 'ROBOTLASER1': _read_robotlaser}
 
 
-def _ranges(words, range_max):
-    """Readings [m], infinite where there was no return."""
-    ranges = np.array([float(word) for word in words])
-    return np.where(ranges >= range_max, np.inf, ranges) if range_max > 0.0 else ranges
+def _before(limit):
+    """The longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
+    return np.nextafter(np.float32(limit), np.float32(0.0))
+
+
+def _after(range_max):
+    """The inverse of `_before`."""
+    return np.nextafter(np.float32(range_max), np.float32(np.inf))
+
+
+def _floats(words):
+    return np.array([float(word) for word in words])
 
 
 def _pose(words):

@@ -17,3 +17,9 @@ def compose(a, b):
     return np.stack((a[:, 0] + c * b[:, 0] - s * b[:, 1],
                      a[:, 1] + s * b[:, 0] + c * b[:, 1],
                      wrap(a[:, 2] + b[:, 2])), axis=1)
+
+
+def corrected(laser, robot) -> bool:
+    """Whether the laser's poses ``(N, 3)`` were corrected: they do not simply move along with the robot's."""
+    offset = relative(robot, laser)
+    return bool(np.abs(relative(offset[:1].repeat(len(offset), axis=0), offset)).max() > 1e-3)

@@ -2,8 +2,10 @@
 import gzip
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 from ..core.errors import RecordingError
+from ..core.scan import Scan
 
 
 def open_recording(path, topic=None) -> 'Recording':
@@ -22,21 +24,44 @@ def open_recording(path, topic=None) -> 'Recording':
         of scans and none was chosen.
     """
     path = Path(path)
-    try:
-        start = b'' if path.is_dir() else _start_of(path)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
-    if path.is_dir() and not (path / 'metadata.yaml').exists():
-        raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it')
-    if path.is_dir() or start.startswith((b'#ROSBAG', b'SQLite format 3\0', b'\x89MCAP')):
+    if is_bag(path):
         from .bag import Bag
         return Bag(path, topic)
-    if not start:
-        raise RecordingError(f'{path}: the file is empty')
-    if b'\0' in start:
-        raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
     from .carmen import CarmenLog
     return CarmenLog(path, topic)
+
+
+def is_bag(path) -> bool:
+    """Whether `path` is a bag; otherwise it may be a CARMEN log.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read, is empty, or can be neither.
+    """
+    if path.is_dir():
+        if not (path / 'metadata.yaml').exists():
+            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it')
+        return True
+    try:
+        start = _start_of(path)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    if not start:
+        raise RecordingError(f'{path}: the file is empty')
+    if start.startswith((b'#ROSBAG', b'SQLite format 3\0', b'\x89MCAP')):
+        return True
+    if b'\0' in start:
+        raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
+    return False
+
+
+class Record(NamedTuple):
+    """A scan with the poses that were recorded along with it: x [m], y [m], theta [rad]; zero where there are none."""
+
+    scan: Scan
+    laser_pose: tuple
+    robot_pose: tuple
 
 
 class Recording:
@@ -74,6 +99,10 @@ class Recording:
 
         Scans whose beams point the same way share one `ScanGeometry`.
         """
+        raise NotImplementedError
+
+    def records(self):
+        """Iterator of `Record`, as `scans`."""
         raise NotImplementedError
 
     def stamps(self) -> list:

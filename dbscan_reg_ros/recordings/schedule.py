@@ -1,0 +1,23 @@
+"""Times that never go back, from stamps that may."""
+
+RESTART = 10_000_000_000
+"""A stamp this far back [ns] is no jitter: the recording was looped, or its clock was set."""
+
+
+class Schedule:
+    """Makes the stamps of a recording monotone, one at a time, without changing their order.
+
+    A stamp that goes back waits at the last time; when it goes back by 10 s or more, time goes on from there.
+    """
+
+    def __init__(self):
+        self._last = None
+        self._offset = 0
+
+    def time(self, stamp) -> int:
+        """The time [ns] for the next `stamp` [ns]: no earlier than that for the one before."""
+        if self._last is not None and stamp + self._offset <= self._last - RESTART:
+            self._offset = self._last - stamp
+        time = stamp + self._offset
+        self._last = time if self._last is None else max(time, self._last)
+        return self._last
