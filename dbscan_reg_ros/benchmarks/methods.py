@@ -1,5 +1,4 @@
 """Ours, its rivals and the floor, all as ``method(reference_scan, current_scan) -> record``."""
-import importlib.metadata
 import math
 import sys
 from collections.abc import Callable
@@ -12,16 +11,18 @@ from ..baselines import Result, icl, icp, idc
 from ..core.errors import DbscanRegError, ScanError
 from ..core.features import extract_features
 from ..core.parameters import Parameters
-from ..core.records import Status
+from ..core.records import Prior, Status
 from ..core.registration import register
 from ..core.se2 import SE2
 
 LAYERS = 0.1 * np.arange(-2, 3)
-GATE = 2.0
+GATE, GATE_GUESSED = 2.0, 0.5
+"""How far apart GICP's pairs may be [m], without and with a guess: each does best with its own."""
+GUESS_COVARIANCE = np.diag((0.1, 0.1, 0.05)) ** 2
 
 
-class MethodMissing(DbscanRegError):
-    """A method is unknown, or what it needs is not installed."""
+class BenchmarkError(DbscanRegError):
+    """Something to be measured is unknown, or needs what is not installed."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,13 @@ class Method:
     prepare : callable
         ``prepare(scan)``: what is computed once a scan.
     align : callable
-        ``align(prepared_reference, prepared_current)``: a record with `transform` and `status`.
-    version : str
+        ``align(prepared_reference, prepared_current, guess=None)``: a record with `transform` and `status`;
+        `guess` is an `SE2`.
     """
 
     name: str
     prepare: Callable
     align: Callable
-    version: str = ''
 
     def __call__(self, reference, current):
         """Register the `Scan` `current` onto the `Scan` `reference`, without a guess."""
@@ -52,15 +52,15 @@ def method(name) -> Method:
 
     Raises
     ------
-    MethodMissing
+    BenchmarkError
         When there is no such method, or a package that it needs is not installed.
     """
     if name not in FACTORIES:
-        raise MethodMissing(f'unknown method {name!r}; expected one of {", ".join(FACTORIES)}')
+        raise BenchmarkError(f'unknown method {name!r}; expected one of {", ".join(FACTORIES)}')
     try:
         return FACTORIES[name](name)
     except ImportError as error:
-        raise MethodMissing(f'method {name} needs a package that is not installed ({error}): '
+        raise BenchmarkError(f'method {name} needs a package that is not installed ({error}): '
                             f'pip install {error.name or name}') from error
 
 
@@ -72,7 +72,7 @@ def chosen(names=None) -> list:
     for name in FACTORIES:
         try:
             found.append(method(name))
-        except MethodMissing as missing:
+        except DbscanRegError as missing:
             print(f'left out: {missing}', file=sys.stderr)
     return found
 
@@ -84,10 +84,10 @@ def _ours(parameters, name):
         except ScanError:
             return None
 
-    def align(reference, current):
+    def align(reference, current, guess=None):
         if reference is None or current is None:
             return Result(SE2(), Status.FAILED)
-        return register(reference, current, parameters)
+        return register(reference, current, parameters, guess and Prior(guess, GUESS_COVARIANCE))
 
     return Method(name, prepare, align)
 
@@ -102,8 +102,15 @@ def _paper(name):
     return _ours(read_parameters(path), name)
 
 
+def _baseline(module):
+    def align(reference, current, guess=None):
+        return module.align(reference, current, guess or SE2())
+
+    return lambda name: Method(name, module.prepare, align)
+
+
 def _identity(name):
-    return Method(name, lambda scan: None, lambda reference, current: Result(SE2(), Status.OK))
+    return Method(name, lambda scan: None, lambda reference, current, guess=None: Result(SE2(), Status.OK))
 
 
 def _small_gicp(name):
@@ -111,14 +118,15 @@ def _small_gicp(name):
     import small_gicp
 
     def prepare(scan):
-        return small_gicp.preprocess_points(_lifted(scan, LAYERS), 0.01, 20, 1)
+        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1)
 
-    def align(reference, current):
+    def align(reference, current, guess=None):
         (target, tree), (source, _) = reference, current
-        result = small_gicp.align(target, source, tree, np.eye(4), 'GICP', GATE, 1)
-        return Result(_planar(result.T_target_source), Status.OK if result.converged else Status.FAILED)
+        gate = GATE if guess is None else GATE_GUESSED
+        result = small_gicp.align(target, source, tree, spatial(guess or SE2()), 'GICP', gate, 1)
+        return Result(planar(result.T_target_source), Status.OK if result.converged else Status.FAILED)
 
-    return Method(name, prepare, align, importlib.metadata.version('small_gicp'))
+    return Method(name, prepare, align)
 
 
 def _kiss_icp(name):
@@ -126,15 +134,16 @@ def _kiss_icp(name):
     from kiss_icp.kiss_icp import KissICP
 
     def prepare(scan):
-        return _lifted(scan, [0.0])
+        return lifted(scan, [0.0])
 
-    def align(reference, current):
+    def align(reference, current, guess=None):
         pipeline = KissICP(kiss_config())
-        for points in (reference, current):
-            pipeline.register_frame(points, np.empty(0))
-        return Result(_planar(pipeline.last_pose), Status.OK)
+        pipeline.register_frame(reference, np.empty(0))
+        pipeline.last_delta = spatial(guess or SE2())
+        pipeline.register_frame(current, np.empty(0))
+        return Result(planar(pipeline.last_pose), Status.OK)
 
-    return Method(name, prepare, align, importlib.metadata.version('kiss-icp'))
+    return Method(name, prepare, align)
 
 
 def kiss_config():
@@ -143,17 +152,26 @@ def kiss_config():
     config = KISSConfig()
     config.data.deskew = False
     config.mapping.voxel_size = 0.2
-    config.adaptive_threshold.initial_threshold = GATE
     config.registration.max_num_threads = 1
     return config
 
 
-def _lifted(scan, heights):
+def lifted(scan, heights):
+    """(P, 3) returns [m] of `scan`, once for each height."""
     points = scan.points[scan.valid]
     return np.column_stack((np.tile(points, (len(heights), 1)), np.repeat(heights, len(points))))
 
 
-def _planar(matrix):
+def spatial(transform):
+    """The (4, 4) motion of space of an `SE2`."""
+    matrix = np.eye(4)
+    matrix[:2, :2] = transform.rotation()
+    matrix[:2, 3] = transform.x, transform.y
+    return matrix
+
+
+def planar(matrix):
+    """The `SE2` in a (4, 4) motion of space."""
     return SE2(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
 
 
@@ -162,8 +180,8 @@ FACTORIES = {
     'paper': _paper,
     'small_gicp': _small_gicp,
     'kiss-icp': _kiss_icp,
-    'icp': lambda name: Method(name, icp.prepare, icp.align),
-    'idc': lambda name: Method(name, idc.prepare, idc.align),
-    'icl': lambda name: Method(name, icl.prepare, icl.align),
+    'icp': _baseline(icp),
+    'idc': _baseline(idc),
+    'icl': _baseline(icl),
     'identity': _identity,
 }

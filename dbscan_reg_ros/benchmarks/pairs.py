@@ -21,5 +21,5 @@ def trials(intel, limit=None) -> list:
 
 
 def measure(args):
-    """Metrics by method."""
-    return rates(args, trials(Intel.below(args.data), args.limit))
+    """A `Report`."""
+    return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS)

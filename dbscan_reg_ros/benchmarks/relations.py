@@ -54,5 +54,5 @@ def by_view(outcomes) -> dict:
 
 
 def measure(args):
-    """Metrics by method."""
-    return rates(args, trials(Intel.below(args.data), args.limit), by_view)
+    """A `Report`."""
+    return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS, by_view)

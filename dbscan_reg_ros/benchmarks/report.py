@@ -2,6 +2,7 @@
 import importlib.metadata
 import math
 import platform
+from dataclasses import dataclass, field
 
 from .trials import Outcome
 
@@ -14,18 +15,38 @@ def machine() -> str:
     return f'python {platform.python_version()}, {", ".join(packages)}; {_processor()}'
 
 
-def table(metrics) -> str:
-    """One row for each method, one column for each metric."""
-    names = list(dict.fromkeys(name for row in metrics.values() for name in row))
-    cells = [['method', *names]]
-    cells += [[method, *(_cell(name, row.get(name, math.nan)) for name in names)] for method, row in metrics.items()]
-    return _aligned(_folded(cells))
+@dataclass
+class Report:
+    """What a benchmark measured.
 
+    Attributes
+    ----------
+    metrics : dict
+        Method -> metric -> number.
+    missed : list of str
+        One line for each bound that ours misses.
+    tables : list of str
+    """
 
-def verdict(metrics, bounds) -> list:
-    """One line for each bound that the metrics of one method miss."""
-    return [f'{name} = {metrics[name]:.4g}, expected {bound}'
-            for name, bound in bounds.items() if name in metrics and not bound.holds(metrics[name])]
+    metrics: dict = field(default_factory=dict)
+    missed: list = field(default_factory=list)
+    tables: list = field(default_factory=list)
+
+    def add(self, title, rows, bounds, shown=None, prefix=''):
+        """Add a table of `rows` (method -> metric -> number), of the metrics `shown` or all of them.
+
+        `bounds` (metric -> `Bound`) hold for the method ``dbscan``; the metrics are kept under `prefix`.
+        """
+        for method, row in rows.items():
+            self.metrics.setdefault(method, {}).update({prefix + name: value for name, value in row.items()})
+        ours = rows.get('dbscan', {})
+        self.missed += [f'{prefix}{name} = {ours[name]:.4g}, expected {bound}'
+                        for name, bound in bounds.items() if name in ours and not bound.holds(ours[name])]
+        names = dict.fromkeys(name for row in rows.values() for name in row)
+        names = [name for name in shown or names if name in names]
+        cells = [[title, *names]]
+        cells += [[method, *(_cell(name, row.get(name, math.nan)) for name in names)] for method, row in rows.items()]
+        self.tables.append(_aligned(_folded(cells)))
 
 
 def failures(outcomes) -> str:
@@ -49,12 +70,12 @@ def _cell(name, value):
         return str(value)
     if math.isnan(value):
         return '-'
-    if '_m' in name or '_deg' in name or name.startswith(('ms', 'ratio')):
+    if name.endswith(('_m', '_deg', '_nees', '_spread')) or name.startswith(('ms', 'ratio')):
         return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
     return f'{100.0 * value:.1f}'
 
 
-def _folded(cells, width=12):
+def _folded(cells, width=9):
     """Blocks of at most `width` columns beside the first."""
     return [[[row[0], *row[start:start + width]] for row in cells] for start in range(1, len(cells[0]), width)]
 

@@ -6,6 +6,7 @@ from . import pairs, synthetic
 from .bounds import at_most
 from .intel import Intel
 from .methods import method
+from .report import Report
 from .trials import Trial, run, summarise, thinned
 
 BOUNDS = {
@@ -28,7 +29,7 @@ def fine_trials(folder, limit=None, seed=0) -> list:
 
 
 def measure(args):
-    """Metrics by method."""
+    """A `Report`."""
     intel = Intel.below(args.data)
     methods = [method(name) for name in args.method or METHODS]
     coarse = run(methods, pairs.trials(intel, args.limit or PAIRS), '180 beams')
@@ -41,4 +42,6 @@ def measure(args):
     for row in metrics.values():
         if 'small_gicp' in metrics:
             row['ratio_gicp'] = row['ms_p50'] / metrics['small_gicp']['ms_p50']
-    return metrics
+    report = Report()
+    report.add('speed', metrics, BOUNDS)
+    return report

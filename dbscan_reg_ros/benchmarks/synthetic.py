@@ -42,7 +42,7 @@ def moved(scan, ranges, motion) -> Scan:
     The beams keep their order and get one bearing each.
     """
     points = np.where(np.isfinite(ranges), ranges, np.nan)[:, None] * scan.geometry.directions
-    return Scan.from_points(motion.inverse().apply(points), scan.stamp)
+    return Scan.from_points(motion.inverse().apply(points), scan.stamp, angle_increment=scan.geometry.angle_increment)
 
 
 def random_motion(rng, translation, rotation) -> SE2:
@@ -77,5 +77,5 @@ def trials(intel, limit=None, seed=0) -> list:
 
 
 def measure(args):
-    """Metrics by method."""
-    return rates(args, trials(Intel.below(args.data), args.limit))
+    """A `Report`."""
+    return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS)

@@ -71,19 +71,21 @@ def run(methods, trials, title) -> dict:
     return outcomes
 
 
-def rates(args, trials, more=None) -> dict:
-    """Method -> metric -> number over `trials`, by the methods that `args` names; ``--verbose`` lists the failures.
+def rates(args, trials, bounds, more=None):
+    """A `Report` on `trials` for the methods that `args` names; ``--verbose`` lists the failures.
 
     `more(outcomes)` adds metrics of its own.
     """
     from .methods import chosen
-    from .report import failures
-    metrics = {}
+    from .report import Report, failures
+    rows = {}
     for name, outcomes in run(chosen(args.method), trials, args.benchmark).items():
-        metrics[name] = summarise(outcomes) | (more(outcomes) if more else {})
+        rows[name] = summarise(outcomes) | (more(outcomes) if more else {})
         if args.verbose:
-            print(f'{name}\n{failures(outcomes)}')
-    return metrics
+            print(f'{name}\n{failures(outcomes)}\n')
+    report = Report()
+    report.add(args.benchmark, rows, bounds)
+    return report
 
 
 def summarise(outcomes) -> dict:

@@ -1,0 +1,169 @@
+"""Recordings and simulated worlds with the truth that odometry is judged by, and Intel made harder."""
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.scan import Scan
+from ..core.se2 import SE2
+from ..recordings import interpolate, open_recording
+from ..recordings.poses import compose
+from ..simulation import Lidar, corridor, follow, hall, rooms, simulate
+from ..simulation.raycasting import cast
+from .intel import Intel
+
+SEEDS = (0, 1, 2)
+URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Scans in order, and what is known of the sensor's true motion.
+
+    Attributes
+    ----------
+    scans : list of Scan
+    judged : (N,) bool
+        The scans that count; the others only disturb.
+    indices : (N,) int
+        Each scan's number in the recording.
+    reference : (N, 3) float or None
+        True pose [m, m, rad] at each scan.
+    relations : Relations or None
+    wheels : (N, 3) float or None
+        Pose of the sensor by the wheels at each scan.
+    axis : float or None
+        The direction [rad] in the frame of `reference` that nothing in sight tells.
+    """
+
+    scans: list
+    judged: np.ndarray = None
+    indices: np.ndarray = None
+    reference: np.ndarray | None = None
+    relations: object = None
+    wheels: np.ndarray | None = None
+    axis: float | None = None
+
+    def __post_init__(self):
+        if self.judged is None:
+            object.__setattr__(self, 'judged', np.ones(len(self.scans), dtype=bool))
+        if self.indices is None:
+            object.__setattr__(self, 'indices', np.arange(len(self.scans)))
+
+    @property
+    def stamps(self):
+        """(N,) int64 [ns]"""
+        return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
+
+    def take(self, chosen) -> 'Course':
+        """The scans `chosen`, by index or mask."""
+        def rows(values):
+            return None if values is None else values[chosen]
+        picked = np.arange(len(self.scans))[chosen]
+        return dataclasses.replace(
+            self, scans=[self.scans[i] for i in picked], judged=self.judged[chosen], indices=self.indices[chosen],
+            reference=rows(self.reference), wheels=rows(self.wheels))
+
+
+def intel(folder) -> list:
+    """The Intel log."""
+    log = Intel(folder / 'intel')
+    _, wheels = log.recording.wheel_odometry()
+    return [Course(log.scans, reference=log.reference, relations=log.relations, wheels=wheels)]
+
+
+def dropped(folder, share=0.2, seed=0) -> list:
+    """Intel without a fifth of its scans, picked at random."""
+    course, = intel(folder)
+    kept = np.random.default_rng(seed).random(len(course.scans)) >= share
+    return [course.take(kept)]
+
+
+def noise(folder, every=50, seed=0) -> list:
+    """Intel with every 50th scan replaced by ranges that mean nothing."""
+    course, = intel(folder)
+    rng = np.random.default_rng(seed)
+    scans, judged = list(course.scans), course.judged.copy()
+    for k in range(every, len(scans), every):
+        scans[k] = dataclasses.replace(scans[k], ranges=rng.uniform(0.2, 10.0, scans[k].geometry.size))
+        judged[k] = False
+    return [dataclasses.replace(course, scans=scans, judged=judged)]
+
+
+def person(folder, seed=0) -> list:
+    """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor."""
+    course, = intel(folder)
+    rng = np.random.default_rng(seed)
+    bearing, scans = 0.0, []
+    for scan in course.scans:
+        bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
+        body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
+        legs = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
+        legs += rng.normal(0.0, 0.01, len(legs))
+        scans.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))
+    return [dataclasses.replace(course, scans=scans)]
+
+
+def aces(folder) -> list:
+    """The ACES log: key frames half a metre and more apart; truth are its corrected poses, good to 5 cm."""
+    recording = open_recording(folder / 'aces' / 'aces.log.gz')
+    return [Course(list(recording.scans()), reference=recording.truth()[1],
+                   wheels=recording.wheel_odometry()[1])]
+
+
+def urg04lx(folder) -> list:
+    """A corridor seen no farther than 4 m; truth are the wheels, carried to the sensor."""
+    recording = open_recording(folder / 'urg04lx' / 'exp1')
+    scans = list(recording.scans())
+    wheels = interpolate(*recording.wheel_odometry(), [scan.stamp for scan in scans])
+    wheels = compose(wheels, np.repeat(URG04LX_MOUNTING, len(scans), axis=0))
+    course = Course(scans, reference=wheels, wheels=wheels)
+    return [course.take(np.isfinite(wheels).all(axis=1))]
+
+
+def lms511(folder) -> list:
+    """A sensor that stands still for 7 s."""
+    scans = list(open_recording(folder / 'lms511' / 'static').scans())
+    return [Course(scans, reference=np.zeros((len(scans), 3)))]
+
+
+def simulated(world, lidar=Lidar(), seed=0, axis=None) -> Course:
+    """The tour of a world."""
+    result = simulate(world, follow(world.tour), lidar, seed)
+    return Course(result.scans, reference=result.truth, axis=axis)
+
+
+def simulated_rooms(folder) -> list:
+    """Tours through furnished rooms."""
+    return [simulated(rooms(seed), seed=seed) for seed in SEEDS]
+
+
+def simulated_corridors(folder) -> list:
+    """Corridors whose doors are recesses, there and back."""
+    courses = []
+    for seed in SEEDS:
+        world = corridor(seed=seed)
+        there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:1])))
+        courses.append(simulated(there_and_back, seed=seed))
+    return courses
+
+
+def simulated_halls(folder) -> list:
+    """Tours through halls with columns."""
+    return [simulated(hall(seed), seed=seed) for seed in SEEDS]
+
+
+def featureless(folder) -> list:
+    """A smooth corridor, both ends out of the sensor's range."""
+    world = corridor(length=60.0, doors=0)
+    middle = dataclasses.replace(world, tour=np.array([(15.0, 0.0), (45.0, 0.0)]))
+    return [simulated(middle, Lidar(range_max=12.0), axis=0.0)]
+
+
+COURSES = {
+    'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
+    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'dropped': dropped,
+    'noise': noise, 'person': person,
+}
+"""Name -> ``courses(folder)``: one course, or one for each seed."""
