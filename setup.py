@@ -20,6 +20,7 @@ setup(
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
     ],
     entry_points={'console_scripts': [
+        f'convert = {PACKAGE}.commands.convert:main',
         f'demo = {PACKAGE}.commands.demo:main',
         f'play = {PACKAGE}.commands.play:main',
         f'replay = {PACKAGE}.commands.replay:main',

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from .command_line import FAILED, add_data, make_parser, run
 
-STARTING = 30.0
-"""The node has to be up after this time [s]."""
+STARTING = 30
+"""The node has to be up after this many seconds."""
 
 
 def main(argv=None) -> int:
@@ -53,7 +53,7 @@ def _play(recording, out, params_file):
     """The `Answers` of a node of our own to all scans of the recording."""
     from tqdm import tqdm
 
-    from ..node.player import Player, PlayerError
+    from ..node.player import Player
     from .private_graph import private_graph
     from .processes import Process, package_command
 
@@ -64,12 +64,24 @@ def _play(recording, out, params_file):
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
           Player() as player):
-        print(f'node         process {node.pid}, ROS domain {domain}, log {node.log}')
-        try:
-            player.wait_for_node(STARTING)
-        except PlayerError as error:
-            raise PlayerError(f'{error}; the node said:\n{node.output()}') from error
+        print(f'node         process {node.pid}, ROS domain {domain}, log {node.log}', flush=True)
+        _wait_for(node, player)
         return player.play(tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None))
+
+
+def _wait_for(node, player):
+    """Until the node listens; an error as soon as it has ended."""
+    from ..node.player import PlayerError
+
+    for seconds_left in reversed(range(STARTING)):
+        try:
+            return player.wait_for_node(1.0)
+        except PlayerError as error:
+            if not node.running():
+                said = node.output().strip().splitlines() or ['nothing']
+                raise PlayerError(f'the node ended at once; it said: {said[-1]}') from error
+            if not seconds_left:
+                raise
 
 
 def _report(recording, answers, out):
@@ -78,6 +90,7 @@ def _report(recording, answers, out):
 
     from ..plots import plot_map
     from ..recordings import write_tum
+    from ..recordings.poses import relative
 
     poses = answers.poses()
     answered = np.isfinite(poses).all(axis=1)
@@ -85,7 +98,9 @@ def _report(recording, answers, out):
     scans = (scan for scan, kept in zip(recording.scans(), answered, strict=True) if kept)
     write_tum(out / 'trajectory.tum', stamps, poses)
     print(f'trajectory   {out / "trajectory.tum"}')
-    plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans')
+    truth = recording.truth()
+    plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
+             relative(truth[1][:1], truth[1]) if truth else None)
     print(f'map          {out / "map.png"}')
     print(*recording.problems, sep='\n', end='\n' if recording.problems else '')
     if answers.unexpected:

@@ -1,0 +1,119 @@
+"""The demo: the whole chain in processes of its own, and nothing left of it afterwards."""
+import os
+import re
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.commands.processes import Process, package_command
+from dbscan_reg_ros.recordings import open_recording, read_tum
+
+
+@pytest.fixture
+def demo(start_command, tmp_path):
+    """``demo(*words)``: start the demo with a results folder in the test's own."""
+    return lambda *words: start_command('demo', '--out', tmp_path / 'out', *words)
+
+
+def node_of(process, deadline):
+    """The number of the node's process, once the demo has said it."""
+    return int(when(lambda: re.search(r'node +process (\d+)', process.output()), deadline, process)[1])
+
+
+def when(condition, deadline, process):
+    """What `condition` gives as soon as it holds."""
+    end = time.monotonic() + deadline
+    while not (result := condition()):
+        assert process.running() and time.monotonic() < end, process.output()
+        time.sleep(0.01)
+    return result
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path):
+    process = demo()
+    node = node_of(process, 60.0)
+    assert process.wait(120.0) == 0, process.output()
+    last = process.output().splitlines()[-1]
+    count, lost, path, metres, share = re.fullmatch(
+        r'scans (\d+) lost (\d+) path ([\d.]+) m final error ([\d.]+) m \(([\d.]+) %\) [\d.]+ deg', last).groups()
+    assert int(count) > 500 and int(lost) == 0 and float(path) > 50.0
+    assert float(metres) < 0.02 * float(path) and float(share) < 2.0
+    stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
+    assert len(stamps) == int(count) and poses[0].tolist() == [0.0, 0.0, 0.0]
+    assert (tmp_path / 'out' / 'map.png').stat().st_size > 10_000
+    assert not alive(node)
+
+
+def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, data, tmp_path):
+    process = demo('urg04lx/exp1', '--data', data)
+    assert process.wait(120.0) == 0, process.output()
+    assert process.output().splitlines()[-1] == 'scans 756 lost 0'
+    stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
+    assert stamps.tolist() == open_recording(data / 'urg04lx' / 'exp1').stamps()
+    assert np.isfinite(poses).all()
+
+
+def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo, data):
+    process = demo('intel/intel.log.gz', '--data', data)
+    assert process.wait(180.0) == 0, process.output()
+    metres, degrees = re.fullmatch(r'scans 5505 lost 0 neighbours (\d\.\d{3}) m (\d\.\d{2}) deg',
+                                   process.output().splitlines()[-1]).groups()
+    assert float(metres) < 0.03 and float(degrees) < 0.5
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('moment', ['starting', 'playing'])
+def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
+    process = demo()
+    node = node_of(process, 60.0)
+    if moment == 'playing':
+        when(lambda: 'ready' in (tmp_path / 'out' / 'scan_matcher.log').read_text(), 30.0, process)
+    process.signal(number)
+    assert process.wait(15.0) == 130, process.output()
+    assert process.output().splitlines()[-1] == 'demo: interrupted'
+    assert not alive(node)
+
+
+def test_a_node_that_cannot_start_is_reported_with_what_it_said(demo, tmp_path):
+    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.sigma: -1.0\n')
+    process = demo('--params-file', tmp_path / 'wrong.yaml')
+    assert process.wait(15.0) == 2
+    assert re.fullmatch(r'demo: the node ended at once; it said: .*rotation\.sigma = -1\.0: expected .*',
+                        process.output().splitlines()[-1])
+
+
+def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):
+    process = demo('absent.log')
+    assert process.wait(30.0) == 2
+    assert process.output() == 'demo: absent.log: cannot be read: No such file or directory\n'
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_process_that_ignores_signals_is_stopped_with_its_children(tmp_path):
+    stubborn = 'trap "" INT TERM; sleep 600 & echo $!; wait; while :; do sleep 1; done'
+    process = Process(['bash', '-c', stubborn], tmp_path / 'log')
+    child = int(when(process.output, 10.0, process))
+    assert process.stop(patience=0.2) == -signal.SIGKILL
+    assert not process.running()
+    end = time.monotonic() + 5.0
+    while alive(child) and subprocess.run(['ps', '-o', 'stat=', str(child)], capture_output=True, text=True,
+                                          check=False).stdout.strip() not in ('', 'Z'):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_command_of_the_package_runs_in_this_interpreter(tmp_path):
+    with Process(package_command('--help'), tmp_path / 'log') as process:
+        assert process.wait(10.0) == 0
+    assert process.output().startswith('usage: ')
