@@ -8,8 +8,9 @@ from visualization_msgs.msg import MarkerArray
 from ..core.errors import DbscanRegError
 from ..core.odometry import Odometry
 from ..core.records import Status
+from ..core.scan import Scan
 from .live_parameters import LiveParameters
-from .messages import angles_disagree, odometry_to_message, scan_from_message, segments_to_message
+from .messages import angles_disagree, odometry_to_message, segments_to_message
 from .mounting import Mounting, base_state
 from .notices import Notices
 from .transforms import TransformSender
@@ -59,7 +60,7 @@ class ScanMatcher:
     def _on_scan(self, message):
         mounting = Mounting()
         try:
-            scan = scan_from_message(message, self._geometry, mounting.upside_down)
+            scan = Scan.from_message(message, self._geometry, mounting.upside_down)
             if scan.geometry is not self._geometry:
                 self._look_at_geometry(message, scan.geometry)
             update = self._odometry.process(scan)

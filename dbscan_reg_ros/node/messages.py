@@ -1,4 +1,4 @@
-"""Messages to scans, and results to messages."""
+"""Scans and results as messages; `Scan.from_message` is the way back."""
 import array
 import math
 
@@ -12,11 +12,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.errors import ScanError
 from ..core.records import OdometryUpdate
-from ..core.scan import Scan, ScanGeometry
+from ..core.scan import SECOND
 from ..core.se2 import SE2
 from .mounting import BaseState
 
-SECOND = 1_000_000_000
 PLANE = [0, 1, 5]
 """x, y and yaw among the rows of a 6x6 covariance."""
 UNKNOWN_VARIANCE = 1e6
@@ -32,29 +31,6 @@ COLORS = {
 }
 
 
-def scan_from_message(message, previous=None, upside_down=False) -> Scan:
-    """A `Scan` of a LaserScan message.
-
-    Parameters
-    ----------
-    message : sensor_msgs.msg.LaserScan
-    previous : ScanGeometry, optional
-        That of the last scan: the same object is used again, with what it caches, while the beams stay the same.
-    upside_down : bool
-        The sensor's z axis points down: the scan is that of an upright sensor with the same x axis.
-
-    Raises
-    ------
-    ScanError
-        When the message's stamp, angles or number of ranges cannot be those of a scan.
-    """
-    sign = -1.0 if upside_down else 1.0
-    angles = sign * message.angle_min, sign * message.angle_increment
-    geometry = ScanGeometry(*angles, len(message.ranges), message.range_min, message.range_max)
-    return Scan(stamp_from_message(message.header.stamp), np.frombuffer(message.ranges, dtype=np.float32),
-                previous if geometry == previous else geometry, message.time_increment, message.header.frame_id)
-
-
 def angles_disagree(message) -> str:
     """How far `angle_max` of a LaserScan is from what its other fields say; empty within 1.5 beams."""
     last = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
@@ -65,7 +41,7 @@ def angles_disagree(message) -> str:
 
 
 def scan_to_message(scan) -> LaserScan:
-    """A LaserScan message that `scan_from_message` turns into the same scan.
+    """A LaserScan message that `Scan.from_message` turns into the same scan.
 
     Raises
     ------
@@ -84,15 +60,7 @@ def scan_to_message(scan) -> LaserScan:
 
 
 def stamp_from_message(stamp) -> int:
-    """Nanoseconds of a Time message.
-
-    Raises
-    ------
-    ScanError
-        When the nanoseconds make up a second or more.
-    """
-    if stamp.nanosec >= SECOND:
-        raise ScanError(f'header.stamp.nanosec = {stamp.nanosec}: expected less than {SECOND}')
+    """Nanoseconds of a Time message."""
     return stamp.sec * SECOND + stamp.nanosec
 
 

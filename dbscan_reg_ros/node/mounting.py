@@ -25,7 +25,7 @@ class Mounting:
     pose : SE2
         Of an upright sensor with the laser's x axis, in the base frame.
     upside_down : bool
-        The laser's z axis points down; `scan_from_message` makes its scans those of the upright sensor.
+        The laser's z axis points down; `Scan.from_message` makes its scans those of the upright sensor.
     """
 
     pose: SE2 = IDENTITY

@@ -3,6 +3,8 @@ import argparse
 import signal
 import sys
 
+from .ros_arguments import split_arguments
+
 BAD_INPUT = 2
 
 
@@ -15,10 +17,10 @@ def main(argv=None) -> int:
         0 after a signal, 2 when an argument or a parameter is wrong.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
-    own = argv[:argv.index('--ros-args')] if '--ros-args' in argv else argv
-    argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog='scan_matcher', description='Laser odometry: subscribes to scan, publishes odom, segments and /tf.',
-        usage='scan_matcher [-h] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]').parse_args(own)
+        usage='scan_matcher [-h] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
+    parser.parse_args(split_arguments(argv)[0])
     stop = _StopSignals()
 
     import rclpy

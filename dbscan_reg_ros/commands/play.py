@@ -1,0 +1,46 @@
+"""``play FILE``: publish a recording to a running node."""
+import argparse
+import sys
+
+from ..node.ros_arguments import split_arguments
+from .command_line import add_recording, make_parser, run
+
+
+def main(argv=None) -> int:
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    parser = make_parser('play', 'Publish a recording on scan to a running node, by default with its original timing. '
+                         'The messages keep their own stamps. ROS arguments may follow, such as '
+                         '--ros-args -r scan:=laser.')
+    add_recording(parser)
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='R times as fast (default: 1)')
+    speed.add_argument('--lockstep', action='store_true',
+                       help='as fast as the node answers on odom, so that no scan is lost')
+    parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
+    parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
+                        help='wait at most S seconds for a node that hears the scans (default: 10)')
+    return run(parser, lambda args: play(args, ros), own)
+
+
+def play(args, ros_arguments):
+    """Play the recording and print how much of it was answered."""
+    from tqdm import tqdm
+
+    from ..node.player import Player
+    from ..recordings import find_recording, open_recording
+
+    recording = open_recording(find_recording(args.file, args.data), args.topic)
+    with Player(ros_arguments, args.clock) as player:
+        player.wait_for_node(args.wait, answering=args.lockstep)
+        scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
+        answers = player.play(scans, None if args.lockstep else args.rate)
+    for problem in recording.problems:
+        print(problem, file=sys.stderr)
+    print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} lost {answers.lost}')
+
+
+def _positive(text):
+    value = float(text)
+    if not 0.0 < value < float('inf'):
+        raise argparse.ArgumentTypeError(f'{text}: expected a number above 0')
+    return value
