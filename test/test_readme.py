@@ -29,4 +29,4 @@ def test_every_launch_file_is_there(root, readme):
 
 def test_every_command_has_its_line(readme):
     table = readme.partition('## Commands')[2].partition('##')[0]
-    assert set(re.findall(r'^\| `(\w+)', table, re.M)) == set(COMMANDS)
+    assert set(re.findall(r'^\| `(\w+)', table, re.MULTILINE)) == set(COMMANDS)
