@@ -13,7 +13,8 @@ from .decimals import nanoseconds, seconds
 from .poses import corrected
 from .recording import Record, Recording
 
-FRAME_ID = 'laser'
+SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
+"""``PARAM`` lines that we write and read, with what holds without them [m, s]."""
 FLASER_RANGE_MAX = 50.0
 """A ``FLASER`` reading of this or more [m] is a missing return (50, 81.83, 81.91)."""
 FLASER_NO_RETURN = 81.83
@@ -32,33 +33,32 @@ class CarmenLog(Recording):
     the ipc_timestamp, third from the end.
     """
 
-    frame_id = FRAME_ID
-
     def __init__(self, path, topic=None):
         super().__init__(path)
-        self._choose(Counter(kind for _, kind, _ in self._lines()), topic)
-        if next(self.records(), None) is None:
+        self._choose(Counter(kind for _, kind, _ in self._lines() if kind in _READERS), topic)
+        first = next(self.scans(), None)
+        if first is None:
             raise RecordingError(f'{self.path}: no readable scan; first problem: {self.problems[0]}')
+        self.frame_id = first.frame_id
 
     def scans(self):
         for record in self.records():
             yield record.scan
 
     def records(self):
-        geometry = None
+        geometry, settings = None, dict(SETTINGS)
         for number, kind, words in self._lines():
-            if kind != self.topic:
-                continue
             try:
-                record = _READERS[kind](words.split(), geometry)
+                if kind == 'PARAM':
+                    _set(settings, words.split())
+                elif kind == self.topic:
+                    record = _READERS[kind](words.split(), settings, geometry)
+                    geometry = record.scan.geometry
+                    yield record
             except IndexError:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: too few values')
-                continue
             except (ScanError, ValueError) as error:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
-                continue
-            geometry = record.scan.geometry
-            yield record
 
     def wheel_odometry(self):
         stamps, _, robot = self._poses()
@@ -75,13 +75,14 @@ class CarmenLog(Recording):
         return np.array(stamps, dtype=np.int64), np.array(laser), np.array(robot)
 
     def _lines(self):
-        """Line number, kind and words of every message that holds a scan."""
+        """Line number, kind and words of every message that holds a scan or a setting."""
         number = 0
-        with (gzip.open if _is_gzip(self.path) else open)(self.path, 'rt', encoding='latin-1') as file:
+        open_text = gzip.open if _is_gzip(self.path) else open
+        with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
             try:
                 for number, line in enumerate(file, 1):
                     kind, _, words = line.strip().partition(' ')
-                    if kind in _READERS:
+                    if kind in _READERS or kind == 'PARAM':
                         yield number, kind, words
                     elif not _MESSAGE.match(line):
                         self._report(f'{self.path.name}:{number}: not a CARMEN message, skipped')
@@ -89,18 +90,21 @@ class CarmenLog(Recording):
                 self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
 
 
-def format_line(record) -> str:
-    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``.
+def settings_of(scan) -> dict:
+    """What only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
+    values = scan.geometry.range_min, scan.time_increment, scan.frame_id or SETTINGS['laser_frame']
+    return {name: str(value) if isinstance(value, str) else np.format_float_positional(np.float32(value), trim='0')
+            for name, value in zip(SETTINGS, values, strict=True)}
 
-    A log holds neither `range_min` (nearer readings are written as 0), `time_increment` nor `frame_id`.
-    """
+
+def format_line(record) -> str:
+    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
     scan, geometry = record.scan, record.scan.geometry
     n = geometry.size
-    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, 0.0, FLASER_RANGE_MAX)
+    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
     limit = _after(geometry.range_max) if math.isfinite(geometry.range_max) else UNLIMITED
     missing = np.isnan(scan.ranges) | (scan.ranges == np.inf)
-    ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit),
-                      np.where(scan.ranges < geometry.range_min, np.float32(0.0), scan.ranges))
+    ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit), scan.ranges)
     readings = ' '.join([str(n), *ranges.astype(str)])
     poses = ' '.join(f'{value:.9f}' for pose in (record.laser_pose, record.robot_pose) for value in pose)
     stamp = seconds(scan.stamp)
@@ -111,15 +115,27 @@ def format_line(record) -> str:
             f'0 0 0 0 0 {stamp} log {stamp}')
 
 
-def _read_flaser(words, geometry):
+def _read_flaser(words, settings, geometry):
     n = int(words[0])
     if n < 2 or len(words) != n + 10:
         raise ValueError(f'{len(words)} values where {n} readings need {n + 10}')
     ranges = _floats(words[1:n + 1])
     ranges[ranges >= FLASER_RANGE_MAX] = np.inf
-    scan = Scan.from_fields(nanoseconds(words[-3]), ranges, *_flaser_angles(n), 0.0, FLASER_RANGE_MAX,
-                            frame_id=FRAME_ID, geometry=geometry)
+    scan = _scan(words[-3], ranges, *_flaser_angles(n), FLASER_RANGE_MAX, settings, geometry)
     return Record(scan, _pose(words[n + 1:n + 4]), _pose(words[n + 4:n + 7]))
+
+
+def _scan(stamp, ranges, start, step, range_max, settings, geometry):
+    return Scan.from_fields(nanoseconds(stamp), ranges, start, step, float(settings['laser_range_min']), range_max,
+                            float(settings['laser_time_increment']), settings['laser_frame'], geometry)
+
+
+def _set(settings, words):
+    """Take over a ``PARAM`` line that concerns the scans."""
+    if words[0] in settings:
+        if words[0] != 'laser_frame':
+            float(words[1])
+        settings[words[0]] = words[1]
 
 
 def _flaser_angles(n):
@@ -127,7 +143,7 @@ def _flaser_angles(n):
     return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
 
 
-def _read_robotlaser(words, geometry):
+def _read_robotlaser(words, settings, geometry):
     n = int(words[7])
     remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
     poses = 9 + n + remissions
@@ -138,8 +154,7 @@ def _read_robotlaser(words, geometry):
         step = view / (n - 1)
     ranges = _floats(words[8:8 + n])
     ranges[ranges == limit] = np.inf
-    scan = Scan.from_fields(nanoseconds(words[-3]), ranges, start, step, 0.0, _before(limit),
-                            frame_id=FRAME_ID, geometry=geometry)
+    scan = _scan(words[-3], ranges, start, step, _before(limit), settings, geometry)
     return Record(scan, _pose(words[poses:poses + 3]), _pose(words[poses + 3:poses + 6]))
 
 

@@ -1,0 +1,227 @@
+"""Recordings from one format into another: CARMEN logs, ROS 1 bags and ROS 2 bags."""
+import contextlib
+import gzip
+import io
+import math
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import RecordingError
+from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
+from .carmen import SETTINGS, format_line, settings_of
+from .recording import is_bag, open_recording
+
+SECOND = 1_000_000_000
+STORAGES = ('mcap', 'sqlite3')
+LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/scan': LASER_SCAN}
+"""What a CARMEN log becomes in a bag."""
+
+
+def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, storage='mcap', progress=None):
+    """Write the recording `source` anew as `target`.
+
+    The messages keep their order and their own stamps. The record times of a bag made from a log are the stamps,
+    made to increase where they go back; ``Ctrl-C`` leaves a valid recording of what was written until then.
+
+    Parameters
+    ----------
+    source : str or Path
+    target : str or Path
+        ``NAME.log`` or ``NAME.log.gz`` becomes a CARMEN log, ``NAME.bag`` a ROS 1 bag, any other name the folder of
+        a ROS 2 bag.
+    topic : str, optional
+        The topic of the scans, where a log is read or written and there are several.
+    topics : collection of str
+        The topics of the bag that are kept; all when empty.
+    start, end : float
+        What is kept of the recording's time [s], from its first message on.
+    storage : str
+        Of a ROS 2 bag: ``mcap`` or ``sqlite3``.
+    progress : callable, optional
+        ``progress(iterable, total)`` gives an iterable of the same items.
+
+    Returns
+    -------
+    counts : Counter
+        Topic -> messages written.
+    problems : list of str
+        Damaged parts that were skipped.
+
+    Raises
+    ------
+    RecordingError
+        When `source` cannot be read, `target` exists or cannot be made, or a topic is missing.
+    """
+    source, target = Path(source), Path(target)
+    progress = progress or (lambda items, total: items)
+    _check_target(target)
+    from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
+    if from_bag and not to_log:
+        return _bag_to_bag(source, target, topics, start, end, storage, progress)
+    recording = open_recording(source, topic)
+    records = _timed(progress(recording.records(), recording.count), start, end)
+    counts = _to_log(records, target) if to_log else _log_to_bag(records, target, topics, storage)
+    return counts, recording.problems
+
+
+def _check_target(target):
+    if target.exists():
+        raise RecordingError(f'{target}: exists already; choose another name, or remove it')
+    if not target.parent.is_dir():
+        raise RecordingError(f'{target.parent}: no such folder to write to')
+    if target.suffix in ('.mcap', '.db3'):
+        raise RecordingError(f'{target}: a ROS 2 bag is a folder; name it without ending and choose its storage')
+
+
+def _timed(records, start, end):
+    """Record time [ns], always increasing, and record, of those from `start` to `end` [s] after the first."""
+    first = time = None
+    for record in records:
+        time = record.scan.stamp if time is None else max(record.scan.stamp, time + 1)
+        first = time if first is None else first
+        if start <= (time - first) / SECOND <= end:
+            yield time, record
+
+
+def _to_log(records, target):
+    counts, settings = Counter(), dict(SETTINGS)
+    open_log = gzip.open if target.suffix == '.gz' else open
+    with _none_when_failed(target), open_log(target, 'wt', encoding='utf-8') as log:
+        log.write('# CARMEN log\n')
+        for _, record in records:
+            for name, value in settings_of(record.scan).items():
+                if settings[name] != value:
+                    settings[name] = value
+                    log.write(f'PARAM {name} {value}\n')
+            line = format_line(record)
+            log.write(line + '\n')
+            counts[line.partition(' ')[0]] += 1
+    return counts
+
+
+def _log_to_bag(records, target, topics, storage):
+    from rosbags.typesys import Stores, get_typestore
+    _check_topics(topics, LOG_TOPICS, 'the bag of a log')
+    kept = {name: kind for name, kind in LOG_TOPICS.items() if not topics or name in topics}
+    store = get_typestore(Stores.ROS2_JAZZY)
+    ros1 = target.suffix == '.bag'
+    counts = Counter()
+    with _writer(target, storage) as writer:
+        typestore = get_typestore(Stores.ROS1_NOETIC) if ros1 else store
+        connections = {name: writer.add_connection(name, kind, typestore=typestore) for name, kind in kept.items()}
+        for time, record in records:
+            messages = _messages(record, store.types)
+            for name, kind in kept.items():
+                raw = store.serialize_cdr(messages[name], kind)
+                writer.write(connections[name], time, store.cdr_to_ros1(raw, kind) if ros1 else raw)
+                counts[name] += 1
+    return counts
+
+
+def _bag_to_bag(source, target, topics, start, end, storage, progress):
+    counts, problems = Counter(), []
+    with open_reader(source) as reader:
+        _check_topics(topics, {connection.topic for connection in reader.connections}, source)
+        if not reader.message_count:
+            raise RecordingError(f'{source}: holds no message')
+        connections = [c for c in reader.connections if not topics or c.topic in topics]
+        window = {'start': reader.start_time + round(start * SECOND)}
+        if math.isfinite(end):
+            window['stop'] = reader.start_time + round(end * SECOND) + 1
+        messages = safely(reader, connections, problems.append, **window)
+        with _writer(target, storage) as writer:
+            written, converted = _translation(reader, writer, connections)
+            for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
+                try:
+                    message = converted[connection.msgtype](raw)
+                except Exception as error:  # noqa: BLE001 - a damaged message makes rosbags raise nearly anything
+                    problems.append(f'{source.name}: damaged message on {connection.topic} skipped: {describe(error)}')
+                    continue
+                writer.write(written[connection.id, connection.owner], time, message)
+                counts[connection.topic] += 1
+    return counts, problems
+
+
+def _translation(reader, writer, connections):
+    """The writer's connection for each of the reader's, and for each message type the function that converts it."""
+    from rosbags.convert.converter import create_connections_converters
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.typesys import Stores, get_typestore
+    to_ros2 = not isinstance(writer, Writer1)
+    store = None if reader.is2 == to_ros2 else get_typestore(Stores.ROS2_JAZZY if to_ros2 else Stores.ROS1_NOETIC)
+    with contextlib.redirect_stdout(io.StringIO()):
+        return create_connections_converters(connections, store, reader, writer)
+
+
+@contextlib.contextmanager
+def _writer(target, storage):
+    """A bag writer that leaves a valid bag when it is interrupted, and none when it fails."""
+    from rosbags import rosbag1, rosbag2
+    writer = (rosbag1.Writer(target) if target.suffix == '.bag' else
+              rosbag2.Writer(target, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]))
+    interrupted = None
+    with _none_when_failed(target), writer:
+        try:
+            yield writer
+        except KeyboardInterrupt as error:
+            interrupted = error
+    if interrupted:
+        raise interrupted
+
+
+@contextlib.contextmanager
+def _none_when_failed(target):
+    try:
+        yield
+    except Exception:
+        if target.is_dir():
+            shutil.rmtree(target)
+        else:
+            target.unlink(missing_ok=True)
+        raise
+
+
+def _messages(record, types):
+    """Topic -> message of a log's record."""
+    return {'/wheel_odom': _odometry(record.scan.stamp, 'base_link', record.robot_pose, types),
+            '/laser_pose': _odometry(record.scan.stamp, record.scan.frame_id, record.laser_pose, types),
+            '/scan': _laser_scan(record.scan, types)}
+
+
+def _laser_scan(scan, types):
+    geometry = scan.geometry
+    return types[LASER_SCAN](
+        header=_header(scan.stamp, scan.frame_id, types), angle_min=geometry.angle_min,
+        angle_max=geometry.angle_min + (geometry.size - 1) * geometry.angle_increment,
+        angle_increment=geometry.angle_increment, time_increment=scan.time_increment, scan_time=0.0,
+        range_min=geometry.range_min, range_max=geometry.range_max, ranges=scan.ranges,
+        intensities=np.empty(0, dtype=np.float32))
+
+
+def _odometry(stamp, child, pose, types):
+    x, y, theta = (float(value) for value in pose)
+    zero = types['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)
+    return types[ODOMETRY](
+        header=_header(stamp, 'odom', types), child_frame_id=child,
+        pose=types['geometry_msgs/msg/PoseWithCovariance'](
+            pose=types['geometry_msgs/msg/Pose'](
+                position=types['geometry_msgs/msg/Point'](x=x, y=y, z=0.0),
+                orientation=types['geometry_msgs/msg/Quaternion'](
+                    x=0.0, y=0.0, z=math.sin(theta / 2), w=math.cos(theta / 2))),
+            covariance=np.zeros(36)),
+        twist=types['geometry_msgs/msg/TwistWithCovariance'](
+            twist=types['geometry_msgs/msg/Twist'](linear=zero, angular=zero), covariance=np.zeros(36)))
+
+
+def _header(stamp, frame_id, types):
+    return types['std_msgs/msg/Header'](
+        stamp=types['builtin_interfaces/msg/Time'](sec=stamp // SECOND, nanosec=stamp % SECOND), frame_id=frame_id)
+
+
+def _check_topics(wanted, held, where):
+    missing = sorted(set(wanted) - set(held))
+    if missing:
+        raise RecordingError(f'{where}: no topic {", ".join(missing)}; there are {", ".join(sorted(held))}')

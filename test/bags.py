@@ -1,0 +1,36 @@
+"""Small bags for tests."""
+import numpy as np
+
+SECOND = 1_000_000_000
+
+
+def write_bag(path, messages, storage='mcap'):
+    """A ROS 2 bag of (topic, record time [ns], message or raw bytes); a raw message passes for a LaserScan."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+        connections = {}
+        for topic, time, message in messages:
+            kind = getattr(message, '__msgtype__', 'sensor_msgs/msg/LaserScan')
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            raw = message if isinstance(message, bytes) else store.serialize_cdr(message, kind)
+            writer.write(connections[topic], time, raw)
+    return path
+
+
+def laser_scan(stamp=5 * SECOND + 7, n=5, angle_min=-0.5, increment=0.25):
+    from rosbags.typesys import Stores, get_typestore
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    header = types['std_msgs/msg/Header'](
+        stamp=types['builtin_interfaces/msg/Time'](sec=stamp // SECOND, nanosec=stamp % SECOND), frame_id='front')
+    return types['sensor_msgs/msg/LaserScan'](
+        header=header, angle_min=angle_min, angle_max=99.0, angle_increment=increment, time_increment=0.0,
+        scan_time=0.1, range_min=0.1, range_max=10.0, ranges=np.arange(1, n + 1, dtype=np.float32),
+        intensities=np.zeros(0, dtype=np.float32))
+
+
+def text(content):
+    from rosbags.typesys import Stores, get_typestore
+    return get_typestore(Stores.ROS2_JAZZY).types['std_msgs/msg/String'](data=content)

@@ -1,0 +1,224 @@
+"""Conversion: every format into every other and back, and what must survive."""
+import itertools
+
+import numpy as np
+import pytest
+from bags import SECOND, laser_scan, write_bag
+
+from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros.commands.convert import main
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings.carmen import CarmenLog
+from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.poses import relative
+
+BAGS = ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag']
+
+
+def messages(path):
+    """Topic, record time and message of everything in a bag."""
+    from rosbags.highlevel import AnyReader
+    with AnyReader([path]) as reader:
+        return [(connection.topic, time, reader.deserialize(raw, connection.msgtype))
+                for connection, time, raw in reader.messages()]
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+
+
+def assert_same_scans(ours, theirs):
+    """The same scans in the same order, bit for bit."""
+    count = 0
+    for a, b in itertools.zip_longest(ours.scans(), theirs.scans()):
+        count += 1
+        assert a.stamp == b.stamp
+        assert a.ranges.tobytes() == b.ranges.tobytes()
+        assert (a.valid == b.valid).all()
+        assert a.geometry == b.geometry and a.time_increment == b.time_increment and a.frame_id == b.frame_id
+    assert count == ours.count
+
+
+@pytest.mark.parametrize(('log', 'bag', 'storage'), [
+    ('intel/intel.log.gz', 'bag', 'mcap'), ('aces/aces.log.gz', 'bag', 'sqlite3'), ('aces/aces.log.gz', 'a.bag', 'mcap')])
+def test_a_log_becomes_a_bag_and_the_same_log_again(data, tmp_path, log, bag, storage):
+    original = open_recording(data / log)
+    convert(data / log, tmp_path / bag, storage=storage)
+    convert(tmp_path / bag, tmp_path / 'back.log.gz')
+    through, back = open_recording(tmp_path / bag), open_recording(tmp_path / 'back.log.gz')
+    assert back.topic == 'FLASER'
+    for recording in (through, back):
+        assert_same_scans(original, recording)
+        for ours, theirs in ((original.wheel_odometry(), recording.wheel_odometry()),
+                             (original.truth(), recording.truth())):
+            assert (ours is None) == (theirs is None)
+            if ours:
+                assert (ours[0] == theirs[0]).all()
+                assert np.abs(relative(ours[1], theirs[1])).max() < 1e-9
+        assert recording.problems == []
+
+
+@pytest.mark.parametrize('bag', BAGS)
+def test_a_bag_becomes_a_log_and_a_bag_again(data, tmp_path, bag):
+    original = open_recording(data / bag)
+    convert(data / bag, tmp_path / 'a.log')
+    convert(tmp_path / 'a.log', tmp_path / 'back')
+    for recording in (open_recording(tmp_path / 'a.log'), open_recording(tmp_path / 'back')):
+        assert_same_scans(original, recording)
+        if original.wheel_odometry():
+            stamps, poses = recording.wheel_odometry()
+            assert (stamps == original.wheel_odometry()[0]).all()
+            assert np.abs(relative(poses, original.wheel_odometry()[1])).max() < 1e-9
+
+
+@pytest.mark.parametrize('bag', BAGS)
+def test_a_bag_changes_its_version_and_back_without_any_loss(data, tmp_path, bag):
+    between, back = ('between', 'back.bag') if bag.endswith('.bag') else ('between.bag', 'back')
+    convert(data / bag, tmp_path / between)
+    convert(tmp_path / between, tmp_path / back, storage='sqlite3')
+    original = messages(data / bag)
+    for converted in (messages(tmp_path / between), messages(tmp_path / back)):
+        assert [(topic, time) for topic, time, _ in converted] == [(topic, time) for topic, time, _ in original]
+        for (_, _, a), (_, _, b) in zip(original, converted, strict=True):
+            assert stamp_of(a) == stamp_of(b) and a.header.frame_id == b.header.frame_id
+            for name in ('ranges', 'intensities', 'angle_min', 'angle_max', 'time_increment', 'scan_time', 'range_max'):
+                assert np.array_equal(getattr(a, name, 0), getattr(b, name, 0))
+            if hasattr(a, 'twist'):
+                assert repr(a.pose) == repr(b.pose) and repr(a.twist) == repr(b.twist)
+
+
+def test_record_times_increase_where_the_stamps_of_intel_go_back(data, tmp_path):
+    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'bag', topics=['/scan'])
+    scans = messages(tmp_path / 'bag')
+    times = np.array([time for _, time, _ in scans])
+    stamps = np.array([stamp_of(message) for _, _, message in scans])
+    assert len(times) == 5505 and {topic for topic, _, _ in scans} == {'/scan'}
+    assert (np.diff(times) > 0).all() and times[0] == stamps[0]
+    assert (np.diff(stamps) < 0).sum() == 265
+    assert (times >= stamps).all() and (times - stamps).max() < SECOND
+    assert stamps.tolist() == open_recording(data / 'intel' / 'intel.log.gz').stamps()
+
+
+def test_a_bag_of_a_log_is_a_proper_laser_scan(data, tmp_path):
+    convert(data / 'aces' / 'aces.log.gz', tmp_path / 'bag', end=0.0)
+    kinds = {topic: message for topic, _, message in messages(tmp_path / 'bag')}
+    assert set(kinds) == {'/scan', '/wheel_odom', '/laser_pose'}
+    scan = kinds['/scan']
+    assert scan.header.frame_id == 'laser' and scan.range_max == 50.0 and scan.scan_time == 0.0
+    assert scan.angle_max == pytest.approx(scan.angle_min + 179 * scan.angle_increment)
+    assert len(scan.ranges) == 180 and np.isinf(scan.ranges).sum() == 16
+    assert kinds['/wheel_odom'].child_frame_id == 'base_link' and kinds['/wheel_odom'].header.frame_id == 'odom'
+
+
+def test_a_time_range_and_topics_are_kept(data, tmp_path):
+    counts, _ = convert(data / 'urg04lx' / 'exp1', tmp_path / 'part', topics=['/scan'], start=10.0, end=20.0)
+    whole, kept = messages(data / 'urg04lx' / 'exp1'), messages(tmp_path / 'part')
+    expected = [time for topic, time, _ in whole if topic == '/scan' and 10.0 <= (time - whole[0][1]) / SECOND <= 20.0]
+    assert [time for _, time, _ in kept] == expected and {topic for topic, _, _ in kept} == {'/scan'}
+    assert counts == {'/scan': len(expected)} and 90 < len(expected) < 110
+
+
+def test_a_time_range_of_a_log_follows_the_increasing_times(data, tmp_path):
+    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'part.log', start=100.0, end=200.0)
+    stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
+    passed = (np.maximum.accumulate(stamps) - stamps[0]) / SECOND
+    expected = [stamp for stamp, time in zip(stamps, passed, strict=True) if 100.0 <= time <= 200.0]
+    assert abs(len(open_recording(tmp_path / 'part.log').stamps()) - len(expected)) <= 1
+
+
+def test_what_is_no_scan_passes_from_bag_to_bag(tmp_path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(tmp_path / 'a.bag') as writer:
+        chatter = writer.add_connection('/chatter', 'std_msgs/msg/String', typestore=store)
+        for time in (100, 200, 200):
+            message = store.types['std_msgs/msg/String'](data=f'at {time}')
+            writer.write(chatter, time, store.serialize_ros1(message, 'std_msgs/msg/String'))
+    convert(tmp_path / 'a.bag', tmp_path / 'b')
+    assert [(topic, time, message.data) for topic, time, message in messages(tmp_path / 'b')] == [
+        ('/chatter', 100, 'at 100'), ('/chatter', 200, 'at 200'), ('/chatter', 200, 'at 200')]
+
+
+def test_a_scan_that_a_log_can_hardly_hold_keeps_what_counts(tmp_path):
+    message = laser_scan(n=9)
+    message.ranges[:] = [np.inf, np.nan, -np.inf, 0.0, 0.05, 10.0, 10.5, 1.2345678, 0.1]
+    write_bag(tmp_path / 'bag', [('/scan', 1, message)])
+    convert(tmp_path / 'bag', tmp_path / 'a.log')
+    (before,), (after,) = (open_recording(tmp_path / name).scans() for name in ('bag', 'a.log'))
+    assert (before.valid == after.valid).all() and before.valid.sum() == 3
+    assert after.ranges[0] == after.ranges[1] == np.inf
+    assert before.ranges[2:].tobytes() == after.ranges[2:].tobytes()
+    assert after.frame_id == 'front' and after.geometry == before.geometry
+
+
+def test_a_damaged_message_is_left_out_and_named(tmp_path):
+    write_bag(tmp_path / 'bag', [('/scan', 1, laser_scan(1)), ('/scan', 2, b'\0\1\0\0x'), ('/scan', 3, laser_scan(3))])
+    counts, problems = convert(tmp_path / 'bag', tmp_path / 'a.bag')
+    assert counts == {'/scan': 2} and open_recording(tmp_path / 'a.bag').stamps() == [1, 3]
+    assert len(problems) == 1 and problems[0].startswith('bag: damaged message on /scan skipped')
+    counts, problems = convert(tmp_path / 'bag', tmp_path / 'a.log')
+    assert counts == {'ROBOTLASER1': 2} and len(problems) == 1
+
+
+@pytest.mark.parametrize('target', ['bag', 'a.bag', 'a.log.gz'])
+def test_ctrl_c_leaves_a_valid_recording(data, tmp_path, monkeypatch, capsys, target):
+    def interrupted(self):
+        yield from itertools.islice(records(self), 100)
+        raise KeyboardInterrupt
+
+    records = CarmenLog.records
+    with monkeypatch.context() as patch:
+        patch.setattr(CarmenLog, 'records', interrupted)
+        assert main(['intel/intel.log.gz', str(tmp_path / target), '--data', str(data)]) == 130
+    assert capsys.readouterr().err == 'convert: interrupted\n'
+    assert open_recording(tmp_path / target).stamps() == open_recording(data / 'intel' / 'intel.log.gz').stamps()[:100]
+
+
+def test_a_conversion_that_fails_leaves_nothing(data, tmp_path, monkeypatch):
+    def failing(self):
+        yield from itertools.islice(records(self), 3)
+        raise OSError(28, 'No space left on device')
+
+    records = CarmenLog.records
+    monkeypatch.setattr(CarmenLog, 'records', failing)
+    for target in ('bag', 'a.bag', 'a.log'):
+        with pytest.raises(OSError, match='No space left'):
+            convert(data / 'intel' / 'intel.log.gz', tmp_path / target)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(('source', 'target', 'options', 'reason'), [
+    ('lms511/static', 'there', {}, 'there: exists already'),
+    ('lms511/static', 'nowhere/bag', {}, 'nowhere: no such folder'),
+    ('lms511/static', 'a.mcap', {}, 'a ROS 2 bag is a folder'),
+    ('lms511/static', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /scan'),
+    ('intel/intel.log.gz', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /laser_pose, /scan, /wheel_odom'),
+    ('lms511/static', 'a.log', {'topic': '/odom'}, "no scans on '/odom'"),
+    ('intel/absent.log', 'b', {}, 'cannot be read'),
+    ('intel/pairs.csv', 'b', {}, 'holds no laser scan'),
+])
+def test_what_cannot_be_converted_is_refused_and_nothing_is_written(data, tmp_path, source, target, options, reason):
+    (tmp_path / 'there').mkdir()
+    with pytest.raises(RecordingError, match=reason):
+        convert(data / source, tmp_path / target, **options)
+    assert [file.name for file in tmp_path.iterdir()] == ['there']
+
+
+def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
+    target = tmp_path / 'bag'
+    assert main(['aces/aces.log.gz', str(target), '--data', str(data), '--topics', '/scan', '--end', '60']) == 0
+    count = len(open_recording(target).stamps())
+    assert capsys.readouterr().out == f'{target}  {count} /scan\n' and 20 < count < 200
+    assert main(['aces/aces.log.gz', str(target), '--data', str(data)]) == 2
+    assert capsys.readouterr().err == f'convert: {target}: exists already; choose another name, or remove it\n'
+
+
+def test_the_reference_reader_opens_our_mcap(data, tmp_path):
+    reader = pytest.importorskip('mcap.reader', reason='needs the Python package mcap')
+    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'bag')
+    (path,) = (tmp_path / 'bag').glob('*.mcap')
+    with open(path, 'rb') as file:
+        summary = reader.make_reader(file).get_summary()
+    assert summary.statistics.message_count == 3 * 5505
+    assert {channel.topic for channel in summary.channels.values()} == {'/scan', '/wheel_odom', '/laser_pose'}
