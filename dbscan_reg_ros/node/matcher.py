@@ -11,7 +11,8 @@ from ..core.records import Status
 from ..core.scan import Scan
 from .live_parameters import LiveParameters
 from .messages import angles_disagree, odometry_to_message, segments_to_message
-from .mounting import Mounting, base_state
+from .mounting import base_state
+from .mountings import Mountings
 from .notices import Notices
 from .transforms import TransformSender
 
@@ -39,6 +40,7 @@ class ScanMatcher:
         self._node = node
         self._live = LiveParameters(node, self._reconfigure)
         self._odometry = Odometry(self._live.value)
+        self._mountings = Mountings(node, self._live.value)
         self._transforms = TransformSender(node)
         self._notices = Notices(node.get_logger())
         self._geometry = None
@@ -58,8 +60,8 @@ class ScanMatcher:
         self._transforms.enable(parameters.publish_tf)
 
     def _on_scan(self, message):
-        mounting = Mounting()
         try:
+            mounting = self._mountings.find(message.header.frame_id)
             scan = Scan.from_message(message, self._geometry, mounting.upside_down)
             if scan.geometry is not self._geometry:
                 self._look_at_geometry(message, scan.geometry)

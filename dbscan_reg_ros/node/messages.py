@@ -94,6 +94,20 @@ def transform_to_message(state: BaseState, odom_frame, base_frame) -> TransformS
     return message
 
 
+def matrix_from_message(transform):
+    """The matrix ``(4, 4)`` of a Transform message; None where its numbers make no rotation."""
+    t, q = transform.translation, transform.rotation
+    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if not abs(norm - 1.0) < 0.1 or not all(map(math.isfinite, (t.x, t.y, t.z))):
+        return None
+    x, y, z, w = q.x / norm, q.y / norm, q.z / norm, q.w / norm
+    return np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), t.x],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), t.y],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), t.z],
+        [0.0, 0.0, 0.0, 1.0]])
+
+
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame) -> MarkerArray:
     """The segments of the reference and of the scan, matched ones in stronger colours, in `odom_frame`.
 

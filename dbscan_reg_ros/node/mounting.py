@@ -13,7 +13,7 @@ IDENTITY = SE2()
 
 
 class MountingError(DbscanRegError, ValueError):
-    """The laser does not look along the plane in which the base moves."""
+    """It is not known where the laser sits on the base, or it does not look along the plane of motion."""
 
 
 @dataclass(frozen=True)
@@ -32,25 +32,20 @@ class Mounting:
     upside_down: bool = False
 
     @classmethod
-    def from_quaternion(cls, x, y, z, w, position=(0.0, 0.0)) -> 'Mounting':
-        """The mounting of a laser at `position` [m] with the rotation (x, y, z, w) from its frame to the base's.
+    def from_matrix(cls, matrix) -> 'Mounting':
+        """The mounting of a laser with the transform `matrix` ``(4, 4)`` from its frame to the base's.
 
         Raises
         ------
         MountingError
-            When the rotation is none, or the laser's axis is tilted by more than 20 degrees.
+            When the laser's axis is tilted by more than 20 degrees.
         """
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        if not abs(norm - 1.0) < 0.1 or not all(map(math.isfinite, position)):
-            raise MountingError(f'position {position} and quaternion {(x, y, z, w)} of the laser: expected finite '
-                                'numbers and a quaternion of length 1')
-        x, y, z, w = x / norm, y / norm, z / norm, w / norm
-        upward = 1.0 - 2.0 * (x * x + y * y)
-        if abs(upward) < LEVEL:
+        upward = matrix[2, 2]
+        if not abs(upward) >= LEVEL:
             raise MountingError(f'the axis of the laser is tilted by {math.degrees(math.acos(upward)):.0f} deg against '
                                 'the vertical of the base; expected it within 20 deg of straight up or down')
-        yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-        return cls(SE2(*position, yaw), upward < 0.0)
+        yaw = math.atan2(matrix[1, 0], matrix[0, 0])
+        return cls(SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw), bool(upward < 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,13 @@
 """/tf without tf2_ros: the message type is imported where it is used, for it may be missing."""
+import numpy as np
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from .messages import transform_to_message
+from .messages import matrix_from_message, transform_to_message
+from .mounting import MountingError
 
 DEPTH = 100
+MAX_CHAIN = 100
 
 
 def transform_type():
@@ -54,3 +58,48 @@ class TransformSender:
             return
         self._last_stamp = state.stamp
         self._publisher.publish(self._type(transforms=[transform_to_message(state, odom_frame, base_frame)]))
+
+
+class StaticTransforms:
+    """The transforms on /tf_static, composed along their tree.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    """
+
+    def __init__(self, node: Node):
+        self._parents = {}
+        quality = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._subscription = node.create_subscription(transform_type(), '/tf_static', self._on_transforms, quality)
+
+    def _on_transforms(self, message):
+        for transform in message.transforms:
+            matrix = matrix_from_message(transform.transform)
+            if matrix is not None:
+                self._parents[transform.child_frame_id] = transform.header.frame_id, matrix
+
+    def lookup(self, target, source):
+        """The matrix ``(4, 4)`` that takes points in `source` to `target`.
+
+        Raises
+        ------
+        MountingError
+            When the two frames are not connected.
+        """
+        source_root, from_source = self._to_root(source)
+        target_root, from_target = self._to_root(target)
+        if source_root != target_root:
+            raise MountingError(f'no transform from {target!r} to {source!r} on /tf_static: no odometry before it is '
+                                'there; publish it, or set mounting to laser_pose or none')
+        return np.linalg.inv(from_target) @ from_source
+
+    def _to_root(self, frame):
+        """(topmost frame above `frame`, matrix that takes points to it)."""
+        matrix = np.eye(4)
+        for _ in range(MAX_CHAIN):
+            if frame not in self._parents:
+                break
+            frame, step = self._parents[frame]
+            matrix = step @ matrix
+        return frame, matrix
