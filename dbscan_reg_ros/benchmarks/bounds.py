@@ -1,25 +1,30 @@
 """What must hold of a figure."""
+import math
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A limit that a metric may not cross."""
+    """The interval that a metric must lie in."""
 
-    limit: float
-    upper: bool
+    lowest: float = -math.inf
+    highest: float = math.inf
 
     def holds(self, value):
         """False for `nan`: what was not measured is not shown."""
-        return value <= self.limit if self.upper else value >= self.limit
+        return self.lowest <= value <= self.highest
 
     def __str__(self):
-        return f'at {"most" if self.upper else "least"} {self.limit:g}'
+        if math.isinf(self.lowest):
+            return f'at most {self.highest:g}'
+        if math.isinf(self.highest):
+            return f'at least {self.lowest:g}'
+        return f'{self.lowest:g} to {self.highest:g}'
 
 
-def at_least(limit):
-    return Bound(limit, False)
+def at_least(limit) -> Bound:
+    return Bound(lowest=limit)
 
 
-def at_most(limit):
-    return Bound(limit, True)
+def at_most(limit) -> Bound:
+    return Bound(highest=limit)

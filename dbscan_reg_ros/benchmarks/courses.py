@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.scan import Scan
 from ..core.se2 import SE2
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose

@@ -44,9 +44,7 @@ class Report:
                         for name, bound in bounds.items() if name in ours and not bound.holds(ours[name])]
         names = dict.fromkeys(name for row in rows.values() for name in row)
         names = [name for name in shown or names if name in names]
-        cells = [[title, *names]]
-        cells += [[method, *(_cell(name, row.get(name, math.nan)) for name in names)] for method, row in rows.items()]
-        self.tables.append(_aligned(_folded(cells)))
+        self.tables.append(_table(title, names, rows))
 
 
 def failures(outcomes) -> str:
@@ -70,25 +68,26 @@ def _cell(name, value):
         return str(value)
     if math.isnan(value):
         return '-'
-    if name.endswith(('_m', '_deg', '_nees', '_spread')) or name.startswith(('ms', 'ratio')):
+    if name.endswith(('_m', '_deg', 'nees', '_spread')) or name.startswith(('ms', 'ratio')):
         return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
     return f'{100.0 * value:.1f}'
 
 
-def _folded(cells, width=9):
-    """Blocks of at most `width` columns beside the first."""
-    return [[[row[0], *row[start:start + width]] for row in cells] for start in range(1, len(cells[0]), width)]
+def _table(title, names, rows, width=16):
+    """Blocks of at most `width` columns, the words of each metric's name above each other."""
+    blocks = [_block(title, names[start:start + width], rows) for start in range(0, len(names), width)]
+    return '\n\n'.join(blocks)
 
 
-def _aligned(blocks):
-    lines = []
-    for block in blocks:
-        widths = [max(map(len, column)) for column in zip(*block, strict=True)]
-        for first, *others in block:
-            padded = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
-            lines.append('  '.join([first.ljust(widths[0]), *padded]))
-        lines.append('')
-    return '\n'.join(lines[:-1])
+def _block(title, names, rows):
+    words = [name.split('_') for name in names]
+    height = max(map(len, words))
+    heads = [[''] * (height - len(parts)) + parts for parts in words]
+    lines = [['' if level < height - 1 else title, *(head[level] for head in heads)] for level in range(height)]
+    lines += [[method, *(_cell(name, row.get(name, math.nan)) for name in names)] for method, row in rows.items()]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return '\n'.join('  '.join([first.ljust(widths[0]), *map(str.rjust, others, widths[1:])])
+                     for first, *others in lines)
 
 
 def _version(package):
