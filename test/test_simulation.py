@@ -7,7 +7,7 @@ import pytest
 
 from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.simulation import (LIDARS, Lidar, Path, Person, World, corridor, demo, follow, hall, measure, rooms,
-                                       simulate)
+                                       simulate, wheel_odometry, yaw_rates)
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
@@ -204,3 +204,35 @@ def test_the_demo_is_a_tour_of_60_to_100_metres_in_600_to_1000_scans():
     assert np.all(np.diff(result.stamps) == 100_000_000)
     assert min(np.count_nonzero(scan.valid) for scan in result.scans) > 150
     assert np.hypot(*(result.truth[0] - result.truth[-1])[:2]) < 0.5
+
+
+def test_perfect_wheels_follow_the_path():
+    path = follow(rooms(1).tour)
+    stamps, poses = wheel_odometry(path, rate=100.0, scale=(1.0, 1.0), noise=(0.0, 0.0))
+    truth = path.poses_at((stamps - stamps[0]) * 1e-9)
+    start = SE2.from_array(truth[0])
+    np.testing.assert_allclose(start.apply(poses[:, :2]), truth[:, :2], atol=0.01)
+    np.testing.assert_allclose(np.cos(poses[:, 2] + start.theta - truth[:, 2]), 1.0, atol=1e-9)
+
+
+def test_wheels_that_slip_and_a_wrong_scale_show_in_the_distance():
+    path = follow([(0.0, 0.0), (20.0, 0.0)], speed=1.0)
+
+    def driven(**errors):
+        return wheel_odometry(path, noise=(0.0, 0.0), **errors)[1][-1, 0]
+
+    assert driven(scale=(1.0, 1.0)) == pytest.approx(20.0, abs=0.01)
+    assert driven(scale=(1.05, 1.0)) == pytest.approx(21.0, abs=0.01)
+    assert driven(scale=(1.0, 1.0), slips=[(5.0, 8.0, 2.0)]) == pytest.approx(23.0, abs=0.05)
+    assert driven(scale=(1.0, 1.0), slips=[(5.0, 8.0, 0.0)]) == pytest.approx(17.0, abs=0.05)
+
+
+def test_a_gyroscope_adds_up_to_the_turn_and_its_bias():
+    path = follow(rooms(1).tour)
+    stamps, rates = yaw_rates(path, rate=200.0, bias=0.01, noise=0.005)
+    turned = path.poses[-1, 2] - path.poses[0, 2]
+    assert rates.sum() / 200.0 == pytest.approx(turned + 0.01 * path.duration, abs=0.02)
+    assert np.diff(stamps).min() == np.diff(stamps).max() == 5_000_000
+    still = follow([(0, 0), (1, 0)], pauses={0: 100.0})
+    _, rates = yaw_rates(still, bias=0.0, noise=0.005)
+    assert rates[:9000].std() == pytest.approx(0.005, rel=0.05)

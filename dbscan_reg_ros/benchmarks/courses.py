@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.se2 import SE2
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
-from ..simulation import Lidar, corridor, follow, hall, rooms, simulate
+from ..simulation import Lidar, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
 from .intel import Intel
 
@@ -130,7 +129,9 @@ def lms511(folder) -> list:
 def simulated(world, lidar=Lidar(), seed=0, axis=None) -> Course:
     """The tour of a world."""
     result = simulate(world, follow(world.tour), lidar, seed)
-    return Course(result.scans, reference=result.truth, axis=axis)
+    wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
+    course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)
+    return course.take(np.isfinite(wheels).all(axis=1))
 
 
 def simulated_rooms(folder) -> list:

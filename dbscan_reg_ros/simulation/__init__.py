@@ -1,8 +1,9 @@
 """Simulated lidar recordings with exact truth: a world, a path and a lidar in, scans and poses out."""
+from .dead_reckoning import wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar
 from .paths import Path, follow
 from .simulate import Simulation, demo, measure, simulate
 from .worlds import Person, World, corridor, hall, rooms
 
 __all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'World', 'corridor', 'demo', 'follow', 'hall', 'measure',
-           'rooms', 'simulate']
+           'rooms', 'simulate', 'wheel_odometry', 'yaw_rates']

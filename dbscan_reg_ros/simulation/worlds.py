@@ -163,8 +163,7 @@ def clearance(points, segments, circles):
 
 def _furnished(walls, boxes, bins, tour):
     """The world of all walls and of those boxes and bins that keep clear of the tour."""
-    pieces = zip(tour, tour[1:], strict=False)
-    way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.1)) for a, b in pieces])
+    way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(tour)])
     bins = np.array(bins, dtype=float).reshape(-1, 3)
     none = np.empty((0, 3))
     boxes = [part for part in boxes if clearance(way, part, none).min() > CLEARANCE]
