@@ -232,12 +232,12 @@ def test_right_covariances_are_called_right_and_others_not():
 
 def test_a_run_prints_a_table_writes_json_and_ends_with_0(data, tmp_path, capsys):
     path = tmp_path / 'rates.json'
-    assert main(['relations', '--data', str(data), '--method', 'identity', '--limit', '10', '--json', str(path)]) == 0
+    assert main(['relations', '--data', str(data), '--method', 'icp', '--limit', '10', '--json', str(path)]) == 0
     output = capsys.readouterr().out
-    assert 'numpy' in output and 'identity' in output
+    assert 'numpy' in output and 'icp' in output
     metrics = json.loads(path.read_text())
     assert {'relations_neighbour', 'relations_loop', 'median_m', 'median_deg', 'ok_precision', 'ok_recall',
-            'view_70_100'} <= set(metrics['identity'])
+            'view_70_100'} <= set(metrics['icp'])
 
 
 @pytest.mark.parametrize('words, message', [

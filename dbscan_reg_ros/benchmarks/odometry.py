@@ -140,7 +140,7 @@ def measure(args) -> Report:
             if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
                 drives[0].write(args.poses)
         bounds = dict(BOUNDS.get(name, {}))
-        if args.prior == 'wheel' and OURS in rows and courses[0].wheels is not None:
+        if args.prior == 'wheel' and OURS in rows and name == 'intel':
             rows[LASER_ONLY] = _mean([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
             bounds |= _no_worse(rows[LASER_ONLY])
         report.add(name, rows, bounds, SHOWN, prefix='' if name == 'intel' else f'{name}_')

@@ -46,6 +46,11 @@ class Report:
         names = [name for name in shown or names if name in names]
         self.tables.append(_table(title, names, rows))
 
+    def measured(self) -> dict:
+        """The metrics without those that could not be measured."""
+        return {method: {name: value for name, value in row.items() if not math.isnan(value)}
+                for method, row in self.metrics.items()}
+
 
 def failures(outcomes) -> str:
     """One line for each `Outcome` that failed, or was right and not called OK."""
