@@ -29,7 +29,7 @@ def make_parser():
         command = commands.add_parser(name, help=summary, description=summary)
         add_data(command)
         command.add_argument('--method', nargs='+', metavar='NAME', help='only these methods')
-        command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number; rates in 0..1')
+        command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
         command.add_argument('--limit', type=int, metavar='N', help='at most N trials of each kind, evenly spread')
         command.add_argument('-v', '--verbose', action='store_true',
                              help='list every trial that failed or was doubted; show the traceback of an error')
