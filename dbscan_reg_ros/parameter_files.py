@@ -12,7 +12,7 @@ from pathlib import Path
 import yaml
 
 from .core.errors import ParameterError
-from .node.parameters import NodeParameters
+from .node.parameters import NodeParameters, is_ros_parameter
 
 DEFAULTS_FILE = Path(__file__).parent.parent / 'config' / 'scan_matcher.yaml'
 NODE_NAME = 'scan_matcher'
@@ -22,11 +22,6 @@ DEFAULTS = NodeParameters()
 HEAD = """\
 The parameters of scan_matcher with their defaults.
 Made by `python -m dbscan_reg_ros.parameter_files --write`; copy it and keep only the lines that you change."""
-
-
-def is_ros_parameter(name) -> bool:
-    """Whether every ROS node has the parameter `name`: a file may set it, the method does not know it."""
-    return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')
 
 
 def read_parameters(path, node=NODE_NAME) -> NodeParameters:

@@ -13,6 +13,7 @@ from dbscan_reg_ros.recordings import data_folder
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'fastdds.xml')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
 

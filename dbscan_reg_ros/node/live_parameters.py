@@ -3,13 +3,13 @@ import math
 from collections.abc import Callable
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..core.errors import ParameterError
 from ..core.parameters import Description, suggest
-from ..parameter_files import is_ros_parameter
-from .parameters import NodeParameters
+from .parameters import NodeParameters, is_ros_parameter
 
 INTEGERS = -2**63, 2**63 - 1
 
@@ -63,6 +63,9 @@ class LiveParameters:
 
     def _widen(self, parameters):
         """Take whole numbers where numbers are expected: ``ros2 param set ... 5`` means 5.0."""
+        unknown = [p.name for p in parameters if not self._node.has_parameter(p.name)]
+        if unknown:
+            raise ParameterNotDeclaredException(unknown)
         return [self._as_number(parameter) for parameter in parameters]
 
     def _as_number(self, parameter):

@@ -30,3 +30,8 @@ class NodeParameters(Parameters):
                 raise ParameterError(f'{name} = {frame!r}: expected the name of a frame, without a leading slash')
         if self.odom_frame == self.base_frame:
             raise ParameterError(f'odom_frame = base_frame = {self.base_frame!r}: expected two different frames')
+
+
+def is_ros_parameter(name) -> bool:
+    """Whether every ROS node has the parameter `name`: a file may set it, the method does not know it."""
+    return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')

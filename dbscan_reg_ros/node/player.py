@@ -24,6 +24,8 @@ WINDOW = 3
 """Scans on the way at a time when playing in lockstep: fewer than a subscription with sensor-data QoS holds."""
 CLOCK_PERIOD = 0.025
 POLL = 0.02
+RETRY = 1.0
+"""A call is repeated after this time [s]: the answer is lost while the other side does not know the caller yet."""
 
 
 class PlayerError(DbscanRegError):
@@ -77,7 +79,7 @@ class Player:
     def __init__(self, arguments=(), clock=False):
         self._context = Context()
         rclpy.init(args=['play', *arguments], context=self._context)
-        self._node = Node('play', context=self._context)
+        self._node = Node('play', context=self._context, enable_rosout=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._scans = self._node.create_publisher(LaserScan, 'scan', DEPTH)
@@ -143,16 +145,18 @@ class Player:
     def _greet(self, name, deadline, required):
         client = self._node.create_client(GetParameters, f'{name}/get_parameters')
         try:
-            while not client.service_is_ready():
-                if time.monotonic() > deadline:
-                    break
-                self._executor.spin_once(POLL)
-            future = client.call_async(GetParameters.Request())
-            self._executor.spin_until_future_complete(future, max(POLL, deadline - time.monotonic()))
-            if required and not future.done():
-                raise PlayerError(f'the node {name} hears {self._scans.topic_name}, but does not answer; is it blocked?')
+            while time.monotonic() < deadline:
+                if not client.service_is_ready():
+                    self._executor.spin_once(POLL)
+                    continue
+                future = client.call_async(GetParameters.Request())
+                self._executor.spin_until_future_complete(future, RETRY)
+                if future.done():
+                    return
         finally:
             self._node.destroy_client(client)
+        if required:
+            raise PlayerError(f'the node {name} hears {self._scans.topic_name}, but does not answer; is it blocked?')
 
     def play(self, scans, rate=None, window=WINDOW, patience=2.0) -> Answers:
         """Publish `scans` in their order, with their own stamps.

@@ -1,0 +1,539 @@
+"""The node in a process of its own, over real DDS."""
+import array
+import contextlib
+import importlib.util
+import itertools
+import math
+import os
+import re
+import signal
+import sys
+
+import numpy as np
+import pytest
+import rclpy.qos
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_helpers import TIMEOUT, Parameters, Peer
+from sensor_msgs.msg import LaserScan
+from visualization_msgs.msg import Marker, MarkerArray
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.parameters import NodeParameters
+from dbscan_reg_ros.node.player import Player, PlayerError
+from dbscan_reg_ros.parameter_files import write_parameters
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+
+needs_tf2_msgs = pytest.mark.skipif(importlib.util.find_spec('tf2_msgs') is None,
+                                    reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
+
+
+@pytest.fixture(scope='module')
+def drive():
+    """Eight seconds through a room's door and along its furniture, at 10 Hz."""
+    world = rooms(seed=1)
+    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=360, angle_min=-math.pi + 0.01), seed=1)
+
+
+@pytest.fixture(scope='module')
+def scans(drive):
+    return drive.scans[:80]
+
+
+@pytest.fixture(scope='module')
+def truth(drive):
+    """Pose of the sensor at each scan, in the frame of the first."""
+    start = SE2.from_array(drive.truth[0]).inverse()
+    return [start @ SE2.from_array(pose) for pose in drive.truth[:80]]
+
+
+@pytest.fixture
+def start_node(start_command):
+    """``start_node(*ros_arguments) -> Process``, with the laser as the base."""
+    return lambda *words, **environment: start_command('scan_matcher', '--ros-args', *words, **environment)
+
+
+@pytest.fixture
+def node(start_node):
+    return start_node()
+
+
+@pytest.fixture
+def player(ros_environment):
+    with Player() as player:
+        yield player
+
+
+@pytest.fixture
+def peer(ros_environment):
+    with Peer() as peer:
+        yield peer
+
+
+def played(player, scans):
+    """What a running node answers to `scans`."""
+    player.wait_for_node(TIMEOUT)
+    return player.play(scans)
+
+
+def said(process, text, peer):
+    """Wait until the process has printed `text`."""
+    peer.until(lambda: text in process.output() or not process.running())
+    assert text in process.output()
+
+
+def pose_of(message) -> SE2:
+    pose = message.pose.pose
+    return SE2(pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
+
+
+def distances(messages, truth):
+    """How far each message's pose is from the true one [m]."""
+    return np.array([math.hypot(pose.x - true.x, pose.y - true.y)
+                     for pose, true in zip(map(pose_of, messages), truth, strict=True)])
+
+
+# Odometry
+
+
+def test_every_scan_is_answered_with_its_stamp_and_the_true_pose(node, player, scans, truth):
+    answers = played(player, scans)
+    assert (answers.lost, answers.unexpected) == (0, 0)
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
+    assert distances(answers.messages, truth).max() < 0.05
+
+
+def test_odometry_is_valid_from_the_first_message(node, player, scans):
+    for message in played(player, scans[:10]).messages:
+        assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
+        q = message.pose.pose.orientation
+        assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0, abs=1e-12)
+        for stamped in (message.pose, message.twist):
+            covariance = np.reshape(stamped.covariance, (6, 6))
+            assert np.isfinite(covariance).all()
+            assert np.linalg.eigvalsh(covariance).min() > 0.0
+            assert (np.diag(covariance)[2:5] == 1e6).all()
+            assert (np.diag(covariance)[[0, 1, 5]] < 1.0).all()
+
+
+def test_twist_is_the_velocity_in_the_base_frame(node, player, scans, truth):
+    answers = played(player, scans)
+    period = 0.1
+    errors = []
+    for message, (before, now) in zip(answers.messages[1:], itertools.pairwise(truth), strict=True):
+        twist = message.twist.twist
+        step = before.inverse() @ now
+        errors.append((twist.linear.x - step.x / period, twist.linear.y - step.y / period,
+                       twist.angular.z - step.theta / period))
+    assert np.abs(errors).max() < 0.5
+    assert (np.abs(errors).mean(axis=0) < 0.1).all()
+
+
+def test_sensors_that_publish_best_effort_are_heard_and_odometry_is_reliable(node, peer, scans):
+    publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
+    peer.until(lambda: publisher.get_subscription_count())
+    [subscription] = peer.node.get_subscriptions_info_by_topic('/scan')
+    assert subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert subscription.qos_profile.durability == DurabilityPolicy.VOLATILE
+    for topic in ('/odom', '/segments'):
+        [endpoint] = peer.until(lambda topic=topic: peer.node.get_publishers_info_by_topic(topic))
+        assert endpoint.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    segments = peer.listen(MarkerArray, 'segments')
+    peer.until(lambda: publisher.publish(scan_to_message(scans[0])) or segments)
+
+
+def test_a_namespace_takes_all_topics_along(start_node, peer, scans, ros_environment):
+    start_node('-r', '__ns:=/left')
+    start_node('-r', '__ns:=/right')
+    with Player(['--ros-args', '-r', '__ns:=/left']) as left, Player(['--ros-args', '-r', '__ns:=/right']) as right:
+        right.wait_for_node(TIMEOUT)
+        answers = played(left, scans[:20])
+        assert (answers.lost, answers.unexpected) == (0, 0)
+        answers = right.play(scans[:1])
+        assert (answers.lost, answers.unexpected) == (0, 0)
+        assert pose_of(answers.messages[0]) == SE2()
+
+
+# Segments and transforms
+
+
+def test_segments_show_reference_and_scan_with_matched_ones_apart(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    arrays = peer.listen(MarkerArray, 'segments')
+    Parameters(peer).names()
+    player.play(scans[:3])
+    peer.until(lambda: len(arrays) == 3)
+    for scan, message in zip(scans, arrays, strict=False):
+        assert {(m.ns, m.id) for m in message.markers} == {(n, i) for n in ('reference', 'current') for i in (0, 1)}
+        assert {m.header.frame_id for m in message.markers} == {'odom'}
+        assert {stamp_from_message(m.header.stamp) for m in message.markers} == {scan.stamp}
+        for marker in message.markers:
+            assert marker.type == Marker.LINE_LIST
+            assert (marker.action == Marker.DELETE) == (not marker.points)
+            assert len(marker.points) % 2 == 0
+    first, last = ({(m.ns, m.id): len(m.points) // 2 for m in a.markers} for a in (arrays[0], arrays[-1]))
+    assert first['reference', 0] == first['reference', 1] == first['current', 1] == 0
+    assert first['current', 0] > 3
+    assert last['reference', 1] > 3
+    assert last['current', 1] > 3
+    colors = {(m.color.r, m.color.g, m.color.b) for m in arrays[-1].markers}
+    assert len(colors) == 4
+
+
+@needs_tf2_msgs
+def test_the_transform_is_that_of_the_odometry_and_can_be_switched_off(node, player, peer, scans):
+    from tf2_msgs.msg import TFMessage
+    player.wait_for_node(TIMEOUT)
+    transforms = peer.listen(TFMessage, '/tf')
+    parameters = Parameters(peer)
+    parameters.names()
+    answers = player.play(scans[:5])
+    peer.until(lambda: len(transforms) == 5)
+    for message, answer in zip(transforms, answers.messages, strict=True):
+        [transform] = message.transforms
+        assert transform.header == answer.header
+        assert transform.child_frame_id == answer.child_frame_id
+        assert transform.transform.translation.x == answer.pose.pose.position.x
+        assert transform.transform.translation.y == answer.pose.pose.position.y
+        assert transform.transform.rotation == answer.pose.pose.orientation
+    [result] = parameters.set(publish_tf=False)
+    assert result.successful
+    peer.until(lambda: not peer.node.count_publishers('/tf'))
+    assert player.play(scans[5:10]).lost == 0
+    assert len(transforms) == 5
+
+
+@needs_tf2_msgs
+def test_no_transform_is_sent_for_a_stamp_that_is_not_newer(node, player, peer, scans):
+    from tf2_msgs.msg import TFMessage
+    player.wait_for_node(TIMEOUT)
+    transforms = peer.listen(TFMessage, '/tf')
+    Parameters(peer).names()
+    order = [scans[k] for k in (0, 2, 1, 2, 3)]
+    assert player.play(order).lost == 0
+    peer.until(lambda: len(transforms) == 3)
+    assert [stamp_from_message(m.transforms[0].header.stamp) for m in transforms] == [scans[k].stamp for k in (0, 2, 3)]
+
+
+def test_without_tf2_msgs_the_node_says_so_once_and_runs(start_node, player, peer, scans, without_tf2_msgs):
+    node = start_node(**without_tf2_msgs)
+    assert played(player, scans[:3]).lost == 0
+    parameters = Parameters(peer)
+    for value in (False, True):
+        [result] = parameters.set(publish_tf=value)
+        assert result.successful
+    assert node.output().count('tf2_msgs is not installed: no transform is sent on /tf') == 1
+
+
+def test_without_tf2_msgs_mounting_tf_is_refused_at_the_start(start_node, without_tf2_msgs):
+    node = start_node('-p', 'mounting:=tf', **without_tf2_msgs)
+    assert node.wait(TIMEOUT) == 2
+    assert "mounting = 'tf': needs tf2_msgs, which is not installed" in node.output()
+    assert 'Traceback' not in node.output()
+
+
+@pytest.fixture
+def without_tf2_msgs(tmp_path, ros_environment, monkeypatch):
+    """An environment in which tf2_msgs cannot be imported."""
+    package = tmp_path / 'hidden' / 'tf2_msgs'
+    package.mkdir(parents=True)
+    (package / '__init__.py').write_text("raise ModuleNotFoundError('hidden', name='tf2_msgs')")
+    return {'PYTHONPATH': os.pathsep.join([str(package.parent), os.environ['PYTHONPATH']])}
+
+
+# Where the laser sits
+
+
+PLACE = SE2(0.3, -0.1, 0.0)
+"""Of the laser on the base."""
+
+
+def inverted(scans):
+    """The same beams, as a lidar in the same place says that is turned by 180 deg and upside down."""
+    for scan in scans:
+        message = scan_to_message(scan)
+        message.angle_min, message.angle_increment = math.pi - message.angle_min, -message.angle_increment
+        message.angle_max = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
+        yield type(scan).from_message(message)
+
+
+def base_truth(truth):
+    """The base's pose at each scan, in the frame of its first."""
+    return [PLACE @ pose @ PLACE.inverse() for pose in truth]
+
+
+def test_a_lidar_ahead_of_the_base_gives_the_pose_and_twist_of_the_base(start_node, player, scans, truth):
+    start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, {PLACE.theta}]')
+    answers = played(player, scans)
+    assert answers.lost == 0
+    assert distances(answers.messages, base_truth(truth)).max() < 0.06
+    steps = [(a.inverse() @ b).as_array() / 0.1 for a, b in itertools.pairwise(base_truth(truth))]
+    twists = [(t.linear.x, t.linear.y, t.angular.z) for t in (m.twist.twist for m in answers.messages[1:])]
+    assert (np.abs(np.subtract(twists, steps)).mean(axis=0) < 0.12).all()
+
+
+def test_a_lidar_upside_down_and_turned_round_gives_the_trajectory_of_an_upright_one(start_node, player, scans):
+    upright = start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, 0.0]')
+    expected = played(player, scans)
+    upright.stop()
+    start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, {math.pi}]',
+               '-p', 'upside_down:=true')
+    with Player() as second:
+        answers = played(second, list(inverted(scans)))
+    assert expected.lost == answers.lost == 0
+    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.02
+
+
+@needs_tf2_msgs
+def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(start_node, player, peer, scans, truth):
+    from tf2_msgs.msg import TFMessage
+    node = start_node('-p', 'mounting:=tf', '-p', 'base_frame:=base_footprint')
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3], patience=0.2).lost == 3
+    said(node, "no transform from 'base_footprint' to 'laser' on /tf_static", peer)
+    quality = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = peer.node.create_publisher(TFMessage, '/tf_static', quality)
+    to_base, to_mast = transform('base_footprint', 'base_link'), transform('base_link', 'mast', x=PLACE.x + 0.1)
+    to_laser = transform('mast', 'laser', x=-0.1, y=PLACE.y, qy=1.0)
+    publisher.publish(TFMessage(transforms=[to_base, to_mast, to_laser]))
+    turned = list(inverted(scans))
+    peer.until(lambda: not player.play(turned[:1], patience=0.2).lost)
+    answers = player.play(turned[1:])
+    assert answers.lost == 0
+    assert answers.messages[-1].child_frame_id == 'base_footprint'
+    assert distances(answers.messages, base_truth(truth[1:])).max() < 0.06
+
+
+def transform(parent, child, x=0.0, y=0.0, qy=None):
+    message = TransformStamped()
+    message.header.frame_id, message.child_frame_id = parent, child
+    message.transform.translation.x, message.transform.translation.y = x, y
+    message.transform.rotation.y, message.transform.rotation.w = (0.0, 1.0) if qy is None else (qy, 0.0)
+    return message
+
+
+# Parameters
+
+
+def test_all_parameters_are_declared_with_their_descriptors(node, peer):
+    parameters = Parameters(peer)
+    descriptions = NodeParameters.describe()
+    names = [d.name for d in descriptions]
+    assert set(names) <= set(parameters.names())
+    assert parameters.get(*names) == [list(d.default) if d.type is tuple else d.default for d in descriptions]
+    kinds = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
+    for description, descriptor in zip(descriptions, parameters.describe(*names), strict=True):
+        assert descriptor.name == description.name
+        assert descriptor.type == kinds[description.type]
+        assert descriptor.description.startswith(description.help)
+        assert description.unit in descriptor.description
+        assert descriptor.read_only == description.read_only
+        ranges = {float: descriptor.floating_point_range, int: descriptor.integer_range}.get(description.type, [])
+        if description.type in (float, int) and description.minimum is not None:
+            assert ranges[0].from_value == description.minimum
+        if description.type in (float, int) and description.maximum is not None:
+            assert ranges[0].to_value == description.maximum
+        for choice in description.choices or ():
+            assert repr(choice) in descriptor.additional_constraints
+
+
+def test_parameters_come_from_a_file_and_from_the_command_line(start_node, peer, tmp_path):
+    write_parameters(tmp_path / 'robot.yaml', NodeParameters().replace({
+        'odom_frame': 'laser_odom', 'laser_pose': (0.1, 0.2, 0.3), 'scan.range_max': 7.5}))
+    start_node('--params-file', tmp_path / 'robot.yaml', '-p', 'scan.range_min:=1')
+    assert Parameters(peer).get('odom_frame', 'laser_pose', 'scan.range_max', 'scan.range_min') == [
+        'laser_odom', [0.1, 0.2, 0.3], 7.5, 1.0]
+
+
+def test_a_misspelt_parameter_is_named(start_node, peer):
+    node = start_node('-p', 'scan.rangemax:=5.0')
+    said(node, "unknown parameter 'scan.rangemax' is ignored; did you mean 'scan.range_max'?", peer)
+    said(node, 'ready', peer)
+
+
+@pytest.mark.parametrize('argument, complaint', [
+    ('scan.range_max:=-1.0', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
+    ('scan.range_max:=far', "scan.range_max = 'far': expected a number"),
+    ('mounting:=above', "mounting = 'above': expected one of"),
+    ('laser_pose:=[1.0, 2.0]', 'expected 3 numbers'),
+    ('odom_frame:=base_link', 'expected two different frames'),
+])
+def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argument, complaint):
+    node = start_node('-p', argument)
+    assert node.wait(TIMEOUT) == 2
+    assert complaint in node.output()
+    assert len(node.output().strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize('words', [['--params-file', 'missing.yaml'], ['-p', 'nonsense']])
+def test_wrong_ros_arguments_end_the_node_with_one_line(start_node, words):
+    node = start_node(*words)
+    assert node.wait(TIMEOUT) == 2
+    assert 'scan_matcher: ' in node.output()
+    assert 'Traceback' not in node.output()
+
+
+def test_a_change_counts_from_the_next_scan_on_and_is_logged(node, player, peer, scans):
+    parameters = Parameters(peer)
+    assert played(player, scans[:3]).lost == 0
+    [result] = parameters.set(scan__range_max=0.06)
+    assert result.successful
+    said(node, 'parameters changed: scan.range_max: 0.0 -> 0.06', peer)
+    assert player.play(scans[3:4], patience=0.5).lost == 1
+    said(node, 'scan skipped', peer)
+    [result] = parameters.set(scan__range_max=0)
+    assert result.successful
+    assert parameters.get('scan.range_max') == [0.0]
+    assert player.play(scans[4:6]).lost == 0
+
+
+@pytest.mark.parametrize('name, value, reason', [
+    ('scan.range_max', -1.0, 'range'),
+    ('scan.range_max', math.nan, 'range'),
+    ('scan.range_max', 'far', 'type'),
+    ('scan.range_max', True, 'type'),
+    ('publish_tf', 'no', 'type'),
+    ('odom_frame', 'map', 'read-only'),
+    ('filter.test', 'guess', "filter.test = 'guess': expected one of"),
+    ('scan.rangemax', 1.0, 'scan.rangemax'),
+])
+def test_a_wrong_value_is_rejected_with_a_reason_and_the_old_one_kept(node, peer, name, value, reason):
+    parameters = Parameters(peer)
+    [result] = parameters.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    defaults = NodeParameters().flatten()
+    if name in defaults:
+        assert parameters.get(name) == [defaults[name]]
+
+
+def test_several_parameters_set_at_once_are_taken_all_or_none(node, player, peer, scans):
+    parameters = Parameters(peer)
+    result = parameters.set_together(scan__range_min=0.3, scan__range_max=-5.0)
+    assert not result.successful
+    assert parameters.get('scan.range_min', 'scan.range_max') == [0.0, 0.0]
+    result = parameters.set_together(scan__range_min=0.3, scan__range_max=9)
+    assert result.successful
+    assert parameters.get('scan.range_min', 'scan.range_max') == [0.3, 9.0]
+    said(node, 'parameters changed: scan.range_min: 0.0 -> 0.3, scan.range_max: 0.0 -> 9.0', peer)
+    assert played(player, scans[:3]).lost == 0
+
+
+# Bad input
+
+
+def changed(scan, **fields):
+    """The scan's message with some fields changed; `beams` keeps only the first of them."""
+    message = scan_to_message(scan)
+    beams = fields.pop('beams', len(message.ranges))
+    message.ranges = message.ranges[:beams]
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+BAD = {
+    'no valid return': (lambda s: changed(s, ranges=array.array('f', [math.inf] * s.geometry.size)), 'return'),
+    'all nan': (lambda s: changed(s, ranges=array.array('f', [math.nan] * s.geometry.size)), 'return'),
+    'nan angle': (lambda s: changed(s, angle_min=math.nan), 'angle_min nan'),
+    'infinite increment': (lambda s: changed(s, angle_increment=math.inf), 'must be finite'),
+    'zero increment': (lambda s: changed(s, angle_increment=0.0), 'angle_increment is 0'),
+    'no beams': (lambda s: changed(s, beams=0), 'a scan of 0 beams'),
+    'one beam': (lambda s: changed(s, beams=1), 'return'),
+    'round and round': (lambda s: changed(s, angle_increment=1.0), 'go round more than twice'),
+}
+
+
+@pytest.mark.parametrize('kind', BAD)
+def test_a_bad_scan_is_named_and_skipped_and_the_next_good_one_goes_on(node, player, peer, scans, truth, kind):
+    make, complaint = BAD[kind]
+    assert played(player, scans[:3]).lost == 0
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    peer.until(lambda: publisher.publish(make(scans[3])) or 'scan skipped' in node.output())
+    assert complaint in node.output()
+    assert 'Traceback' not in node.output()
+    answers = player.play(scans[4:6])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[4:6]).max() < 0.05
+
+
+def test_bad_scans_do_not_flood_the_log(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    bad = BAD['zero increment'][0](scans[0])
+    peer.until(lambda: publisher.publish(bad) or 'scan skipped' in node.output())
+    for _ in range(100):
+        publisher.publish(bad)
+    assert player.play(scans[:2]).lost == 0
+    assert node.output().count('angle_increment is 0') <= 2
+
+
+def test_a_scan_with_fewer_beams_than_the_last_is_used_and_named(node, player, peer, scans, truth):
+    assert played(player, scans[:3]).lost == 0
+    short = type(scans[3]).from_message(changed(scans[3], beams=250))
+    answers = player.play([short, *scans[4:6]])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[3:6]).max() < 0.05
+    said(node, 'the scans change from 360 to 250 beams', peer)
+
+
+def test_an_angle_max_that_disagrees_is_named_and_ignored(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    peer.until(lambda: publisher.publish(changed(scans[0], angle_max=1.0)) or 'angle_max is 1 rad' in node.output())
+    assert 'scan skipped' not in node.output()
+
+
+def test_stamps_that_go_back_are_answered_with_their_own(node, player, scans):
+    order = [scans[k] for k in (0, 1, 3, 2, 4)]
+    answers = played(player, order)
+    assert answers.lost == 0
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in order]
+
+
+# Starting and stopping
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_an_idle_node_quietly(node, peer, number):
+    said(node, 'ready', peer)
+    assert_stops(node, number)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('after', [1, 7, 20])
+def test_a_signal_ends_a_busy_node_quietly(node, player, scans, number, after):
+    def then_signal():
+        for k, scan in enumerate(scans):
+            if k == after:
+                node.signal(number)
+            yield scan
+
+    player.wait_for_node(TIMEOUT)
+    with contextlib.suppress(PlayerError):
+        player.play(then_signal(), rate=100.0, patience=0.1)
+    assert_stops(node, number)
+
+
+def assert_stops(node, number):
+    node.signal(number)
+    assert node.wait(TIMEOUT) == 0, node.output()
+    assert not re.search('Traceback|Error|Exception|WARN', re.sub('.*tf2_msgs is not installed.*', '', node.output()))
+
+
+def test_the_node_starts_without_the_slow_libraries(start, ros_environment):
+    code = ('import sys, dbscan_reg_ros.node.matcher; '
+            "print([m for m in ('sklearn', 'matplotlib', 'rosbags', 'tqdm') if m in sys.modules])")
+    process = start(sys.executable, '-c', code)
+    assert process.wait(TIMEOUT) == 0
+    assert process.output().strip() == '[]'
+
+
+def test_help_needs_no_ros(start_command):
+    process = start_command('scan_matcher', '--help')
+    assert process.wait(TIMEOUT) == 0
+    assert '--params-file' in process.output()
