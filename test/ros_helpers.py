@@ -1,4 +1,6 @@
 """A peer of the node under test: publishes, listens, calls services, and waits with a deadline."""
+import contextlib
+import threading
 import time
 
 import rclpy
@@ -37,6 +39,23 @@ class Peer:
             assert time.monotonic() < deadline, 'the condition did not become true in time'
             self._executor.spin_once(0.05)
         return result
+
+    @contextlib.contextmanager
+    def spinning(self):
+        """Spin in a thread of its own while the ``with`` statement lasts."""
+        ended = threading.Event()
+
+        def spin():
+            while not ended.is_set():
+                self._executor.spin_once(0.02)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     def listen(self, kind, topic, quality=100):
         """A list that takes what is published on `topic`; there is a publisher that knows of it."""
