@@ -7,11 +7,11 @@ import shutil
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 from ..core.errors import RecordingError
+from ..message_fields import header_fields, pose_fields, scan_fields
 from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
 from .carmen import SETTINGS, format_line, settings_of
+from .messages import MessageMaker
 from .recording import is_bag, open_recording
 
 SECOND = 1_000_000_000
@@ -106,17 +106,17 @@ def _log_to_bag(records, target, topics, storage):
     from rosbags.typesys import Stores, get_typestore
     _check_topics(topics, LOG_TOPICS, 'the bag of a log')
     kept = {name: kind for name, kind in LOG_TOPICS.items() if not topics or name in topics}
-    store = get_typestore(Stores.ROS2_JAZZY)
+    maker = MessageMaker()
     ros1 = target.suffix == '.bag'
     counts = Counter()
-    with _writer(target, storage) as writer:
-        typestore = get_typestore(Stores.ROS1_NOETIC) if ros1 else store
+    with bag_writer(target, storage) as writer:
+        typestore = get_typestore(Stores.ROS1_NOETIC) if ros1 else maker.store
         connections = {name: writer.add_connection(name, kind, typestore=typestore) for name, kind in kept.items()}
         for time, record in records:
-            messages = _messages(record, store.types)
+            messages = _messages(record)
             for name, kind in kept.items():
-                raw = store.serialize_cdr(messages[name], kind)
-                writer.write(connections[name], time, store.cdr_to_ros1(raw, kind) if ros1 else raw)
+                raw = maker.serialize(kind, messages[name])
+                writer.write(connections[name], time, maker.store.cdr_to_ros1(raw, kind) if ros1 else raw)
                 counts[name] += 1
     return counts
 
@@ -132,7 +132,7 @@ def _bag_to_bag(source, target, topics, start, end, storage, progress):
         if math.isfinite(end):
             window['stop'] = reader.start_time + round(end * SECOND) + 1
         messages = safely(reader, connections, problems.append, **window)
-        with _writer(target, storage) as writer:
+        with bag_writer(target, storage) as writer:
             written, converted = _translation(reader, writer, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
                 try:
@@ -157,8 +157,8 @@ def _translation(reader, writer, connections):
 
 
 @contextlib.contextmanager
-def _writer(target, storage):
-    """A bag writer that leaves a valid bag when it is interrupted, and none when it fails."""
+def bag_writer(target, storage='mcap'):
+    """The `rosbags` writer of a bag; leaves a valid bag when it is interrupted, and none when it fails."""
     from rosbags import rosbag1, rosbag2
     writer = (rosbag1.Writer(target) if target.suffix == '.bag' else
               rosbag2.Writer(target, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]))
@@ -184,41 +184,15 @@ def _none_when_failed(target):
         raise
 
 
-def _messages(record, types):
-    """Topic -> message of a log's record."""
-    return {'/wheel_odom': _odometry(record.scan.stamp, 'base_link', record.robot_pose, types),
-            '/laser_pose': _odometry(record.scan.stamp, record.scan.frame_id, record.laser_pose, types),
-            '/scan': _laser_scan(record.scan, types)}
+def _messages(record):
+    """Topic -> fields of the message of a log's record."""
+    return {'/wheel_odom': _odometry(record.scan.stamp, 'base_link', record.robot_pose),
+            '/laser_pose': _odometry(record.scan.stamp, record.scan.frame_id, record.laser_pose),
+            '/scan': scan_fields(record.scan)}
 
 
-def _laser_scan(scan, types):
-    geometry = scan.geometry
-    return types[LASER_SCAN](
-        header=_header(scan.stamp, scan.frame_id, types), angle_min=geometry.angle_min,
-        angle_max=geometry.angle_min + (geometry.size - 1) * geometry.angle_increment,
-        angle_increment=geometry.angle_increment, time_increment=scan.time_increment, scan_time=0.0,
-        range_min=geometry.range_min, range_max=geometry.range_max, ranges=scan.ranges,
-        intensities=np.empty(0, dtype=np.float32))
-
-
-def _odometry(stamp, child, pose, types):
-    x, y, theta = (float(value) for value in pose)
-    zero = types['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)
-    return types[ODOMETRY](
-        header=_header(stamp, 'odom', types), child_frame_id=child,
-        pose=types['geometry_msgs/msg/PoseWithCovariance'](
-            pose=types['geometry_msgs/msg/Pose'](
-                position=types['geometry_msgs/msg/Point'](x=x, y=y, z=0.0),
-                orientation=types['geometry_msgs/msg/Quaternion'](
-                    x=0.0, y=0.0, z=math.sin(theta / 2), w=math.cos(theta / 2))),
-            covariance=np.zeros(36)),
-        twist=types['geometry_msgs/msg/TwistWithCovariance'](
-            twist=types['geometry_msgs/msg/Twist'](linear=zero, angular=zero), covariance=np.zeros(36)))
-
-
-def _header(stamp, frame_id, types):
-    return types['std_msgs/msg/Header'](
-        stamp=types['builtin_interfaces/msg/Time'](sec=stamp // SECOND, nanosec=stamp % SECOND), frame_id=frame_id)
+def _odometry(stamp, child, pose):
+    return {'header': header_fields(stamp, 'odom'), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
 
 
 def _check_topics(wanted, held, where):

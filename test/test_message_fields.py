@@ -1,0 +1,46 @@
+"""Messages made without ROS are those that ROS makes."""
+import numpy as np
+import pytest
+import rclpy.serialization
+
+from dbscan_reg_ros import Odometry
+from dbscan_reg_ros.message_fields import odometry_fields, scan_fields, segments_fields, transform_fields
+from dbscan_reg_ros.node.messages import (
+    odometry_to_message,
+    scan_to_message,
+    segments_to_message,
+    transform_to_message,
+)
+from dbscan_reg_ros.node.mounting import Mounting, base_state
+from dbscan_reg_ros.recordings.messages import MessageMaker
+from dbscan_reg_ros.simulation import demo
+
+
+@pytest.fixture(scope='module')
+def updates():
+    odometry = Odometry()
+    return [odometry.process(scan) for scan in demo().scans[:40:8]]
+
+
+def test_a_message_is_the_same_with_and_without_ros(updates):
+    maker, mounting = MessageMaker(), Mounting()
+    for update in updates:
+        state, scan = base_state(update, mounting.pose, mounting.pose), update.features.scan
+        for kind, fields, message in (
+                ('sensor_msgs/msg/LaserScan', scan_fields(scan), scan_to_message(scan)),
+                ('nav_msgs/msg/Odometry', odometry_fields(state, 'odom', 'base'),
+                 odometry_to_message(state, 'odom', 'base')),
+                ('geometry_msgs/msg/TransformStamped', transform_fields(state, 'odom', 'base'),
+                 transform_to_message(state, 'odom', 'base')),
+                ('visualization_msgs/msg/MarkerArray', segments_fields(update, mounting.pose, 'odom'),
+                 segments_to_message(update, mounting.pose, 'odom'))):
+            with_ros = maker.store.deserialize_cdr(rclpy.serialization.serialize_message(message), kind)
+            assert maker.serialize(kind, fields) == maker.store.serialize_cdr(with_ros, kind), kind
+
+
+def test_fields_that_are_not_named_have_the_defaults_of_their_type():
+    maker = MessageMaker()
+    message = maker.store.deserialize_cdr(maker.serialize('sensor_msgs/msg/Imu', {'header': {'frame_id': 'imu'}}),
+                                          'sensor_msgs/msg/Imu')
+    assert message.header.frame_id == 'imu' and message.orientation.w == 1.0 and message.orientation.x == 0.0
+    assert np.array_equal(message.angular_velocity_covariance, np.zeros(9))
