@@ -17,7 +17,7 @@ def programs(tmp_path):
     """``programs(name=script, ...)``: a PATH with these and the ordinary tools, but no other Python."""
     folder = tmp_path / 'bin'
     folder.mkdir()
-    for tool in ('bash', 'cat', 'cut', 'dirname', 'sh', 'sha256sum', 'uname', 'rm', 'mkdir', 'mv'):
+    for tool in ('bash', 'cat', 'cut', 'dirname', 'sh', 'sha256sum', 'uname', 'rm', 'mkdir', 'mv', 'chmod'):
         (folder / tool).symlink_to(shutil.which(tool))
 
     def programs(scripts):
@@ -66,8 +66,9 @@ def test_without_a_python_the_message_says_what_each_lacks(shell):
         '  python3 is Python 3.9.2']
 
 
-def test_the_demo_ends_with_that_message(root, programs):
-    result = subprocess.run(['bash', root / 'scripts' / 'demo'], env={'PATH': programs({})}, capture_output=True,
+def test_the_demo_of_a_fresh_copy_ends_with_that_message(root, programs, tmp_path):
+    shutil.copytree(root / 'scripts', tmp_path / 'scripts')
+    result = subprocess.run(['bash', tmp_path / 'scripts' / 'demo'], env={'PATH': programs({})}, capture_output=True,
                             text=True, check=False, timeout=60)
     assert result.returncode == 1 and result.stdout == ''
     assert result.stderr.startswith('No Python that serves. Needed: Python 3.10 to 3.13')
@@ -76,20 +77,24 @@ def test_the_demo_ends_with_that_message(root, programs):
 FAKE_STEPS = '''
 install() { echo "install ${2##*/}"; test -e "$1/fail" && return 1 || return 0; }
 '''
-FAKE_PYTHON = ('#!/bin/sh\n[ "$2" = venv ] || exit 0\nfor last; do :; done\n'
-               'mkdir -p "$last/bin"; cat "$0" > "$last/bin/python"; chmod +x "$last/bin/python"; echo venv\n')
+FAKE_PYTHON = '''#!/bin/sh
+case "$2" in
+    *sys.executable*) echo "$0";;
+    venv) for folder; do :; done; mkdir -p "$folder/bin"; cat "$0" > "$folder/bin/python"; chmod +x "$folder/bin/python"
+          echo venv;;
+esac
+'''
 
 
 @pytest.fixture
 def make(shell, programs, tmp_path):
     """``make(step)``: the set-up's steps with an installer that only says what it would do."""
-    venv, base = tmp_path / 'venv', tmp_path / 'bin' / 'python3'
+    venv = tmp_path / 'venv'
     (tmp_path / 'wanted.txt').write_text('one==1\n')
     (tmp_path / 'more.txt').write_text('two==2\n')
 
     def make(more=False):
-        (tmp_path / 'bin' / 'chmod').exists() or (tmp_path / 'bin' / 'chmod').symlink_to(shutil.which('chmod'))
-        code = f'{FAKE_STEPS}\nmake_venv {venv} {base} {tmp_path}/wanted.txt'
+        code = f'{FAKE_STEPS}\nmake_venv {venv} {tmp_path}/wanted.txt "3, 13" ""'
         if more:
             code += f'\nadd_requirements {venv} {tmp_path}/more.txt'
         return shell(code, {'python3': FAKE_PYTHON}).stdout.split('\n')[:-1]
