@@ -4,6 +4,7 @@ from enum import IntEnum
 import numpy as np
 
 from .parameters import RingBandParameters
+from .se2 import wrap
 
 RING = 3
 INNER = 1
@@ -25,8 +26,8 @@ class Outcome(IntEnum):
 def ring_band_filter(points, noise, parameters: RingBandParameters):
     """Filter the points of a scan by Eq. 4.
 
-    A beam is a *candidate* when it is an outlier among the slopes of its own ring; ``C1`` and ``C2`` count the
-    outliers in the inner (3 beams) and the outer (7 beams) ring around a candidate.
+    A beam is a *candidate* when it is an outlier of its own ring; ``C1`` and ``C2`` count the outliers in the inner
+    (3 beams) and the outer (7 beams) ring around a candidate, itself included.
 
     Parameters
     ----------
@@ -48,8 +49,7 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
     if parameters.test == 'anchor':
         candidate, inner, outer, deviation = _anchor_outliers(points, parameters)
     else:
-        candidate, deviation = _consensus_outliers(points, noise, parameters)
-        inner, outer = _ring_sum(candidate, INNER), _ring_sum(candidate, RING)
+        candidate, inner, outer, deviation = _consensus_outliers(points, noise, parameters)
     if not candidate.any():
         return points, outcome
     removed = candidate & (inner >= parameters.inner_threshold)
@@ -68,85 +68,103 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
     return filtered, outcome
 
 
-def _shifted(array, offset, fill):
-    """`array` with element ``i + offset`` at ``i``; `fill` beyond the ends."""
-    out = np.full_like(array, fill)
-    if offset > 0:
-        out[:-offset] = array[offset:]
-    elif offset < 0:
-        out[-offset:] = array[:offset]
-    else:
-        out[:] = array
-    return out
-
-
-def _ring_sum(flags, reach):
-    count = np.zeros(len(flags), dtype=np.int8)
-    for offset in range(-reach, reach + 1):
-        count += _shifted(flags, offset, False)
-    return count
-
-
 def _inner_mean(points):
-    before, after = _shifted(points, -1, np.nan), _shifted(points, 1, np.nan)
-    mean = (before + points + after) / 3.0
+    mean = np.full_like(points, np.nan)
+    mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / 3.0
     return mean, np.isfinite(mean[:, 0])
 
 
 def _anchor_outliers(points, parameters):
     """The paper's test: slopes from the beam before the ring (Eq. 3) against the ring's median slope.
 
-    A ring without its anchor, its candidate or at least five of its points is not judged, nor is one that spans a
-    range jump: neighbours farther apart than `jump`.
+    Beams without a return are passed over. The first four and the last three returns have no full ring and are not
+    judged, nor are rings across a range jump: neighbours, the candidate left out, farther apart than `jump`.
     """
-    ring = np.stack([_shifted(points, offset, np.nan) for offset in range(-RING, RING + 1)], axis=1)
-    step = ring - _shifted(points, -RING - 1, np.nan)[:, None]
-    slope = np.arctan2(step[..., 1], step[..., 0])
-    slope = (slope - slope[:, RING:RING + 1] + np.pi) % (2.0 * np.pi) - np.pi
-    known = np.isfinite(slope).sum(axis=1)
-    ordered = np.sort(slope, axis=1)
-    rows = np.arange(len(points))
-    middle = np.maximum(known - 1, 0)
-    median = 0.5 * (ordered[rows, middle // 2] + ordered[rows, (middle + 1) // 2])
-    with np.errstate(invalid='ignore'):
-        outlier = np.abs(slope - median[:, None]) > parameters.slope_tolerance
-        widest = np.hypot(*np.moveaxis(np.diff(ring, axis=1), 2, 0))
-        judged = (known >= 5) & ~(widest > parameters.jump).any(axis=1) & np.isfinite(slope[:, RING])
-    outlier &= judged[:, None]
-    inner = outlier[:, RING - INNER:RING + INNER + 1].sum(axis=1)
-    before, after = _shifted(points, -1, np.nan), _shifted(points, 1, np.nan)
-    deviation = np.nan_to_num(np.hypot(*(points - 0.5 * (before + after)).T))
-    return outlier[:, RING], inner, outlier.sum(axis=1), deviation
+    size = len(points)
+    candidate, inner, outer = np.zeros(size, dtype=bool), np.zeros(size, dtype=int), np.zeros(size, dtype=int)
+    deviation = np.zeros(size)
+    at = np.flatnonzero(np.isfinite(points[:, 0]))
+    rings = len(at) - 2 * RING - 1
+    if rings < 1:
+        return candidate, inner, outer, deviation
+    band = points[at[np.arange(rings)[:, None] + np.arange(2 * RING + 2)]]
+    anchor, ring, centre = band[:, :1], band[:, 1:], at[RING + 1:len(at) - RING]
+    slope = np.arctan2(*np.moveaxis(ring - anchor, 2, 0)[::-1])
+    slope = wrap(slope - slope[:, RING:RING + 1])
+    others = np.delete(band, RING + 1, axis=1)
+    widest = np.hypot(*np.moveaxis(np.diff(others, axis=1), 2, 0)).max(axis=1)
+    outlier = np.abs(slope - np.median(slope, axis=1, keepdims=True)) > parameters.slope_tolerance
+    outlier &= (widest <= parameters.jump)[:, None]
+    candidate[centre] = outlier[:, RING]
+    inner[centre] = outlier[:, RING - INNER:RING + INNER + 1].sum(axis=1)
+    outer[centre] = outlier.sum(axis=1)
+    deviation[centre] = np.hypot(*(ring[:, RING] - 0.5 * (ring[:, RING - 1] + ring[:, RING + 1])).T)
+    return candidate, inner, outer, deviation
 
 
-# Which pairs of ring beams predict the candidate, and how much their noise grows on the way.
-_PAIRS = tuple((a, b) for a in range(-RING, RING + 1) for b in range(a + 1, RING + 1) if a and b)
+_BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
+_ONE_SIDED = tuple((0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b)
+_ASTRIDE = tuple((0, a, b) for a in _BEFORE for b in _AFTER)
+_MIDDLE = _ASTRIDE.index((0, -1, 1))
+_ACROSS = tuple((k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0)
 
 
 def _consensus_outliers(points, noise, parameters):
     """Our test: an outlier lies on no line through two other beams of its ring.
 
-    Any two ring beams may serve as anchor and slope, so that a wild anchor does no harm and a corner, which lies on
-    the lines of both its walls, is none. The deviation is taken along the beam.
+    So a wild anchor does no harm, and a corner, which lies on the lines of both its walls, is no outlier. Where the
+    three beams before and the three after the candidate are straight, two astride make no line: it would cut the corner
+    off. Around a candidate, ring beams on no line through two beams across from it count as outliers, too.
     """
-    missing = np.isfinite(points[:, 0])
-    np.logical_not(missing, out=missing)
-    x, y = np.where(missing, 0.0, points[:, 0]), np.where(missing, 0.0, points[:, 1])
     size = len(points)
+    known = np.isfinite(points[:, 0])
     padded = np.zeros((2, size + 2 * RING))
-    padded[0, RING:-RING], padded[1, RING:-RING] = x, y
-    first = np.array([RING + a for a, _ in _PAIRS])[:, None] + np.arange(size)
-    second = np.array([RING + b for _, b in _PAIRS])[:, None] + np.arange(size)
-    ax, ay, bx, by = padded[0].take(first), padded[1].take(first), padded[0].take(second), padded[1].take(second)
-    radius = np.hypot(x, y)
-    # The line a-b meets the beam (x, y) s at s = cross(a, b) / cross(p, b - a).
-    area = ax * by - ay * bx
-    facing = x * (by - ay) - y * (bx - ax)
+    padded[:, RING:-RING] = np.where(known[:, None], points, 0.0).T
+    deviation, tolerance = _off_lines(padded, np.arange(size), _ONE_SIDED + _ASTRIDE, noise, parameters)
+    on = deviation <= tolerance
+    one_sided, astride = on[:len(_ONE_SIDED)], on[len(_ONE_SIDED):]
+    straight = np.zeros(size + 4, dtype=bool)
+    straight[2:-2] = astride[_MIDDLE]
+    candidate = known & ~(one_sided.any(axis=0) | astride.any(axis=0) & ~(straight[:-4] & straight[4:]))
+    deviation = deviation.min(axis=0)
+    inner, outer = candidate.astype(int), candidate.astype(int)
+    counted = candidate if parameters.gross == 0.0 else candidate & (deviation <= parameters.gross)
+    at = np.flatnonzero(counted)
+    if len(at):
+        distance, tolerance = _off_lines(padded, at, _ACROSS, noise, parameters)
+        shape = (2 * RING, -1, len(at))
+        outlier = np.isfinite(distance).reshape(shape).any(axis=1) & ~(distance <= tolerance).reshape(shape).any(axis=1)
+        inner[at] += outlier[RING - INNER:RING + INNER].sum(axis=0)
+        outer[at] += outlier.sum(axis=0)
+    return candidate, inner, outer, deviation
+
+
+def _off_lines(padded, centre, triples, noise, parameters):
+    """How far beam ``centre + k`` lies from the line through ``centre + a`` and ``centre + b``, along the beam.
+
+    Parameters
+    ----------
+    padded : (2, N + 2 * RING) array
+        Points; 0 without a return.
+    centre : (S,) int array
+    triples : sequence of (k, a, b)
+
+    Returns
+    -------
+    distance, tolerance : (len(triples), S) arrays [m]
+        The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
+        on the way to the third.
+    """
+    k, a, b = (np.array(column)[:, None] for column in zip(*triples))
+    px, py = padded.take(centre + RING + k, axis=1)
+    ax, ay = padded.take(centre + RING + a, axis=1)
+    bx, by = padded.take(centre + RING + b, axis=1)
+    radius = np.hypot(px, py)
+    # The line a-b meets the beam p s at s = cross(a, b) / cross(p, b - a).
     with np.errstate(divide='ignore', invalid='ignore'):
-        deviation = np.abs(area / facing - 1.0) * radius
-    growth = np.array([(abs(a) + abs(b)) / (b - a) for a, b in _PAIRS])[:, None]
+        distance = np.abs((ax * by - ay * bx) / (px * (by - ay) - py * (bx - ax)) - 1.0) * radius
+    absent = (radius == 0.0) | (ax == 0.0) & (ay == 0.0) | (bx == 0.0) & (by == 0.0)
+    distance[absent | np.isnan(distance)] = np.inf
+    growth = (np.abs(a - k) + np.abs(b - k)) / (b - a)
     tolerance = parameters.noise_factor * noise * (1.0 + growth) + parameters.relative_tolerance * radius
-    absent = (ax == 0.0) & (ay == 0.0) | (bx == 0.0) & (by == 0.0)
-    deviation[absent | np.isnan(deviation)] = np.inf
-    outlier = ~((deviation <= tolerance).any(axis=0) | missing)
-    return outlier, deviation.min(axis=0)
+    return distance, tolerance
