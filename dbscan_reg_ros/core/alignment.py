@@ -16,36 +16,6 @@ def transform_points(candidates, x, y):
     return rx + candidates[:, :1], ry + candidates[:, 1:2], rx, ry
 
 
-def sieve(candidates, x, y, view, tolerance):
-    """How many of the points each candidate puts onto the reference's outline, and how many into its free space.
-
-    Points behind the outline are hidden and count for nothing.
-
-    Parameters
-    ----------
-    candidates : (H, 3) array
-    x, y : (P,) arrays
-        Points of the current scan [m].
-    view : View
-        Of the reference scan.
-    tolerance : float
-        Distance along the beam at which a point no longer supports a candidate [m].
-
-    Returns
-    -------
-    support, violation : (H,) arrays
-        Sums over the points, each point at most 1.
-    """
-    px, py, _, _ = transform_points(candidates, x, y)
-    bins = view.bins(px, py)
-    near, far = view.near.take(bins), view.far.take(bins)
-    radius = np.hypot(px, py)
-    off = np.maximum(near - radius, radius - far)
-    support = np.clip(1.0 - off / tolerance, 0.0, 1.0)
-    support[near <= 0.0] = 0.0
-    return support.sum(axis=1), free_space_violation(radius, near, tolerance).sum(axis=1)
-
-
 def free_space_violation(radius, near, tolerance):
     """1 for a point well in front of what the other scan saw there, fading to 0 within the tolerance."""
     front = near - radius
@@ -98,7 +68,12 @@ def normal_equations(error, weight, jx, jy, jt):
     return information, gradient
 
 
-def refine(candidates, cloud, surface, scales, parameters):
+def information(candidates, cloud, surface, scale, parameters):
+    """``(H, 3, 3)`` information matrix of each candidate, for a unit error of a point."""
+    return normal_equations(*residuals(candidates, cloud, surface, scale, parameters))[0]
+
+
+def refine(candidates, cloud, surface, scales, parameters, damping):
     """Robust point-to-line iterations of all candidates together, one for each of the `scales` [m].
 
     A little damping keeps a direction that the points do not determine where it is.
@@ -109,14 +84,12 @@ def refine(candidates, cloud, surface, scales, parameters):
     """
     candidates = candidates.copy()
     for scale in scales:
-        information, gradient = normal_equations(*residuals(candidates, cloud, surface, scale, parameters))
-        candidates -= solve(information, gradient, parameters.damping)
+        candidates -= solve(*normal_equations(*residuals(candidates, cloud, surface, scale, parameters)), damping)
     return candidates
 
 
 def solve(information, gradient, damping):
     """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
-    damped = information.copy()
-    diagonal = np.einsum('hii->hi', damped)
+    diagonal = np.einsum('hii->hi', information)
     diagonal += damping * (diagonal[:, :2].sum(axis=1, keepdims=True) + 1e-6)
-    return np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
+    return np.linalg.solve(information, gradient[:, :, None])[:, :, 0]

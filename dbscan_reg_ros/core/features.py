@@ -37,7 +37,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
                         f'{limits.min_returns}')
     radius = np.hypot(points[:, 0], points[:, 1])
     breaks = find_breaks(points, radius, beams, scan.geometry, noise, parameters.segments)
-    normals = estimate_normals(points, breaks, parameters.segments)
+    normals = estimate_normals(points, breaks, scan.geometry.angle_increment, parameters.segments)
     segments = extract_segments(points, radius, beams, breaks, noise, parameters.segments)
     return Features(scan, points, beams, normals, segments, noise, parameters.density)
 
@@ -45,17 +45,24 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
 def estimate_noise(ranges, limits):
     """Standard deviation of a range [m], from second differences along the scan.
 
-    A median, so that corners, jumps and outliers do not matter; kept within the limits given.
+    A low quantile of them, so that corners, jumps and a good share of outliers do not matter; kept within the limits.
     """
     if len(ranges) < 8:
         return limits.noise_max
     bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
-    middle = len(bend) // 2
-    return float(np.clip(1.4826 / np.sqrt(1.5) * np.partition(bend, middle)[middle], limits.noise_min, limits.noise_max))
+    at = int(_NOISE_QUANTILE * len(bend))
+    return float(np.clip(np.partition(bend, at)[at] / _NOISE_BEND, limits.noise_min, limits.noise_max))
 
 
-def estimate_normals(points, breaks, parameters):
-    """Unit normals ``(P, 2)`` that face the sensor, from the neighbours of each point within its run.
+_NOISE_QUANTILE = 0.3
+# That quantile of |N(0, 1)|, for a second difference with weights 1, -1/2, -1/2.
+_NOISE_BEND = 0.38532 * np.sqrt(1.5)
+
+
+def estimate_normals(points, breaks, increment, parameters):
+    """Unit normals ``(P, 2)`` on the sensor's side, from the neighbours of each point within its run.
+
+    The side follows from the order of the beams and the sign of their `increment`.
 
     The window grows from `normal_beams` on each side until it spans `normal_reach`; points with fewer than three
     neighbours on their surface get a zero normal.
@@ -75,6 +82,8 @@ def estimate_normals(points, breaks, parameters):
     count = high - low
     _, angle, spread, residual = fit_lines(total[high] - total[low], count)
     normals = np.stack((-np.sin(angle), np.cos(angle)), axis=1)
-    normals[(normals * points).sum(axis=1) > 0.0] *= -1.0
+    onward = points[high - 1] - points[low]
+    turned = (onward[:, 0] * normals[:, 1] - onward[:, 1] * normals[:, 0]) * increment < 0.0
+    normals[turned] *= -1.0
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
     return normals

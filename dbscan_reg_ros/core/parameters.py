@@ -186,6 +186,13 @@ class SegmentParameters(ParameterGroup):
                                          'separate', '', 1.0, 100.0)
     breakpoint_noise: float = parameter(5.0, 'added to the threshold of Eq. 5, in multiples of the range noise', '', 0.0, 100.0)
     max_gap: int = parameter(8, 'a gap of more beams than this separates surfaces', 'beams', 1, 1000)
+    corners: str = parameter('split', 'what a corner is: split (the point farthest from a chord), slope (where the slope of '
+                             'the ranges jumps, the paper)', '', choices=('split', 'slope'))
+    corner_thresholds: int = parameter(64, 'slope: so many thresholds dk_th of Eq. 6 are tried', '', 2, 10000)
+    corner_penalty: float = parameter(20.0, 'slope: what a further segment must save of the squared errors, in units of the '
+                                      'squared range noise; 0: the least mean error wins, however many segments', '', 0.0, 1e6)
+    sections: int = parameter(0, 'lines are fitted to the means of so many equal sections (Eq. 7; the paper takes 5); 0: to '
+                              'all points', '', 0, 1000)
     split_distance: float = parameter(0.03, 'a point this far from the chord, plus noise, is a corner', 'm', 0.0, 10.0)
     split_noise: float = parameter(3.0, 'added to split_distance, in multiples of the range noise', '', 0.0, 100.0)
     split_levels: int = parameter(6, 'a run is cut into at most two to this power', '', 1, 16)
@@ -209,16 +216,19 @@ class RotationParameters(ParameterGroup):
     sigma: float = parameter(0.0, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'rad', 0.0, 3.2)
     sigma_min: float = parameter(0.005, 'least neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
     sigma_max: float = parameter(0.05, 'greatest neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
-    min_points: int = parameter(2, 'MinPts of DBSCAN', '', 1, 1000)
+    min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.1, 'a wider cluster is a chain and is clustered again; 0: never', 'rad', 0.0, 6.4)
     recuts: int = parameter(3, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
-    hypotheses: int = parameter(10, 'clusters that are followed further, heaviest first', '', 1, 1000)
+    hypotheses: int = parameter(16, 'clusters that are followed further, heaviest first', '', 1, 1000)
 
 
 @dataclass(frozen=True)
 class TranslationParameters(ParameterGroup):
     """Clusters of translations (Eq. 10-15)."""
 
+    form: str = parameter('signed', 'what a pair of lines says: signed (which way to go, from directed lines), squared (how far '
+                          'only, Eq. 15: four solutions for two pairs)', '', choices=('signed', 'squared'))
+    key_clusters: int = parameter(2, 'divergence: every sample of so many largest clusters is a candidate', '', 1, 1000)
     parallel: float = parameter(0.06, 'eps1 of Eq. 12: lines this far from parallel still count (one standard deviation)', 'rad',
                                 0.0001, 1.6)
     crossing: float = parameter(0.35, 'eps2 of Eq. 13, as the sine of the angle between two pairs', '', 0.0001, 1.0)
@@ -241,20 +251,34 @@ class DensityParameters(ParameterGroup):
     cells: int = parameter(400, 'most cells along a side of the table', '', 50, 4000)
     reach: float = parameter(0.4, 'a point has no partner farther away than this', 'm', 0.02, 10.0)
     facing: float = parameter(0.5, 'cosine of the greatest angle between the normals of partners', '', -1.0, 1.0)
-    violation: float = parameter(1.0, 'weight of a point in the other scan\'s free space against one on its surface', '', 0.0, 100.0)
+    violation: float = parameter(0.7, 'weight of a point in the other scan\'s free space against one on its surface', '', 0.0, 100.0)
+    violation_tolerance: float = parameter(0.15, 'a point this far in front of what the other scan saw begins to count', 'm', 0.01, 10.0)
+    balance: float = parameter(1.0, 'points count more where few face the same way; large: all alike', '', 0.001, 1000.0)
 
 
 @dataclass(frozen=True)
 class SelectionParameters(ParameterGroup):
     """From many hypotheses to one."""
 
-    candidates: int = parameter(64, 'heaviest translation clusters that are sieved', '', 1, 10000)
+    method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
+                            'divergence (least K-L divergence within the key clusters, the paper)', '',
+                            choices=('density', 'divergence'))
+    candidates: int = parameter(200, 'heaviest translation clusters that are sieved', '', 1, 10000)
     sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
     refined: int = parameter(16, 'hypotheses refined coarsely', '', 1, 1000)
     finalists: int = parameter(4, 'hypotheses refined finely', '', 1, 1000)
-    rival_distance: float = parameter(0.2, 'hypotheses farther apart than this are rivals', 'm', 0.0, 10.0)
-    rival_angle: float = parameter(0.09, 'or turned by more than this', 'rad', 0.0, 3.2)
+    same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
+    same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
+
+
+@dataclass(frozen=True)
+class DivergenceParameters(ParameterGroup):
+    """Densities of the x and y coordinates (Eq. 16-18) and their K-L divergence (Eq. 19-21)."""
+
+    bandwidth: float = parameter(0.0, 'h of Eq. 16; 0: Silverman\'s rule for each axis of the reference', 'm', 0.0, 100.0)
+    grid: int = parameter(200, 'places along each axis at which the densities are compared', '', 2, 100000)
+    margin: float = parameter(3.0, 'the places reach so many bandwidths beyond both scans', '', 0.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -264,9 +288,53 @@ class RefinementParameters(ParameterGroup):
     coarse: int = parameter(5, 'iterations of the coarse refinement', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
     fine: int = parameter(4, 'iterations of the fine refinement', '', 0, 100)
-    fine_scale: float = parameter(0.1, 'kernel of its first iteration and of the coarse score', 'm', 0.001, 10.0)
-    final_scale: float = parameter(0.03, 'kernel of the last iteration and of the final score', 'm', 0.001, 10.0)
+    fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
+    final_scale: float = parameter(0.03, 'kernel of the last iteration', 'm', 0.001, 10.0)
+    score_scale: float = parameter(0.05, 'kernel of the score', 'm', 0.001, 10.0)
     damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 0.0, 1.0)
+
+    def coarse_scales(self):
+        """Kernel [m] of each coarse iteration, from wide to narrow."""
+        return _geometric(self.coarse_scale, self.fine_scale, self.coarse)
+
+    def fine_scales(self):
+        """Kernel [m] of each fine iteration, from wide to narrow."""
+        return _geometric(self.fine_scale, self.final_scale, self.fine)
+
+
+def _geometric(first, last, count):
+    return [first * (last / first) ** (i / max(count - 1, 1)) for i in range(count)]
+
+
+@dataclass(frozen=True)
+class FreeDirectionParameters(ParameterGroup):
+    """Search along a direction that the walls leave free (corridors)."""
+
+    ratio: float = parameter(0.2, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
+    reach: float = parameter(1.0, 'searched this far to both sides', 'm', 0.0, 100.0)
+    scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
+    facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)
+    min_points: int = parameter(2, 'no search with fewer such points', '', 1, 1000)
+
+
+@dataclass(frozen=True)
+class DecisionParameters(ParameterGroup):
+    """Status and covariance of a registration."""
+
+    rival_distance: float = parameter(0.2, 'hypotheses farther apart than this are rivals', 'm', 0.0, 10.0)
+    rival_angle: float = parameter(0.09, 'or turned by more than this', 'rad', 0.0, 3.2)
+    min_margin: float = parameter(0.05, 'AMBIGUOUS when a rival scores this close to the best', '', 0.0, 2.0)
+    min_score: float = parameter(0.35, 'FAILED when the best scores less', '', -1.0, 1.0)
+    min_information: float = parameter(1.5, 'DEGENERATE when fewer points than this hold the motion in some direction', '',
+                                       0.0, 100000.0)
+    covariance_scale: float = parameter(1.0, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
+                                        10000.0)
+    match_angle: float = parameter(0.1, 'segments turned by less than this are the same wall', 'rad', 0.0, 3.2)
+    match_distance: float = parameter(0.1, 'and nearer than this to its line', 'm', 0.0, 10.0)
+
+    def prior_information(self):
+        """Diagonal of the information that holds before any scan is looked at: 10 m and pi."""
+        return 0.01, 0.01, 0.1
 
 
 @dataclass(frozen=True)
@@ -280,4 +348,7 @@ class Parameters(ParameterTree):
     translation: TranslationParameters = dataclasses.field(default_factory=TranslationParameters)
     density: DensityParameters = dataclasses.field(default_factory=DensityParameters)
     selection: SelectionParameters = dataclasses.field(default_factory=SelectionParameters)
+    divergence: DivergenceParameters = dataclasses.field(default_factory=DivergenceParameters)
     refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)
+    free: FreeDirectionParameters = dataclasses.field(default_factory=FreeDirectionParameters)
+    decision: DecisionParameters = dataclasses.field(default_factory=DecisionParameters)

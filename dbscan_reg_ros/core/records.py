@@ -122,12 +122,10 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One candidate motion with what speaks for it."""
+    """One candidate motion and its score."""
 
     transform: SE2
     score: float
-    origin: str
-    """Which step proposed it: ``lines``, ``ends``, ``prior``, ..."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ class Rotations:
     sigma: float
 
 
-def estimate_rotations(reference: Segments, current: Segments, parameters: RotationParameters) -> Rotations:
+def estimate_rotations(reference: Segments, current: Segments, weights, parameters: RotationParameters) -> Rotations:
     """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
 
     Directed segments give differences unique modulo 2 pi. Clusters wider than `width` are chains of several motions
@@ -46,7 +46,7 @@ def estimate_rotations(reference: Segments, current: Segments, parameters: Rotat
     samples = difference.ravel()
     if not len(samples):
         return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.sigma)
-    weights = pair_weights(reference, current, parameters).ravel()
+    weights = weights.ravel()
     sigma = parameters.sigma or knee_sigma(samples, parameters)
     labels = np.full(len(samples), NOISE)
     todo, offset = np.arange(len(samples)), 0

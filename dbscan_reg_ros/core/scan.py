@@ -54,7 +54,7 @@ class ScanGeometry:
             raise ScanError('angle_increment is 0: the driver must say how far apart its beams are')
         if not 1 <= self.size <= MAX_BEAMS:
             raise ScanError(f'a scan of {self.size} beams; expected 1 to {MAX_BEAMS}')
-        if abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
+        if self.bearings_given is None and abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
             raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice')
         if math.isnan(self.range_min):
             object.__setattr__(self, 'range_min', 0.0)
@@ -64,17 +64,20 @@ class ScanGeometry:
             raise ScanError(f'{len(self.bearings_given)} bearings for {self.size} beams')
 
     @classmethod
-    def from_bearings(cls, bearings, range_min=0.0, range_max=math.inf) -> 'ScanGeometry':
-        """Geometry of a scan whose bearings ``(N,)`` [rad] are given one by one, in beam order."""
+    def from_bearings(cls, bearings, range_min=0.0, range_max=math.inf, angle_increment=None) -> 'ScanGeometry':
+        """Geometry of a scan whose bearings ``(N,)`` [rad] are given one by one, in beam order.
+
+        `angle_increment` is that of the sensor: its sign says on which side of a surface the sensor stood. When it is
+        not given, the beams are taken as counter-clockwise and as far apart as most bearings are.
+        """
         bearings = np.asarray(bearings, dtype=np.float32).astype(float)
-        if bearings.ndim != 1 or not np.isfinite(bearings).all():
+        if bearings.ndim != 1 or not len(bearings) or not np.isfinite(bearings).all():
             raise ScanError('bearings must be one finite number for each beam')
-        steps = np.diff(bearings)
-        steps = (steps + math.pi) % (2.0 * math.pi) - math.pi
-        increment = float(np.median(steps)) if len(steps) else 1.0
-        if increment == 0.0:
-            increment = float(np.abs(steps).mean()) or 1e-3
-        return cls(float(bearings[0]), increment, len(bearings), range_min, range_max,
+        if angle_increment is None:
+            steps = np.abs(np.remainder(np.diff(bearings) + math.pi, 2.0 * math.pi) - math.pi)
+            angle_increment = (float(np.median(steps)) or float(steps.mean())) if len(steps) else 1.0
+            angle_increment = angle_increment or 1e-3
+        return cls(float(bearings[0]), angle_increment, len(bearings), range_min, range_max,
                    tuple(bearings.tolist()))
 
     @cached_property
@@ -182,10 +185,10 @@ class Scan:
                                message.time_increment, message.header.frame_id, geometry)
 
     @classmethod
-    def from_points(cls, points, stamp=0, range_min=0.0, range_max=math.inf, frame_id='') -> 'Scan':
+    def from_points(cls, points, stamp=0, range_min=0.0, range_max=math.inf, frame_id='', angle_increment=None) -> 'Scan':
         """A scan with the returns at `points` ``(N, 2)`` [m], in beam order, one bearing each.
 
-        Rows that are not finite become beams without a return.
+        Rows that are not finite become beams without a return. `angle_increment` as in `ScanGeometry.from_bearings`.
         """
         points = np.asarray(points, dtype=float)
         ranges = np.hypot(points[:, 0], points[:, 1])
@@ -196,7 +199,8 @@ class Scan:
         known = np.flatnonzero(~missing)
         bearings[missing] = np.interp(np.flatnonzero(missing), known, np.unwrap(bearings[known]))
         ranges[missing] = np.inf
-        return cls(stamp, ranges, ScanGeometry.from_bearings(bearings, range_min, range_max), 0.0, frame_id)
+        geometry = ScanGeometry.from_bearings(bearings, range_min, range_max, angle_increment)
+        return cls(stamp, ranges, geometry, 0.0, frame_id)
 
 
 def _frozen(array):

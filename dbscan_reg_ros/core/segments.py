@@ -1,6 +1,8 @@
 """Line segments of a scan: breakpoints (Eq. 5), corners (Eq. 6) and line fits (Eq. 7) (section 2.2)."""
 import numpy as np
 
+from .corners import slope_stretches
+from .line_fit import fit_lines, fit_sections, point_moments, summed_moments
 from .parameters import SegmentParameters
 from .records import EndKind, Segments
 
@@ -42,10 +44,8 @@ def split_runs(points, breaks, noise, parameters: SegmentParameters):
 
     Returns
     -------
-    first : (S,) int array
+    (S,) int array
         Indices into `points`, ascending, first one 0.
-    run : (S,) int array
-        The run that each stretch belongs to.
     """
     size = len(points)
     x, y = points[:, 0], points[:, 1]
@@ -53,7 +53,6 @@ def split_runs(points, breaks, noise, parameters: SegmentParameters):
     first = np.concatenate(([0], np.flatnonzero(breaks) + 1))
     starts = np.zeros(size, dtype=bool)
     starts[first] = True
-    run_of_point = np.cumsum(starts) - 1
     for _ in range(parameters.split_levels):
         count = np.diff(first, append=size)
         last = first + count - 1
@@ -70,38 +69,7 @@ def split_runs(points, breaks, noise, parameters: SegmentParameters):
             break
         starts[at + 1] = True
         first = np.flatnonzero(starts)
-    return first, run_of_point[first]
-
-
-def fit_lines(moments, count):
-    """Total least squares lines through groups of points (Eq. 7, perpendicular distances).
-
-    Parameters
-    ----------
-    moments : (S, 5) array
-        Sums of x, y, xx, xy, yy over each group.
-    count : (S,) array
-        Number of points in each.
-
-    Returns
-    -------
-    centre : (S, 2) array [m]
-    angle : (S,) array [rad], modulo pi
-    spread, residual : (S,) arrays [m^2]
-        Mean squared extent along and distance from the line.
-    """
-    mean = moments / count[:, None]
-    mx, my = mean[:, 0], mean[:, 1]
-    xx, xy, yy = mean[:, 2] - mx * mx, mean[:, 3] - mx * my, mean[:, 4] - my * my
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    return mean[:, :2], angle, half + root, np.maximum(half - root, 0.0)
-
-
-def point_moments(points):
-    """``(P, 5)``: x, y, xx, xy, yy of each point."""
-    x, y = points[:, 0], points[:, 1]
-    return np.stack((x, y, x * x, x * y, y * y), axis=1)
+    return first
 
 
 def extract_segments(points, radius, beams, breaks, noise, parameters: SegmentParameters) -> Segments:
@@ -120,25 +88,17 @@ def extract_segments(points, radius, beams, breaks, noise, parameters: SegmentPa
     Segments
         In beam order.
     """
-    first, run = split_runs(points, breaks, noise, parameters)
-    count = np.diff(first, append=len(points))
-    last = first + count - 1
-    moments = np.add.reduceat(point_moments(points), first, axis=0)
-
-    keep = count >= 3
-    first, last, run, count, moments = first[keep], last[keep], run[keep], count[keep], moments[keep]
-    for _ in range(2):
-        if len(first) < 2:
-            break
-        group = _collinear_groups(points, first, last, count, moments, noise, parameters)
-        if group is None:
-            break
-        head = np.flatnonzero(np.diff(group, prepend=-1))
-        tail = np.append(head[1:], len(group)) - 1
-        first, last, run = first[head], last[tail], run[head]
-        count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=0)
-
-    centre, angle, spread, residual = fit_lines(moments, np.maximum(count, 1))
+    if parameters.corners == 'slope':
+        first, last = slope_stretches(points, radius, breaks, noise, parameters)
+        count = last - first + 1
+        centre, angle, spread, residual = fit_sections(summed_moments(points), first, last, parameters.sections)
+    else:
+        first, last, count, moments = _straight_stretches(points, breaks, noise, parameters)
+        if parameters.sections:
+            count = last - first + 1
+            centre, angle, spread, residual = fit_sections(summed_moments(points), first, last, parameters.sections)
+        else:
+            centre, angle, spread, residual = fit_lines(moments, np.maximum(count, 1))
     along = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     forward = ((points[last] - points[first]) * along).sum(axis=1)
     along[forward < 0.0] *= -1.0
@@ -154,6 +114,33 @@ def extract_segments(points, radius, beams, breaks, noise, parameters: SegmentPa
     return Segments(start, end, np.arctan2(along[:, 1], along[:, 0]), length,
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
                     np.stack((beams[first], beams[last]), axis=1))
+
+
+def _straight_stretches(points, breaks, noise, parameters):
+    """Stretches of the runs cut at their corners, neighbours on one line joined, with their moments.
+
+    Returns
+    -------
+    first, last, count : (S,) int arrays
+    moments : (S, 5) array
+    """
+    first = split_runs(points, breaks, noise, parameters)
+    count = np.diff(first, append=len(points))
+    last = first + count - 1
+    moments = np.add.reduceat(point_moments(points), first, axis=0)
+    keep = count >= 3
+    first, last, count, moments = first[keep], last[keep], count[keep], moments[keep]
+    for _ in range(2):
+        if len(first) < 2:
+            break
+        group = _collinear_groups(points, first, last, count, moments, noise, parameters)
+        if group is None:
+            break
+        head = np.flatnonzero(np.diff(group, prepend=-1))
+        tail = np.append(head[1:], len(group)) - 1
+        first, last = first[head], last[tail]
+        count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=0)
+    return first, last, count, moments
 
 
 def _collinear_groups(points, first, last, count, moments, noise, parameters):

@@ -19,6 +19,10 @@ class Cloud:
     def __len__(self):
         return len(self.x)
 
+    def select(self, chosen):
+        """The points that the mask `chosen` picks."""
+        return Cloud(self.x[chosen], self.y[chosen], self.nx[chosen], self.ny[chosen])
+
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""
         step = -(-len(self.x) // count)
@@ -27,7 +31,8 @@ class Cloud:
 
 def build_cloud(points, normals, parameters: DensityParameters) -> Cloud:
     """The `Cloud` of a scan from its points and normals ``(P, 2)``."""
-    columns = np.ascontiguousarray(np.concatenate((points, normals), axis=1).T)
+    known = normals[:, 0] ** 2 + normals[:, 1] ** 2 > 0.5
+    columns = np.ascontiguousarray(np.concatenate((points[known], normals[known]), axis=1).T)
     return Cloud(*columns).thinned(parameters.points)
 
 

@@ -7,6 +7,7 @@ from .clustering import NOISE, dbscan_plane, k_distances, knee
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
+from .squared import squared_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
                           parameters: TranslationParameters) -> Translations:
     """Cluster the translations that pairs of matched lines and matched end points ask for, for every rotation.
 
+    The squared form takes lines only, and every sample weighs the same.
+
     Parameters
     ----------
     reference, current : Segments
@@ -50,10 +53,15 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    pairs = match_lines(rotations, weights, parameters)
-    lines = line_samples(reference, current, rotations, pairs, parameters)
-    ends = end_samples(reference, current, rotations, pairs, parameters)
-    samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
+    if parameters.form == 'squared':
+        solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi]
+        samples = np.concatenate([np.empty((0, 2)), *solutions])
+        mass, rotation = np.ones(len(samples)), np.repeat(np.arange(len(solutions)), [len(s) for s in solutions])
+    else:
+        pairs = match_lines(rotations, weights, parameters)
+        lines = line_samples(reference, current, rotations, pairs, parameters)
+        ends = end_samples(reference, current, rotations, pairs, parameters)
+        samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
     if not len(samples):
         return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0)
     sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)

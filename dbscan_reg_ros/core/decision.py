@@ -1,0 +1,83 @@
+"""What the best hypothesis is worth: status, covariance and the segments that it lays onto one another."""
+import math
+
+import numpy as np
+
+from .alignment import normal_equations, residuals
+from .free_direction import weakest_direction
+from .parameters import DecisionParameters, Parameters
+from .records import Features, Hypothesis, Registration, Segments, Status
+from .rotation import wrap_period
+from .se2 import SE2
+from .selection import same
+
+
+def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features, current: Features, p: Parameters):
+    """The `Registration` of the best of the refined hypotheses.
+
+    Parameters
+    ----------
+    fine, fine_score, overlap : (H, 3), (H,), (H,) arrays
+        Finely refined hypotheses, best first.
+    coarse, coarse_score : (G, 3), (G,) arrays
+        All hypotheses after the coarse refinement: the rivals are among them.
+    """
+    best = fine[0]
+    rivals = ~same(coarse, best, p.decision.rival_distance, p.decision.rival_angle)
+    margin = float(coarse_score[~rivals].max(initial=fine_score[0]) - coarse_score[rivals].max(initial=-1.0))
+    covariance, angle, weak = uncertainty(best, reference, current, p)
+    status, reason = judge(float(fine_score[0]), margin, weak, p.decision)
+    transform = SE2.from_array(best)
+    free = None if weak >= p.decision.min_information else math.remainder(angle, math.pi)
+    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), float(value))
+                       for candidate, value in zip(fine, fine_score))
+    matches = match_segments(reference.segments, current.segments, transform, p.decision)
+    return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses, free, matches,
+                        reason)
+
+
+def failed(reason):
+    """A registration that found nothing."""
+    return Registration(SE2(), np.diag([100.0, 100.0, 10.0]), Status.FAILED, reason=reason)
+
+
+def judge(score, margin, weak, parameters: DecisionParameters):
+    """`Status` and the reason for it."""
+    if score < parameters.min_score:
+        return Status.FAILED, f'score {score:.2f} below {parameters.min_score}'
+    if margin < parameters.min_margin:
+        return Status.AMBIGUOUS, f'a rival scores within {max(margin, 0.0):.3f} of the best; {parameters.min_margin} asked for'
+    if weak < parameters.min_information:
+        return Status.DEGENERATE, (f'only {weak:.2f} points hold the motion along one direction; '
+                                   f'{parameters.min_information} asked for')
+    return Status.OK, ''
+
+
+def uncertainty(candidate, reference, current, p: Parameters):
+    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, its weakest direction [rad] and the information there.
+
+    The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
+    """
+    error, weight, jx, jy, jt = residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
+                                          p.density)
+    information, _ = normal_equations(error, weight, jx, jy, jt)
+    angle, weak, _ = weakest_direction(information)
+    variance = float((weight * error * error).sum() / max(weight.sum(), 1e-9)) + max(reference.noise, current.noise) ** 2
+    c, s = math.cos(candidate[2]), math.sin(candidate[2])
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    match = turn.T @ information[0] @ turn * (1.0 / (variance * p.decision.covariance_scale))
+    return np.linalg.inv(match + np.diag(p.decision.prior_information())), float(angle[0]), float(weak[0])
+
+
+def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):
+    """Pairs ``(K, 2)`` of segments that lie on one line, side by side, once the current ones are moved."""
+    if not (len(reference) and len(current)):
+        return np.empty((0, 2), dtype=int)
+    turned = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
+    middle = transform.apply(current.midpoint)
+    step = middle - reference.midpoint[:, None]
+    c, s = np.cos(reference.direction)[:, None], np.sin(reference.direction)[:, None]
+    across = np.abs(c * step[..., 1] - s * step[..., 0])
+    along = np.abs(c * step[..., 0] + s * step[..., 1])
+    apart = along - 0.5 * (reference.length[:, None] + current.length)
+    return np.argwhere((turned < parameters.match_angle) & (across < parameters.match_distance) & (apart < 0.0))

@@ -1,0 +1,66 @@
+"""The direction that walls leave free, and the search along it (corridors)."""
+import numpy as np
+
+from . import alignment
+
+
+def weakest_direction(information):
+    """Direction of the translation that a match determines least, the rotation being free.
+
+    Parameters
+    ----------
+    information : (H, 3, 3) array
+
+    Returns
+    -------
+    angle : (H,) array [rad], modulo pi
+    weak, strong : (H,) arrays
+        Information along it and across it.
+    """
+    turn = np.maximum(information[:, 2, 2], 1e-12)
+    coupling = information[:, :2, 2]
+    xx = information[:, 0, 0] - coupling[:, 0] ** 2 / turn
+    xy = information[:, 0, 1] - coupling[:, 0] * coupling[:, 1] / turn
+    yy = information[:, 1, 1] - coupling[:, 1] ** 2 / turn
+    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    return 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi, np.maximum(half - root, 0.0), half + root
+
+
+def search_free_direction(candidates, angles, reference, current, parameters, density):
+    """Slide each candidate along its direction to where the few points that face that way fit best.
+
+    Parameters
+    ----------
+    candidates : (H, 3) array
+    angles : (H,) array [rad]
+        In the reference's frame.
+    reference, current : Features
+    parameters : FreeDirectionParameters
+    density : DensityParameters
+
+    Returns
+    -------
+    (H, 3) array
+    """
+    cloud = current.cloud
+    turn = angles - candidates[:, 2]
+    facing = np.abs(np.cos(turn)[:, None] * cloud.nx + np.sin(turn)[:, None] * cloud.ny).max(axis=0)
+    cloud = cloud.select(facing > parameters.facing)
+    if len(cloud) < parameters.min_points:
+        return candidates
+    for reach, step, scale in ((parameters.reach, 2.0 * parameters.scale, 3.0 * parameters.scale),
+                               (2.5 * parameters.scale, 0.4 * parameters.scale, parameters.scale)):
+        shift = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1.0) * step
+        along = np.stack((np.cos(angles), np.sin(angles), np.zeros(len(angles))), axis=1)
+        moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
+        _, weight, nx, ny, _ = alignment.residuals(moved, cloud, reference.surface, scale, density)
+        ux, uy = np.repeat(along[:, :2].T, len(shift), axis=1)[:, :, None]
+        value = (weight * (nx * ux + ny * uy) ** 2).sum(axis=1)
+        px, py, _, _ = alignment.transform_points(moved, cloud.x, cloud.y)
+        near = reference.view.near.take(reference.view.bins(px, py))
+        violation = alignment.free_space_violation(np.hypot(px, py), near, density.violation_tolerance)
+        value -= density.violation * (violation * (1.0 - weight)).sum(axis=1)
+        value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
+        best = np.argmax(value, axis=1)
+        candidates = candidates + shift[best][:, None] * along
+    return candidates
