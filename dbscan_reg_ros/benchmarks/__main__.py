@@ -10,6 +10,7 @@ BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',
     'relations': 'the Freiburg relations of the Intel log without an initial guess',
     'synthetic': 'Intel scans with noise and outliers, moved by a known motion',
+    'figure4': 'Intel scans and the same points moved, to 1 mm and 0.001 rad',
     'speed': 'features of one scan plus registration, ours and GICP in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',

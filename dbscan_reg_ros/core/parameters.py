@@ -219,6 +219,8 @@ class RotationParameters(ParameterGroup):
     min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.1, 'a wider cluster is a chain and is clustered again; 0: never', 'rad', 0.0, 6.4)
     recuts: int = parameter(3, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+    focus: float = parameter(0.0, 'in a cluster\'s mean samples this far from its median weigh half; 0: distance does not matter',
+                             'rad', 0.0, 3.2)
     hypotheses: int = parameter(16, 'clusters that are followed further, heaviest first', '', 1, 1000)
 
 

@@ -102,10 +102,21 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     mass = np.bincount(index, weights[at])
     anchor = np.empty(len(mass))
     anchor[index] = samples[at]
-    mean = np.bincount(index, weights[at] * wrap_period(samples[at] - anchor[index], period)) / mass
+    offset, weight = wrap_period(samples[at] - anchor[index], period), weights[at]
+    if parameters.focus > 0.0:
+        weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.focus) ** 2)
+    mean = np.bincount(index, weight * offset) / np.bincount(index, weight)
     order = np.argsort(-mass, kind='stable')[:parameters.hypotheses]
     rank = np.full(len(mass), NOISE)
     rank[order] = np.arange(len(order))
     ranked = np.full(len(samples), NOISE)
     ranked[at] = rank[index]
     return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), sigma)
+
+
+def _medians(values, group):
+    """Median of the values of each group, groups numbered from 0."""
+    ordered = values[np.lexsort((values, group))]
+    count = np.bincount(group)
+    first = np.cumsum(count) - count
+    return 0.5 * (ordered[first + (count - 1) // 2] + ordered[first + count // 2])
