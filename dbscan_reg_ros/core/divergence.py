@@ -4,34 +4,51 @@ import math
 import numpy as np
 from scipy.special import logsumexp
 
+from .decision import failed, match_segments
 from .parameters import DivergenceParameters, Parameters
 from .records import Features, Hypothesis, Registration, Status
-from .rotation import Rotations
+from .rotation import Rotations, wrap_period
 from .se2 import SE2
+from .selection import score
 from .translation import Translations
 
 _NODES = 8
+# Least variance [m^2, rad^2]: a cluster of one sample does not know how far off it is.
+_LEAST_VARIANCE = 1e-6
 
 
 def select_by_divergence(reference: Features, current: Features, rotations: Rotations, translations: Translations,
-                         parameters: Parameters) -> Registration:
+                         p: Parameters) -> Registration:
     """The sample of the key clusters that makes the two scans' densities most alike.
 
-    Every sample is a hypothesis; the best of each key cluster is reported, its score ``exp(-D)``. The covariance is
-    the scatter of the winner's cluster and of the rotation's.
+    Every sample is a candidate; the best of each key cluster is reported with the score ``exp(-D)``. The covariance is
+    the scatter of the winner's cluster and of its rotation's: the method knows nothing better.
     """
     labels = translations.labels
-    key = np.flatnonzero((labels >= 0) & (labels < parameters.translation.key_clusters))
+    key = np.flatnonzero((labels >= 0) & (labels < p.translation.key_clusters))
     if not len(key):
-        return Registration(SE2(), np.eye(3), Status.FAILED, reason='no two pairs of lines cross')
-    candidates = np.column_stack((translations.samples[key], translations.transform[labels[key], 2]))
-    divergence = divergences(candidates, reference.points, current.points, parameters.divergence)
+        return failed('no two pairs of lines cross')
+    candidates = np.column_stack((translations.samples[key], rotations.phi[translations.rotation[key]]))
+    divergence = divergences(candidates, reference.points, current.points, p.divergence)
     order = np.argsort(divergence, kind='stable')
-    best = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in best)
+    leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
+    hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
-    covariance = _scatter(winner.transform, labels[key[best[0]]], rotations, translations, key[best[0]])
-    return Registration(winner.transform, covariance, Status.OK, score=winner.score, hypotheses=hypotheses)
+    _, overlap = score(candidates[leaders[:1]], reference, current, p.refinement.score_scale, p.density)
+    covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
+    matches = match_segments(reference.segments, current.segments, winner.transform, p.decision)
+    return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses, None, matches)
+
+
+def _scatter(transform, sample, rotations, translations):
+    """Covariance (3, 3) in the current sensor's frame: mean squares of the clusters' samples about the winner."""
+    cluster = translations.samples[translations.labels == translations.labels[sample]]
+    off = SE2(0.0, 0.0, -transform.theta).apply(cluster - (transform.x, transform.y))
+    turn = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
+    covariance = _LEAST_VARIANCE * np.eye(3)
+    covariance[:2, :2] += off.T @ off / len(off)
+    covariance[2, 2] += np.mean(wrap_period(turn, math.pi) ** 2)
+    return covariance
 
 
 def divergences(candidates, reference, current, parameters: DivergenceParameters):
@@ -96,20 +113,5 @@ def log_density(samples, bandwidth, at):
 
 
 def silverman(samples):
-    """Silverman's rule of thumb for the bandwidth: ``0.9 min(s, IQR / 1.349) n^(-1/5)``, at least 1 mm."""
-    quarter = np.percentile(samples, (25.0, 75.0))
-    spread = min(float(np.std(samples, ddof=1)), float(quarter[1] - quarter[0]) / 1.349)
-    return max(0.9 * spread * len(samples) ** -0.2, 1e-3)
-
-
-def _scatter(transform, cluster, rotations, translations, sample):
-    """Covariance (3, 3) in the current sensor's frame, from the samples around the winner."""
-    off = translations.samples[translations.labels == cluster] - (transform.x, transform.y)
-    body = SE2(0.0, 0.0, -transform.theta).apply(off)
-    period = math.pi
-    turn = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
-    turn = (turn + 0.5 * period) % period - 0.5 * period
-    covariance = np.zeros((3, 3))
-    covariance[:2, :2] = body.T @ body / len(body)
-    covariance[2, 2] = np.mean(turn ** 2)
-    return covariance + 1e-6 * np.eye(3)
+    """Silverman's rule of thumb for the bandwidth of normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
+    return max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, 1e-3)

@@ -155,7 +155,7 @@ def _off_lines(padded, centre, triples, noise, parameters):
         The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
         on the way to the third.
     """
-    k, a, b = (np.array(column)[:, None] for column in zip(*triples))
+    k, a, b = (np.array(column)[:, None] for column in zip(*triples, strict=True))
     px, py = padded.take(centre + RING + k, axis=1)
     ax, ay = padded.take(centre + RING + a, axis=1)
     bx, by = padded.take(centre + RING + b, axis=1)
