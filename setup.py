@@ -10,9 +10,11 @@ setup(
     description='2D lidar odometry by registration of line segments with DBSCAN clustering',
     license='Apache-2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['replays/*.html']},
     python_requires='>=3.10',
     install_requires=['numpy>=1.26', 'scipy>=1.11.4', 'scikit-learn>=1.4.1', 'PyYAML'],
-    extras_require={'commands': ['matplotlib', 'rosbags', 'tqdm'], 'test': ['hypothesis', 'pytest']},
+    extras_require={'commands': ['matplotlib', 'rosbags', 'tqdm'], 'cluster': ['distributed'],
+                    'tune': ['optuna'], 'test': ['hypothesis', 'pytest']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

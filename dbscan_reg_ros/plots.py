@@ -1,4 +1,6 @@
 """Pictures: metres on both axes to the same scale, legible without colour."""
+from typing import NamedTuple
+
 import numpy as np
 
 from .recordings.poses import compose
@@ -7,6 +9,26 @@ MOST_POINTS = 3_000_000
 """Larger maps are thinned to about this many points."""
 CELLS = 1600
 """Cells of the map's longer side."""
+
+
+class DensityMap(NamedTuple):
+    """How many returns lie where.
+
+    Attributes
+    ----------
+    ink : (rows, columns) float
+        Share of ink of each cell, 0..1; the first row is the lowest.
+    extent : (left, right, bottom, top) [m]
+    """
+
+    ink: np.ndarray
+    extent: tuple
+
+
+def density_map(scans, poses) -> DensityMap:
+    """The returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    return _density(_laid_out(scans, poses), poses)
 
 
 def plot_map(path, scans, poses, title='', truth=None):
@@ -23,17 +45,22 @@ def plot_map(path, scans, poses, title='', truth=None):
     truth : (M, 3), optional
         The true trajectory in the same frame.
     """
+    draw_map(path, density_map(scans, poses), poses, title, truth)
+
+
+def draw_map(path, density, poses, title='', truth=None):
+    """Draw a `DensityMap` as `plot_map` does."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
-    points = _laid_out(scans, poses)
-    density, extent = _density(points, poses)
+    extent = density.extent
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     longer = max(width, height)
     figure = Figure(figsize=(2.0 + 10.0 * width / longer, 1.4 + 10.0 * height / longer), layout='constrained')
     axes = figure.add_subplot()
-    axes.imshow(density, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0, interpolation='antialiased')
+    axes.imshow(density.ink, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0,
+                interpolation='antialiased')
     axes.plot(poses[:, 0], poses[:, 1], '-', color='tab:blue', linewidth=0.8, alpha=0.9, label='trajectory')
     if truth is not None:
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
@@ -61,7 +88,7 @@ def _laid_out(scans, poses):
 
 
 def _density(points, poses):
-    """Share of ink ``(rows, columns)`` of each cell, and the map's extent: left, right, bottom, top [m]."""
+    """The `DensityMap` of points ``(P, 2)`` that shows the poses ``(N, 3)`` as well."""
     seen = np.concatenate((np.quantile(points, (0.001, 0.999), axis=0) if len(points) else np.zeros((0, 2)),
                            poses[:, :2], np.zeros((0 if len(poses) else 1, 2))))
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -73,4 +100,4 @@ def _density(points, poses):
                                   range=((low[1], low[1] + shape[1] * cell), (low[0], low[0] + shape[0] * cell)))
     full = np.quantile(counts[counts > 0], 0.95) if counts.any() else 1.0
     ink = np.minimum(np.log1p(counts) / np.log1p(full), 1.0)
-    return ink, (low[0], low[0] + shape[0] * cell, low[1], low[1] + shape[1] * cell)
+    return DensityMap(ink, (low[0], low[0] + shape[0] * cell, low[1], low[1] + shape[1] * cell))

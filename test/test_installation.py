@@ -15,7 +15,7 @@ from dbscan_reg_ros.commands import COMMANDS
 PACKAGE = 'dbscan_reg_ros'
 ROSDEP_KEYS = {'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy',
                'sklearn': 'python3-sklearn', 'tqdm': 'python3-tqdm', 'yaml': 'python3-yaml'}
-NO_ROSDEP_KEY = {'rosbags'}
+NO_ROSDEP_KEY = {'distributed', 'optuna', 'rosbags'}
 ONLY_COMPARED_WITH = {'kiss_icp', 'small_gicp'}
 PART_OF_TF2 = {'tf2_ros': 'tf2_ros'}
 

@@ -1,20 +1,26 @@
-"""Replay: a recording in, a trajectory, a map and a verdict out."""
+"""Replay: recordings in, a folder of results each."""
 import gzip
 import itertools
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 
 import numpy as np
 import pytest
 
 from dbscan_reg_ros.commands.replay import main
+from dbscan_reg_ros.node.parameters import NodeParameters
+from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.plots import plot_map
-from dbscan_reg_ros.recordings import open_recording, read_csv, read_tum
+from dbscan_reg_ros.recordings import open_recording, read_csv, read_tum, true_poses, write_tum
 from dbscan_reg_ros.recordings.carmen import CarmenLog
+from dbscan_reg_ros.recordings.metrics import evaluate
 
 
 def picture(path):
@@ -23,43 +29,139 @@ def picture(path):
     return 1.0 - imread(path)[..., :3].mean(axis=2)
 
 
-@pytest.mark.parametrize(('path', 'count', 'first'), [
-    ('lms511/static', 173, 4101310801000),
-    ('urg04lx/exp1', 756, 212387282000),
-    ('ccny_demo/demo.bag', 360, 1282836370970876375),
-    ('aces/aces.log.gz', 440, 21019900000),
+FILES = {'bag', 'map.png', 'metrics.json', 'parameters.yaml', 'report.html', 'trajectory.tum'}
+
+
+@pytest.fixture
+def replay(data, tmp_path):
+    """``replay(*words) -> exit code``: into the test's folder."""
+    return lambda *words: main([*map(str, words), '--data', str(data), '--out', str(tmp_path)])
+
+
+def names(folder):
+    return {file.name for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize(('path', 'name', 'count', 'first', 'more'), [
+    ('lms511/static', 'static', 173, 4101310801000, set()),
+    ('urg04lx/exp1', 'exp1', 756, 212387282000, set()),
+    ('ccny_demo/demo.bag', 'demo', 360, 1282836370970876375, set()),
+    ('aces/aces.log.gz', 'aces', 440, 21019900000, {'truth.tum'}),
 ])
-def test_a_recording_becomes_a_trajectory_and_a_map(data, tmp_path, capsys, path, count, first):
-    assert main([path, '--data', str(data), '--out', str(tmp_path / 'out')]) == 0
-    stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
+def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, path, name, count, first, more):
+    assert replay(path) == 0
+    latest = tmp_path / name / 'latest'
+    assert names(latest) == FILES | more
+    assert names(latest.parent) == {'latest', latest.resolve().name} and names(tmp_path) == {name}
+    stamps, poses = read_tum(latest / 'trajectory.tum')
     assert stamps.tolist() == open_recording(data / path).stamps() and len(stamps) == count and stamps[0] == first
     assert poses[0].tolist() == [0.0, 0.0, 0.0] and np.isfinite(poses).all()
-    assert {file.name for file in (tmp_path / 'out').iterdir()} == {'trajectory.tum', 'map.png'}
-    assert 0.003 < picture(tmp_path / 'out' / 'map.png').mean() < 0.5
+    assert 0.003 < picture(latest / 'map.png').mean() < 0.5
     printed = capsys.readouterr().out
-    assert f'scans {count} lost 0' in printed
-    assert re.search(r'time per scan  median \d+\.\d\d ms, p95 \d+\.\d\d ms', printed)
+    assert re.search(rf'^scans +{count} lost 0 ', printed, re.MULTILINE)
+    assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan', printed, re.MULTILINE)
+    metrics = json.loads((latest / 'metrics.json').read_text())
+    assert (metrics['recording'], metrics['scans'], metrics['lost']) == (name, count, 0)
+    assert read_parameters(latest / 'parameters.yaml') == NodeParameters()
 
 
-def test_a_sensor_that_stands_still_stays_where_it_is(data, tmp_path):
-    assert main(['lms511/static', '--data', str(data), '--out', str(tmp_path)]) == 0
-    _, poses = read_tum(tmp_path / 'trajectory.tum')
+def test_the_bag_holds_what_the_node_would_have_published(replay, tmp_path):
+    """Poses as in the trajectory, with the scans' stamps, in their order; /tf says the same; segments near the scan."""
+    from rosbags.highlevel import AnyReader
+    assert replay('urg04lx/exp1') == 0
+    stamps, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
+    messages = {}
+    with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
+        for connection, time, raw in reader.messages():
+            messages.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
+    assert {topic: len(found) for topic, found in messages.items()} == dict.fromkeys(('/odom', '/tf', '/segments'), 756)
+    for (time, odom), (_, tf), stamp, pose in zip(messages['/odom'], messages['/tf'], stamps, poses, strict=True):
+        header, transform = odom.header, tf.transforms[0]
+        assert time >= header.stamp.sec * 10**9 + header.stamp.nanosec == stamp
+        assert (header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
+        place = odom.pose.pose.position
+        np.testing.assert_allclose((place.x, place.y), pose[:2], atol=1e-8)
+        assert (transform.transform.translation.x, transform.transform.translation.y) == (place.x, place.y)
+        assert transform.header == header and odom.pose.covariance[0] > 0.0
+    markers = messages['/segments'][-1][1].markers
+    assert [(marker.ns, marker.id) for marker in markers] == [
+        ('reference', 1), ('reference', 0), ('current', 1), ('current', 0)]
+    points = np.array([(point.x, point.y) for marker in markers for point in marker.points])
+    assert len(points) > 4 and np.hypot(*(points - poses[-1, :2]).T).max() < 4.5
+
+
+def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(replay, tmp_path):
+    from rosbags.highlevel import AnyReader
+    (tmp_path / 'a.yaml').write_text(
+        '/**:\n  ros__parameters:\n    mounting: laser_pose\n    laser_pose: [0.145, 0.0, 0.0]\n    base_frame: base\n')
+    assert replay('urg04lx/exp1', '--params-file', tmp_path / 'a.yaml') == 0
+    _, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
+    with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
+        odom = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()
+                if connection.topic == '/odom']
+    base = np.array([(message.pose.pose.position.x, message.pose.pose.position.y) for message in odom])
+    ahead = 0.145 * np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
+    np.testing.assert_allclose(base + ahead, poses[:, :2] + (0.145, 0.0), atol=1e-8)
+    assert odom[0].child_frame_id == 'base'
+
+
+def test_a_sensor_that_stands_still_stays_where_it_is(replay, tmp_path):
+    assert replay('lms511/static') == 0
+    _, poses = read_tum(tmp_path / 'static' / 'latest' / 'trajectory.tum')
     assert np.hypot(poses[:, 0], poses[:, 1]).max() < 2e-3
     assert np.degrees(np.abs(poses[:, 2])).max() < 0.05
 
 
-def test_the_intel_log_is_scored_by_its_relations(data, tmp_path, capsys):
-    assert main(['intel/intel.log.gz', '--data', str(data), '--out', str(tmp_path)]) == 0
+def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_path, capsys):
+    assert replay('intel/intel.log.gz') == 0
     printed = capsys.readouterr().out
-    assert 'scans 5505 lost 0' in printed
-    metres, degrees = re.search(r'neighbour relations  mean (\d\.\d+) m (\d\.\d+) deg', printed).groups()
+    assert re.search(r'^scans +5505 lost 0 ', printed, re.MULTILINE)
+    metres, degrees = re.search(r'^neighbours +mean (\d\.\d+) m (\d\.\d+) deg', printed, re.MULTILINE).groups()
     assert float(metres) < 0.03 and float(degrees) < 0.5
+    metrics = json.loads((tmp_path / 'intel' / 'latest' / 'metrics.json').read_text())
+    assert metrics['relations'] == 1030 and metrics['rpe_1m_median_m'] < 0.02
+    assert metrics['relations_neighbour_mean_m'] == pytest.approx(float(metres), abs=6e-4)
 
 
-def test_corrected_poses_in_the_log_are_the_truth(data, tmp_path, capsys):
-    assert main(['aces/aces.log.gz', '--data', str(data), '--out', str(tmp_path)]) == 0
-    assert re.search(r'against the corrected poses  over 1 m \d+\.\d+ m, over 5 m \d+\.\d+ m, ATE \d+\.\d+ m',
-                     capsys.readouterr().out)
+def test_corrected_poses_in_the_log_are_the_truth(replay, tmp_path, capsys):
+    assert replay('aces/aces.log.gz') == 0
+    printed = capsys.readouterr().out
+    assert re.search(r'(?ms)^over 1 m +mean \d+\.\d+ m .*^over 5 m +mean .*^position +\d+\.\d+ m', printed)
+    stamps, _ = read_tum(tmp_path / 'aces' / 'latest' / 'truth.tum')
+    assert stamps.tolist() == read_tum(tmp_path / 'aces' / 'latest' / 'trajectory.tum')[0].tolist()
+
+
+@pytest.mark.parametrize('path', ['aces/aces.log.gz', 'intel/intel.log.gz'])
+def test_evo_measures_the_same(data, tmp_path, path):
+    """Position error and steps by ``evo``, run as a command, on the files that a replay writes."""
+    for command in ('evo_ape', 'evo_rpe'):
+        if not shutil.which(command):
+            pytest.skip(f'needs {command} on the PATH (pip install evo)')
+    recording = open_recording(data / path)
+    stamps, truth = true_poses(recording)
+    wheels = recording.wheel_odometry()[1]
+    order = np.sort(np.unique(stamps, return_index=True)[1])
+    order = order[np.diff(np.maximum.accumulate(stamps[order]), prepend=-1) > 10**7]
+    measures = evaluate(wheels[order], reference=truth[order])
+    write_tum(tmp_path / 'truth.tum', stamps[order], truth[order])
+    write_tum(tmp_path / 'trajectory.tum', stamps[order], wheels[order])
+    ape = evo(tmp_path, 'evo_ape', '-a')
+    steps = evo(tmp_path, 'evo_rpe', '--delta', '1', '--delta_unit', 'f')
+    turns = evo(tmp_path, 'evo_rpe', '--delta', '1', '--delta_unit', 'f', '-r', 'angle_deg')
+    assert ape['rmse'] == pytest.approx(measures['ate_m'], abs=1e-6) and ape['rmse'] > 0.1
+    for statistic in ('mean', 'median', 'std'):
+        assert steps[statistic] == pytest.approx(measures[f'step_{statistic}_m'], abs=1e-6)
+        assert turns[statistic] == pytest.approx(measures[f'step_{statistic}_deg'], abs=1e-5)
+
+
+def evo(folder, command, *options):
+    """The statistics that an evo command finds of trajectory.tum against truth.tum."""
+    result = folder / f'{command}{"".join(options)}.zip'
+    subprocess.run([command, 'tum', 'truth.tum', 'trajectory.tum', *options, '--save_results', result.name,
+                    '--no_warnings'], cwd=folder, check=True, capture_output=True, timeout=120,
+                   env=os.environ | {'HOME': str(folder)})
+    with zipfile.ZipFile(result) as archive:
+        return json.loads(archive.read('stats.json'))
 
 
 def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp_path, capsys):
@@ -69,40 +171,90 @@ def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp
     words = lines[19].split()
     lines[19] = ' '.join([*words[:2], *(['81.83'] * 180), *words[182:]]) + '\n'
     (tmp_path / 'a.log').write_text(''.join(lines))
-    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path / 'out')]) == 0
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert 'a.log:10: damaged FLASER skipped' in printed
     assert re.search(r'^scan 18 not used: ', printed, re.MULTILINE)
-    assert 'scans 28 lost 1 ' in printed
-    assert len(read_tum(tmp_path / 'out' / 'trajectory.tum')[0]) == 27
+    assert re.search(r'^scans +28 lost 1 ', printed, re.MULTILINE)
+    assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
 
 
-def test_an_interrupted_replay_keeps_what_it_has(data, tmp_path, capsys, monkeypatch):
+def test_several_recordings_in_several_processes_give_what_one_gives(data, replay, tmp_path, capfd):
+    for name, length in (('a', 80), ('b', 60)):
+        with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+            (tmp_path / f'{name}.log').write_text(''.join(itertools.islice(whole, length)))
+    files = [tmp_path / 'a.log', tmp_path / 'b.log', tmp_path / 'absent.log', tmp_path / 'a.log']
+    assert replay(*files, '--processes', 1) == 2
+    once = {name: (tmp_path / name / 'latest' / 'trajectory.tum').read_bytes() for name in 'ab'}
+    capfd.readouterr()
+    assert replay(*files, '--processes', 2) == 2
+    out, error = capfd.readouterr()
+    assert error == f'replay: {tmp_path}/absent.log: cannot be read: No such file or directory\n'
+    assert len(re.findall('^results', out, re.MULTILINE)) == 3
+    assert len(names(tmp_path / 'a')) == 5 and len(names(tmp_path / 'b')) == 3
+    for name, trajectory in once.items():
+        for folder in (tmp_path / name).iterdir():
+            assert (folder / 'trajectory.tum').read_bytes() == trajectory and names(folder) == FILES
+
+
+def test_an_interrupted_replay_keeps_what_it_has(replay, tmp_path, capsys, monkeypatch):
     def interrupted(self):
         yield from itertools.islice(scans(self), 50)
         raise KeyboardInterrupt
 
     scans = CarmenLog.scans
     monkeypatch.setattr(CarmenLog, 'scans', interrupted)
-    assert main(['intel/intel.log.gz', '--data', str(data), '--out', str(tmp_path)]) == 130
-    assert len(read_tum(tmp_path / 'trajectory.tum')[0]) == 50
-    assert [file.name for file in tmp_path.iterdir()] == ['trajectory.tum']
+    assert replay('intel/intel.log.gz') == 130
+    folder, = (tmp_path / 'intel').iterdir()
+    assert len(read_tum(folder / 'trajectory.tum')[0]) == 50 and messages_of(folder / 'bag') == 150
+    assert names(folder) == {'bag', 'parameters.yaml', 'trajectory.tum'}
     assert capsys.readouterr().err == 'replay: interrupted\n'
 
 
-def test_ctrl_c_leaves_a_valid_trajectory_and_ends_with_130(data, root, tmp_path):
+def messages_of(bag):
+    from rosbags.highlevel import AnyReader
+    with AnyReader([bag]) as reader:
+        return sum(1 for _ in reader.messages())
+
+
+@pytest.mark.parametrize('processes', [1, 2])
+def test_ctrl_c_leaves_valid_files_and_ends_with_130(data, root, tmp_path, processes):
     with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
         (tmp_path / 'long.log').write_text(whole.read() * 20)
-    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'replay', 'long.log'], cwd=tmp_path,
+    words = ['replay', 'long.log', 'long.log', '--processes', str(processes)]
+    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path,
                                env=os.environ | {'PYTHONPATH': str(root)}, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not (tmp_path / 'results' / 'long').exists() and time.monotonic() < deadline:
+
+    def writing():
+        return [bag for bag in tmp_path.glob('results/long/*/bag/*.mcap') if bag.stat().st_size]
+
+    while len(writing()) < processes and time.monotonic() < deadline:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=60)
-    assert process.returncode == 130 and error == 'replay: interrupted\n'
-    stamps, _ = read_tum(tmp_path / 'results' / 'long' / 'trajectory.tum')
-    assert len(stamps) < 20 * 5505
+    assert (process.returncode, error) == (130, 'replay: interrupted\n')
+    folders = list((tmp_path / 'results' / 'long').iterdir())
+    assert len(folders) == processes
+    for folder in folders:
+        stamps, _ = read_tum(folder / 'trajectory.tum')
+        assert len(stamps) < 20 * 5505 and messages_of(folder / 'bag') == 3 * len(stamps)
+
+
+def test_nothing_is_written_outside_the_result_folder(data, root, tmp_path):
+    """With a home of its own and caches off, every new file is below results/."""
+    work, home = tmp_path / 'work', tmp_path / 'home'
+    work.mkdir()
+    home.mkdir()
+    environment = os.environ | {'PYTHONPATH': str(root), 'HOME': str(home), 'PYTHONDONTWRITEBYTECODE': '1',
+                                'TMPDIR': str(home)}
+    environment.pop('MPLCONFIGDIR', None)
+    words = ['replay', str(data / 'lms511' / 'static'), '--processes', '2']
+    subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=work, env=environment,
+                   check=True, capture_output=True, timeout=120)
+    assert names(work) == {'results'}
+    left = {path.relative_to(home).parts[:2] for path in home.rglob('*') if path.is_file()}
+    assert left <= {('.cache', 'matplotlib'), ('.config', 'matplotlib')}
 
 
 def test_walls_are_single_lines_where_the_poses_are_right(data, tmp_path):

@@ -25,6 +25,29 @@ def add_recording(parser):
     add_data(parser)
 
 
+def add_recordings(parser):
+    """The arguments that name recordings."""
+    parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
+                        'looked for below the data folder as well')
+    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+    add_data(parser)
+
+
+def add_workers(parser):
+    """The arguments that say who does the work."""
+    parser.add_argument('--processes', type=positive, metavar='N',
+                        help='processes at a time (default: one for each processor)')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='use the Dask cluster of this scheduler instead, '
+                        'such as tcp://10.0.0.1:8786; its workers have to see the same files')
+
+
+def positive(text) -> int:
+    """A whole number above 0, as an argument."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
+    return int(text)
+
+
 def add_data(parser):
     """The argument that names the folder of public recordings."""
     parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '
@@ -43,11 +66,16 @@ def run(parser, work, argv=None) -> int:
     try:
         return work(args) or 0
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
-        if args.verbose:
-            traceback.print_exc()
-        code, message = _explain(error)
-        print(f'{parser.prog}: {message}', file=sys.stderr)
-        return code
+        return complain(parser.prog, error, args.verbose)
+
+
+def complain(command, error, verbose=False) -> int:
+    """Print the one line, and the traceback where wanted, that `error` is worth; its exit code."""
+    if verbose:
+        traceback.print_exception(error)
+    code, message = _explain(error)
+    print(f'{command}: {message}', file=sys.stderr)
+    return code
 
 
 def _explain(error):

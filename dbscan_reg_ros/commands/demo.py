@@ -116,6 +116,6 @@ def _errors(recording, stamps, poses):
     errors = errors_of(recording, stamps, poses)
     if 'relations_neighbour_mean_m' in errors:
         yield f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m {errors["relations_neighbour_mean_deg"]:.2f} deg'
-    if 'final_m' in errors:
+    elif 'final_m' in errors:
         share = 100.0 * errors['final_m'] / errors['path_m']
         yield f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) {errors["final_deg"]:.2f} deg'

@@ -1,116 +1,101 @@
-"""``replay FILE``: the odometry of a recording, offline, through the same `Odometry` as the node."""
+"""``replay FILE...``: the odometry of recordings, offline, through the same `Odometry` as the node."""
+from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import add_recording, make_parser, run
+from .command_line import add_recordings, add_workers, complain, make_parser, run
 
 
 def main(argv=None) -> int:
-    parser = make_parser('replay', 'Odometry of a recording, offline, as fast as it goes: '
-                         'writes trajectory.tum and map.png and prints how good they are.')
-    add_recording(parser)
+    parser = make_parser('replay', 'Odometry of recordings, offline, as fast as it goes. Each gets a dated folder with '
+                         'report.html, a page that shows it all; trajectory.tum, map.png and metrics.json; a bag with '
+                         '/odom, /tf and /segments; and the parameters used.')
+    add_recordings(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameters in the form of ROS 2 (default: the defaults)')
-    parser.add_argument('--out', metavar='DIR', help='where the results go (default: results/NAME)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='the results go to DIR/NAME/DATE, with a link '
+                        'DIR/NAME/latest (default: results)')
+    add_workers(parser)
     return run(parser, replay, argv)
 
 
 def replay(args):
-    """Run the odometry over the recording, write the results and print the summary."""
-    from ..core.parameters import Parameters
+    """Replay every recording, and print what came of each; the exit status is that of the first that failed."""
+    from ..node.parameters import NodeParameters
     from ..parameter_files import read_parameters
-    from ..plots import plot_map
-    from ..recordings import find_recording, open_recording, write_tum
+    from ..recordings import find_recording
+    from .workers import processors, workers
 
-    recording = open_recording(find_recording(args.file, args.data), args.topic)
-    parameters = read_parameters(args.params_file) if args.params_file else Parameters()
-    out = Path(args.out or Path('results', recording.name))
-    out.mkdir(parents=True, exist_ok=True)
-    track = Track(recording)
-    try:
-        track.follow(parameters)
-    finally:
-        write_tum(out / 'trajectory.tum', track.stamps, track.poses)
-        print(f'trajectory  {out / "trajectory.tum"}')
-    plot_map(out / 'map.png', track.scans(), track.poses, f'{recording.name}: {len(track.poses)} scans')
-    print(f'map         {out / "map.png"}')
-    print('\n'.join(track.summary()))
-
-
-class Track:
-    """The way of a recording's sensor, as the odometry sees it.
-
-    Attributes
-    ----------
-    stamps : list of int [ns]
-    poses : list of (x, y, theta) [m, m, rad]
-        One for each scan that could be used, in the order of the file.
-    used : list of bool
-        For each scan of the recording.
-    statuses : list of Status
-    milliseconds : list of float
-        Time spent on each used scan.
-    problems : list of str
-        Why scans were not used.
-    """
-
-    def __init__(self, recording):
-        self.recording = recording
-        self.stamps, self.poses, self.used, self.statuses, self.milliseconds, self.problems = [], [], [], [], [], []
-
-    def follow(self, parameters):
-        """Feed every scan to an `Odometry`."""
-        from time import perf_counter
-
-        from tqdm import tqdm
-
-        from ..core.errors import ScanError
-        from ..core.odometry import Odometry
-
-        odometry = Odometry(parameters)
-        scans = tqdm(self.recording.scans(), self.recording.name, self.recording.count, unit=' scans', disable=None)
-        for number, scan in enumerate(scans, 1):
-            begin = perf_counter()
+    parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    place = Path.absolute if args.scheduler else Path
+    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)))
+            for file in args.files]
+    code = 0
+    with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
+        for future in [executor.submit(replay_one, job) for job in jobs]:
             try:
-                update = odometry.process(scan)
-            except ScanError as error:
-                self.used.append(False)
-                self.problems.append(f'scan {number} not used: {error}')
-                continue
-            self.milliseconds.append(1e3 * (perf_counter() - begin))
-            self.used.append(True)
-            self.stamps.append(update.stamp)
-            self.poses.append((update.pose.x, update.pose.y, update.pose.theta))
-            self.statuses.append(update.status)
+                print('\n'.join(future.result()), flush=True)
+            except Exception as error:  # noqa: BLE001 - the other recordings go on
+                code = code or complain('replay', error, args.verbose)
+    return code
 
-    def scans(self):
-        """The used scans once more."""
-        return (scan for scan, used in zip(self.recording.scans(), self.used, strict=True) if used)
 
-    def summary(self):
-        """Lines that say how it went."""
-        from collections import Counter
+@dataclass(frozen=True)
+class Job:
+    """What is to be replayed: `path` and `topic` of the recording; the results go below `out`."""
 
-        import numpy as np
+    path: Path
+    topic: str | None
+    parameters: object
+    out: Path
 
-        counts = Counter(status.value for status in self.statuses)
-        yield from self.recording.problems
-        yield from self.problems
-        yield (f'scans {len(self.used)} lost {self.used.count(False)} '
-               + ' '.join(f'{name} {count}' for name, count in sorted(counts.items())))
-        if self.milliseconds:
-            median, p95 = np.percentile(self.milliseconds, (50, 95))
-            yield f'time per scan  median {median:.2f} ms, p95 {p95:.2f} ms'
-        yield from self._errors()
 
-    def _errors(self):
-        """Errors against what is known of the true motion."""
-        from ..recordings import errors_of
+def replay_one(job) -> list:
+    """Replay one recording into a folder of its own; lines that say how it went."""
+    from ..core.odometry import Odometry
+    from ..parameter_files import write_parameters
+    from ..recordings import open_recording, write_tum
+    from ..replays.bag import odometry_bag
+    from ..replays.folder import new_folder, point_latest
+    from ..replays.spots import Spots
+    from ..replays.track import Track
+    from .workers import watched
 
-        errors = errors_of(self.recording, self.stamps, self.poses)
-        for name, words in (('neighbour', 'neighbour relations'), ('all', 'all relations')):
-            if f'relations_{name}_mean_m' in errors:
-                yield (f'{words}  mean {errors[f"relations_{name}_mean_m"]:.3f} m '
-                       f'{errors[f"relations_{name}_mean_deg"]:.2f} deg')
-        if 'ate_m' in errors:
-            yield 'against the corrected poses  ' + ', '.join(
-                f'{name} {errors[key]:.3f} m' for name, key in (
-                    ('over 1 m', 'rpe_1m_mean_m'), ('over 5 m', 'rpe_5m_mean_m'), ('ATE', 'ate_m')) if key in errors)
+    recording = open_recording(job.path, job.topic)
+    folder = new_folder(job.out / recording.name)
+    write_parameters(folder / 'parameters.yaml', job.parameters, f'The parameters of the replay of {job.path.name}.')
+    track, spots = Track(), Spots()
+    try:
+        with odometry_bag(folder / 'bag', job.parameters) as add_to_bag:
+            scans = watched(recording.scans(), recording.name, recording.count)
+            for update in track.follow(scans, Odometry(job.parameters)):
+                add_to_bag(update)
+                spots.add(update)
+    finally:
+        write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
+    lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters)]
+    point_latest(folder)
+    return lines
+
+
+def write_results(folder, recording, track, spots, parameters) -> list:
+    """Write what shows how good a finished track is; the same in a few lines."""
+    import numpy as np
+
+    from ..plots import density_map, draw_map
+    from ..recordings import KnownMotion, interpolate, write_tum
+    from ..replays.report import write_report
+    from ..replays.summary import summarise, write_metrics
+
+    known, poses = KnownMotion.of(recording), track.pose_array()
+    measures = track.measures() | known.measures(track.stamps, poses)
+    write_metrics(folder / 'metrics.json', recording, measures)
+    if known.truth:
+        at = interpolate(*known.truth, track.stamps)
+        there = np.isfinite(at).all(axis=1)
+        write_tum(folder / 'truth.tum', np.array(track.stamps, dtype=np.int64)[there], at[there])
+    title = f'{recording.name}: {len(poses)} scans'
+    density = density_map(track.usable(recording.scans()), poses)
+    draw_map(folder / 'map.png', density, poses, title)
+    summary = summarise(measures)
+    write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
+                 spots.found(), parameters)
+    return [*recording.problems, *track.problems, *(f'{name:11} {value}' for name, value in summary)]

@@ -47,15 +47,21 @@ def relation_errors(stamps, poses, relations) -> dict:
         ``relations``: how many have both of their scans; the `summarize` d errors of ``relations_all``,
         ``relations_neighbour`` and ``relations_loop``.
     """
-    first, first_found = _scans_at(stamps, relations.stamps[:, 0])
-    second, second_found = _scans_at(stamps, relations.stamps[:, 1])
-    found = first_found & second_found
-    estimate = relative(poses[first[found]], poses[second[found]])
+    first, second, found = related(stamps, relations)
+    estimate = relative(poses[first], poses[second])
     truth = relations.motions[found]
     near = np.abs(relations.stamps[found, 1] - relations.stamps[found, 0]) < NEIGHBOURS_WITHIN
     return {'relations': int(found.sum()), **summarize('relations_all', estimate, truth),
             **summarize('relations_neighbour', estimate[near], truth[near]),
             **summarize('relations_loop', estimate[~near], truth[~near])}
+
+
+def related(stamps, relations):
+    """Indices of the first and of the second scan of every relation that has both, and which relations these are."""
+    first, first_found = _scans_at(stamps, relations.stamps[:, 0])
+    second, second_found = _scans_at(stamps, relations.stamps[:, 1])
+    found = first_found & second_found
+    return first[found], second[found], found
 
 
 def step_errors(poses, reference) -> dict:
@@ -73,12 +79,17 @@ def step_errors(poses, reference) -> dict:
 
 def distance_errors(poses, reference, metres) -> dict:
     """Errors of the motion from each scan to the first whose path in the reference is `metres` longer, ``rpe_5m``."""
+    scans, later = apart(reference, metres)
+    return summarize(f'rpe_{metres:g}m', relative(poses[scans], poses[later]),
+                     relative(reference[scans], reference[later]))
+
+
+def apart(reference, metres):
+    """Indices of the scans, and for each of the first scan whose path in the reference is `metres` longer."""
     path = path_lengths(reference)
     later = np.searchsorted(path, path + metres)
     scans = np.flatnonzero(later < len(path))
-    later = later[scans]
-    return summarize(f'rpe_{metres:g}m', relative(poses[scans], poses[later]),
-                     relative(reference[scans], reference[later]))
+    return scans, later[scans]
 
 
 def path_lengths(poses):

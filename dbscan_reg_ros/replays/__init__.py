@@ -1,0 +1,1 @@
+"""The odometry of a recording, offline: the way it finds, and what is written of it."""

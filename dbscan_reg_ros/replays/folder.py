@@ -1,0 +1,26 @@
+"""A dated folder for the results of each run, and ``latest``."""
+import os
+import time
+from pathlib import Path
+
+
+def new_folder(parent) -> Path:
+    """A new folder in `parent`, named after the time of day; two runs never get the same."""
+    parent = Path(parent)
+    parent.mkdir(parents=True, exist_ok=True)
+    name, number = time.strftime('%Y-%m-%d_%H-%M-%S'), 1
+    while True:
+        folder = parent / (name if number == 1 else f'{name}_{number}')
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def point_latest(folder):
+    """Make ``latest`` beside `folder` a link to it."""
+    link = folder.with_name(f'.latest-{folder.name}')
+    os.symlink(folder.name, link)
+    os.replace(link, folder.with_name('latest'))

@@ -1,0 +1,74 @@
+"""The scans of a replay that deserve a look, each with the scan that it was registered to."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.records import Status
+
+MOST_BAD = 100
+LEAST_SURE = 12
+"""Besides the bad ones: those whose returns lie on the reference's surfaces the least."""
+BLOCK = 50
+"""Of so many scans at most one is among the least sure."""
+MOST_POINTS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A scan and its reference.
+
+    Attributes
+    ----------
+    number : int
+        Of the scan among those used, from 0.
+    status : Status
+    overlap : float
+        Share of the scan's returns on the reference's surfaces, 0..1.
+    reason : str
+    reference, current : (P, 2) float [m]
+        Returns of the reference, and of the scan where the odometry lays them, in the reference's frame.
+    """
+
+    number: int
+    status: Status
+    overlap: float
+    reason: str
+    reference: np.ndarray
+    current: np.ndarray
+
+
+class Spots:
+    """Collects the first scan of every stretch that is not ``OK``, and the least sure ones of those that are."""
+
+    def __init__(self):
+        self._bad, self._least_sure, self._count, self._last = [], {}, 0, Status.OK
+
+    def add(self, update):
+        """Look at the `OdometryUpdate` of the next scan."""
+        number, self._count = self._count, self._count + 1
+        changed, self._last = update.status is not self._last, update.status
+        if update.registration is None or update.reference is None:
+            return
+        if update.status is not Status.OK:
+            if changed and len(self._bad) < MOST_BAD:
+                self._bad.append(_spot(number, update))
+            return
+        block = number // BLOCK
+        if block not in self._least_sure or update.registration.overlap < self._least_sure[block].overlap:
+            self._least_sure[block] = _spot(number, update)
+
+    def found(self) -> list:
+        """Every `Spot`, in the order of the scans."""
+        least = sorted(self._least_sure.values(), key=lambda spot: spot.overlap)[:LEAST_SURE]
+        return sorted([*self._bad, *least], key=lambda spot: spot.number)
+
+
+def _spot(number, update):
+    moved = update.reference_pose.inverse() @ update.pose
+    registration = update.registration
+    return Spot(number, update.status, registration.overlap, registration.reason,
+                _thinned(update.reference.points), moved.apply(_thinned(update.features.points)))
+
+
+def _thinned(points):
+    return points[::-(-len(points) // MOST_POINTS) or 1]

@@ -1,0 +1,78 @@
+"""The way of a recording's sensor, as the odometry sees it."""
+from collections import Counter
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from ..core.errors import ScanError
+from ..core.odometry import Odometry
+from ..core.records import Status
+
+
+@dataclass(eq=False)
+class Track:
+    """What the odometry says of the scans of a recording that it can use, in the order of the file.
+
+    Attributes
+    ----------
+    stamps : list of int [ns]
+    poses : list of (x, y, theta) [m, m, rad]
+        Of the sensor, in the frame of the first scan.
+    statuses : list of Status
+    milliseconds : list of float
+        Time spent on each.
+    used : list of bool
+        For every scan of the recording.
+    problems : list of str
+        Why scans were not used.
+    """
+
+    stamps: list = field(default_factory=list)
+    poses: list = field(default_factory=list)
+    statuses: list = field(default_factory=list)
+    milliseconds: list = field(default_factory=list)
+    used: list = field(default_factory=list)
+    problems: list = field(default_factory=list)
+
+    def follow(self, scans, odometry):
+        """Feed `scans` to `odometry`, an `Odometry` or whatever has its `process`, and yield each `OdometryUpdate`."""
+        for number, scan in enumerate(scans, 1):
+            begin = perf_counter()
+            try:
+                update = odometry.process(scan)
+            except ScanError as error:
+                self.used.append(False)
+                self.problems.append(f'scan {number} not used: {error}')
+                continue
+            self.milliseconds.append(1e3 * (perf_counter() - begin))
+            self.used.append(True)
+            self.stamps.append(update.stamp)
+            self.poses.append((update.pose.x, update.pose.y, update.pose.theta))
+            self.statuses.append(update.status)
+            yield update
+
+    def usable(self, scans):
+        """Those of the recording's `scans` that were used."""
+        return (scan for scan, used in zip(scans, self.used, strict=True) if used)
+
+    def pose_array(self):
+        """(N, 3) float [m, m, rad]"""
+        return np.array(self.poses, dtype=float).reshape(-1, 3)
+
+    def measures(self) -> dict:
+        """How many scans there were and came to what, and how long they took."""
+        counts = Counter(self.statuses)
+        measures = {'scans': len(self.used), 'lost': self.used.count(False)}
+        measures |= {status.value: counts[status] for status in Status}
+        if self.milliseconds:
+            measures |= {f'ms_p{q}': float(np.percentile(self.milliseconds, q)) for q in (50, 95, 99)}
+        return measures
+
+
+def track_of(scans, parameters) -> Track:
+    """The whole way of the sensor that saw `scans`."""
+    track = Track()
+    for _ in track.follow(scans, Odometry(parameters)):
+        pass
+    return track

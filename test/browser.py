@@ -1,0 +1,118 @@
+"""A real browser without a window, driven over its debugging pipe."""
+import base64
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+NAMES = 'chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome'
+OPTIONS = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--hide-scrollbars',
+           '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage',
+           '--remote-debugging-pipe', '--window-size=1120,900')
+LAUNCH = """
+import fcntl, os, sys
+for target, pipe in enumerate([fcntl.fcntl(int(number), fcntl.F_DUPFD, 10) for number in sys.argv[1:3]], 3):
+    os.dup2(pipe, target)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""The browser reads commands from file 3 and writes answers to file 4."""
+
+
+def find_browser():
+    """The path of a chromium, or None."""
+    return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class Browser:
+    """One page in a browser with a fresh profile in the folder `profile`.
+
+    Attributes
+    ----------
+    complaints : list of str
+        Exceptions of the page's scripts, and what its console says in red.
+    requests : list of str
+        Every address that the page asks for.
+    """
+
+    def __init__(self, profile):
+        self.complaints, self.requests = [], []
+        self._numbers, self._buffer = itertools.count(1), b''
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, '-S', '-c', LAUNCH, str(to_browser), str(from_browser), find_browser(), *OPTIONS,
+             f'--user-data-dir={profile}', 'about:blank'],
+            pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, start_new_session=True)
+        os.close(to_browser)
+        os.close(from_browser)
+        self._session = None
+        target = next(t for t in self.call('Target.getTargets')['targetInfos'] if t['type'] == 'page')['targetId']
+        self._session = self.call('Target.attachToTarget', targetId=target, flatten=True)['sessionId']
+        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+            self.call(f'{domain}.enable')
+
+    def call(self, method, **parameters):
+        """The answer of the browser to a command of its debugging protocol."""
+        number = next(self._numbers)
+        message = {'id': number, 'method': method, 'params': parameters}
+        if self._session:
+            message['sessionId'] = self._session
+        os.write(self._out, json.dumps(message).encode() + b'\0')
+        while (answer := self._receive()).get('id') != number:
+            self._note(answer)
+        assert 'error' not in answer, answer
+        return answer['result']
+
+    def open(self, address):
+        """Load a page to the end."""
+        self.call('Page.navigate', url=address)
+        while (event := self._receive()).get('method') != 'Page.loadEventFired':
+            self._note(event)
+
+    def value(self, expression):
+        """What a JavaScript expression gives in the page."""
+        result = self.call('Runtime.evaluate', expression=expression, returnByValue=True)
+        assert 'exceptionDetails' not in result, result
+        return result['result'].get('value')
+
+    def click(self, selector):
+        """Scroll the element into view and press the mouse's button over its middle."""
+        x, y = self.value(f'''(() => {{
+            const element = document.querySelector({json.dumps(selector)});
+            element.scrollIntoView({{block: 'center'}});
+            const box = element.getBoundingClientRect();
+            return [box.left + box.width / 2, box.top + box.height / 2];
+        }})()''')
+        for kind in ('mousePressed', 'mouseReleased'):
+            self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+
+    def picture(self, path):
+        """Write what is to be seen as a PNG."""
+        path.write_bytes(base64.b64decode(self.call('Page.captureScreenshot')['data']))
+
+    def close(self):
+        os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        os.close(self._in)
+        os.close(self._out)
+
+    def _receive(self):
+        while b'\0' not in self._buffer:
+            more = os.read(self._in, 1 << 20)
+            assert more, 'the browser has ended'
+            self._buffer += more
+        message, _, self._buffer = self._buffer.partition(b'\0')
+        return json.loads(message)
+
+    def _note(self, event):
+        method, parameters = event.get('method'), event.get('params', {})
+        if method == 'Runtime.exceptionThrown':
+            self.complaints.append(str(parameters['exceptionDetails']))
+        elif method == 'Log.entryAdded' and parameters['entry']['level'] == 'error':
+            self.complaints.append(parameters['entry']['text'])
+        elif method == 'Network.requestWillBeSent':
+            self.requests.append(parameters['request']['url'])

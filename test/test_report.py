@@ -1,0 +1,146 @@
+"""The page of a replay: it opens in a real browser, shows everything, and asks nobody."""
+import json
+import re
+
+import numpy as np
+import pytest
+from browser import Browser, find_browser
+
+from dbscan_reg_ros import Odometry, Parameters
+from dbscan_reg_ros.core.records import Status
+from dbscan_reg_ros.plots import density_map
+from dbscan_reg_ros.recordings import KnownMotion
+from dbscan_reg_ros.replays.report import write_report
+from dbscan_reg_ros.replays.spots import Spot, Spots
+from dbscan_reg_ros.replays.track import Track
+from dbscan_reg_ros.simulation import demo
+
+STATUSES = {30: Status.DEGENERATE, 31: Status.DEGENERATE, 60: Status.AMBIGUOUS, 90: Status.FAILED}
+
+
+@pytest.fixture(scope='module')
+def simulation():
+    return demo()
+
+
+@pytest.fixture(scope='module')
+def replayed(simulation):
+    """A track of 100 scans of which some are given bad statuses, and its spots."""
+    track, spots = Track(), Spots()
+    for number, update in enumerate(track.follow(simulation.scans[20:120], Odometry())):
+        update.__dict__['status'] = track.statuses[number] = STATUSES.get(number, Status.OK)
+        spots.add(update)
+    return track, spots.found()
+
+
+@pytest.fixture
+def page(replayed, simulation, tmp_path):
+    """``page(known, parameters) -> path`` of a report."""
+    def page(known=KnownMotion(None, None, None), parameters=Parameters()):  # noqa: B008
+        track, spots = replayed
+        path = tmp_path / 'report.html'
+        write_report(path, 'a </script> <b>name</b>', [('scans', '100')], known, track,
+                     density_map(simulation.scans[20:120], track.poses), spots, parameters)
+        return path
+    return page
+
+
+@pytest.fixture
+def browser(tmp_path):
+    if find_browser() is None:
+        pytest.skip('needs a chromium on the PATH')
+    browser = Browser(tmp_path / 'profile')
+    yield browser
+    browser.close()
+
+
+def test_bad_stretches_begin_a_spot_each_and_the_least_sure_scans_are_others(replayed):
+    _, spots = replayed
+    bad = [(spot.number, spot.status) for spot in spots if spot.status is not Status.OK]
+    assert bad == [(30, Status.DEGENERATE), (60, Status.AMBIGUOUS), (90, Status.FAILED)]
+    sure = [spot for spot in spots if spot.status is Status.OK]
+    assert sorted(spot.number // 50 for spot in sure) == [0, 1]
+    assert [spot.number for spot in spots] == sorted(spot.number for spot in spots)
+
+
+def test_a_spot_shows_the_scan_where_the_odometry_lays_it(simulation):
+    odometry, spots = Odometry(), Spots()
+    for scan in simulation.scans[20:40]:
+        update = odometry.process(scan)
+        spots.add(update)
+    for spot in spots.found():
+        gaps = np.linalg.norm(spot.current[:, None] - spot.reference, axis=-1).min(axis=1)
+        assert isinstance(spot, Spot) and np.median(gaps) < 0.05
+
+
+def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page, simulation):
+    truth = simulation.stamps[20:120], simulation.truth[20:120]
+    path = page(KnownMotion(truth, None, truth))
+    browser.open(path.as_uri())
+    assert browser.value('document.body.dataset.ready') == 'yes'
+    assert browser.complaints == []
+    assert {re.match(r'\w+:', address)[0] for address in browser.requests} <= {'file:', 'data:'}
+    assert browser.value('document.querySelector("h1").textContent') == 'a </script> <b>name</b>'
+    assert browser.value('[...document.querySelectorAll("#map .line")].map(x => x.className.baseVal)') == [
+        'line trajectory', 'line truth', 'line wheels'] * 2
+    assert browser.value('document.querySelector("#map image").getBBox().width') > 500
+    assert browser.value('[...document.querySelectorAll("#errors p")].map(p => p.textContent)') == [
+        'Error of the motion over the next metre, against the truth: translation.',
+        'Error of the motion over the next metre, against the truth: rotation.']
+    for chart in ('map', 'errors', 'statuses', 'pair', 'times'):
+        words = browser.value(f'document.querySelector("#{chart} svg[role=img]").textContent')
+        assert re.search(r'\[(m|ms)\]', words), chart
+        width, height = browser.value(f'''(() => {{
+            const box = document.querySelector("#{chart} svg[role=img]").getBoundingClientRect();
+            return [box.width, box.height];
+        }})()''')
+        assert width > 400 and height > 150, chart
+
+
+def test_a_click_on_a_spot_shows_its_pair(browser, page):
+    browser.open(page().as_uri())
+    spots = json.loads(browser.value('JSON.stringify(data.spots.map(spot => [spot.scan, spot.status]))'))
+    for section in ('#statuses', '#map'):
+        for index, (scan, status) in enumerate(spots):
+            browser.click(f'{section} .spot[data-spot="{index}"]')
+            chosen = browser.value('[...document.querySelectorAll(".chosen")].map(x => x.dataset.spot)')
+            if section == '#statuses':
+                assert chosen == [str(index)] * 2
+                assert browser.value('document.getElementById("which").textContent').startswith(
+                    f'{index + 1} of {len(spots)}: scan {scan}, after ')
+                assert status in browser.value('document.getElementById("which").textContent')
+            else:
+                assert len(chosen) == 2
+            dots = browser.value('[...document.querySelectorAll("#overlay .dots")]'
+                                 '.map(x => x.getAttribute("d").length)')
+            assert len(dots) == 2 and min(dots) > 500
+    browser.click('#next')
+    assert browser.complaints == []
+
+
+def test_circles_that_lie_on_each_other_are_reached_with_the_buttons(browser, page):
+    browser.open(page().as_uri())
+    seen = []
+    for _ in range(browser.value('data.spots.length')):
+        seen.append(browser.value('document.getElementById("which").textContent').split()[0])
+        browser.click('#next')
+    assert seen == [str(number + 1) for number in range(len(seen))] and len(seen) == 5
+    assert browser.value('document.getElementById("which").textContent').split()[0] == '1'
+
+
+def test_changed_parameters_stand_out(browser, page):
+    browser.open(page(parameters=Parameters().replace({'rotation.sigma': 0.02})).as_uri())
+    assert browser.value('document.getElementById("changes").textContent') == '1 not at the default, in bold.'
+    assert browser.value('document.querySelector("#parameters .changed").textContent').startswith(
+        'rotation.sigma0.02 raddefault 0.0')
+    assert browser.value('document.querySelectorAll("#parameters tr").length') == len(Parameters.describe())
+
+
+def test_a_page_of_nothing_says_so(browser, tmp_path):
+    path = tmp_path / 'empty.html'
+    write_report(path, 'nothing', [], KnownMotion(None, None, None), Track(), density_map([], []), [], Parameters())
+    browser.open(path.as_uri())
+    assert browser.complaints == [] and browser.value('document.body.dataset.ready') == 'yes'
+    words = browser.value('document.body.innerText')
+    assert all(text in words for text in ('Nothing is known of the true motion.', 'There is nothing to look at.',
+                                          'No scan could be used.', 'All at their defaults.'))
