@@ -37,7 +37,8 @@ def select_by_divergence(reference: Features, current: Features, rotations: Rota
     _, overlap = score(candidates[leaders[:1]], reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
     matches = match_segments(reference.segments, current.segments, winner.transform, p.decision)
-    return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses, None, matches)
+    return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses,
+                        matches=matches)
 
 
 def _scatter(transform, sample, rotations, translations):
