@@ -24,9 +24,12 @@ setup(
     entry_points={'console_scripts': [
         f'convert = {PACKAGE}.commands.convert:main',
         f'demo = {PACKAGE}.commands.demo:main',
+        f'dump = {PACKAGE}.commands.dump:main',
         f'play = {PACKAGE}.commands.play:main',
         f'replay = {PACKAGE}.commands.replay:main',
+        f'simulate = {PACKAGE}.commands.simulate:main',
         f'scan_matcher = {PACKAGE}.node.scan_matcher:main',
+        f'scan_matcher_lifecycle = {PACKAGE}.node.scan_matcher_lifecycle:main',
     ]},
     zip_safe=True,
 )

@@ -11,7 +11,7 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(
         prog='python -m dbscan_reg_ros', formatter_class=argparse.RawDescriptionHelpFormatter,
         description='2D lidar scan registration and odometry.\n\ncommands:\n' + '\n'.join(
-            f'  {name:14}{summary}' for name, (_, summary) in COMMANDS.items()),
+            f'  {name:24}{summary}' for name, (_, summary) in COMMANDS.items()),
         epilog='COMMAND --help says more of each')
     parser.add_argument('command', metavar='COMMAND', choices=COMMANDS, help='one of the above')
     parser.add_argument('arguments', metavar='...', nargs=argparse.REMAINDER, help='its arguments')

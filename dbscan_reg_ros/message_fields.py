@@ -71,10 +71,13 @@ def odometry_fields(state, odom_frame, base_frame) -> dict:
                       'covariance': _spatial(state.twist_covariance)}}
 
 
-def transform_fields(state, odom_frame, base_frame) -> dict:
-    """TransformStamped from `odom_frame` to `base_frame`."""
-    return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
-            'transform': {'translation': {'x': state.pose.x, 'y': state.pose.y}, 'rotation': _yaw(state.pose.theta)}}
+def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
+    """TransformStamped from `odom_frame` to `base_frame`, or the other way round."""
+    pose, parent, child = state.pose, odom_frame, base_frame
+    if inverted:
+        pose, parent, child = pose.inverse(), child, parent
+    return {'header': header_fields(state.stamp, parent), 'child_frame_id': child,
+            'transform': {'translation': {'x': pose.x, 'y': pose.y}, 'rotation': _yaw(pose.theta)}}
 
 
 def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:

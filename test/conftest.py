@@ -1,14 +1,16 @@
 """What every test may use: the recordings, a ROS graph of its own, processes that never outlive the test."""
 import importlib.util
+import math
 import os
 import pathlib
 
 import pytest
 
-from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.recordings import data_folder
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -82,3 +84,58 @@ def start(tmp_path):
 def start_command(ros_environment, start):
     """``start_command('scan_matcher', '--ros-args', ...) -> Process``: a command of the package, in this test's graph."""
     return lambda *words, **environment: start(*package_command(*words), **environment)
+
+
+@pytest.fixture
+def start_node(start_command):
+    """``start_node(*ros_arguments) -> Process``: scan_matcher with the laser as the base, unless they say otherwise."""
+    return lambda *words, **environment: start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', *words,
+                                                       **environment)
+
+
+@pytest.fixture
+def node(start_node):
+    """A running scan_matcher."""
+    return start_node()
+
+
+@pytest.fixture
+def player(ros_environment):
+    from dbscan_reg_ros.node.player import Player
+    with Player() as player:
+        yield player
+
+
+@pytest.fixture
+def peer(ros_environment):
+    from ros_helpers import Peer
+    with Peer() as peer:
+        yield peer
+
+
+@pytest.fixture
+def without_tf2_msgs(tmp_path, ros_environment):
+    """An environment in which tf2_msgs cannot be imported."""
+    package = tmp_path / 'hidden' / 'tf2_msgs'
+    package.mkdir(parents=True)
+    (package / '__init__.py').write_text("raise ModuleNotFoundError('hidden', name='tf2_msgs')")
+    return {'PYTHONPATH': os.pathsep.join([str(package.parent), os.environ['PYTHONPATH']])}
+
+
+@pytest.fixture(scope='session')
+def drive():
+    """Eight seconds through a room's door and along its furniture, at 10 Hz."""
+    world = rooms(seed=1)
+    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=360, angle_min=-math.pi + 0.01), seed=1)
+
+
+@pytest.fixture(scope='session')
+def scans(drive):
+    return drive.scans[:80]
+
+
+@pytest.fixture(scope='session')
+def truth(drive):
+    """Pose of the sensor at each scan, in the frame of the first."""
+    start = SE2.from_array(drive.truth[0]).inverse()
+    return [start @ SE2.from_array(pose) for pose in drive.truth[:80]]

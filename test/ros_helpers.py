@@ -1,9 +1,14 @@
 """A peer of the node under test: publishes, listens, calls services, and waits with a deadline."""
 import contextlib
+import importlib.util
+import math
 import threading
 import time
 
+import numpy as np
+import pytest
 import rclpy
+from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
@@ -11,7 +16,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.messages import scan_to_message, stamp_to_message
+
 TIMEOUT = 20.0
+
+needs_tf2_msgs = pytest.mark.skipif(importlib.util.find_spec('tf2_msgs') is None,
+                                    reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
 
 
 class Peer:
@@ -110,3 +121,60 @@ class Parameters:
 
 def _messages(values) -> list[ParameterMessage]:
     return [Parameter(name.replace('__', '.'), value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def played(player, scans):
+    """What a running node answers to `scans`."""
+    player.wait_for_node(TIMEOUT)
+    return player.play(scans)
+
+
+def said(process, text, peer):
+    """Wait until the process has printed `text`."""
+    peer.until(lambda: text in process.output() or not process.running())
+    assert text in process.output()
+
+
+def pose_of(message) -> SE2:
+    """The pose in an Odometry message."""
+    pose = message.pose.pose
+    return SE2(pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
+
+
+def distances(messages, truth):
+    """How far each message's pose is from the true one [m]."""
+    return np.array([math.hypot(pose.x - true.x, pose.y - true.y)
+                     for pose, true in zip(map(pose_of, messages), truth, strict=True)])
+
+
+def changed(scan, **fields):
+    """The scan's message with some fields changed; `beams` keeps only the first of them."""
+    message = scan_to_message(scan)
+    beams = fields.pop('beams', len(message.ranges))
+    message.ranges = message.ranges[:beams]
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def inverted(scans):
+    """The same beams, as a lidar in the same place says that is turned by 180 deg and upside down."""
+    for scan in scans:
+        message = scan_to_message(scan)
+        message.angle_min, message.angle_increment = math.pi - message.angle_min, -message.angle_increment
+        message.angle_max = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
+        yield type(scan).from_message(message)
+
+
+def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
+    """A TransformStamped; `qy` is 1 for half a turn about the y axis."""
+    message = TransformStamped()
+    message.header.stamp = stamp_to_message(stamp)
+    message.header.frame_id, message.child_frame_id = parent, child
+    message.transform.translation.x, message.transform.translation.y = x, y
+    rotation = message.transform.rotation
+    if qy is None:
+        rotation.z, rotation.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    else:
+        rotation.y, rotation.w = qy, 0.0
+    return message

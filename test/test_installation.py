@@ -109,7 +109,7 @@ def test_installed_executables_run(workspace, tmp_path, command):
 
 
 def test_the_installed_node_answers_the_installed_player(workspace, start, tmp_path):
-    node = start(workspace / 'lib' / PACKAGE / 'scan_matcher')
+    node = start(workspace / 'lib' / PACKAGE / 'scan_matcher', '--ros-args', '-p', 'mounting:=none')
     result = subprocess.run([workspace / 'lib' / PACKAGE / 'play', '--lockstep', room_log(tmp_path / 'room.log', 20)],
                             cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr + node.output()

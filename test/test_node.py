@@ -1,10 +1,8 @@
 """The node in a process of its own, over real DDS."""
 import array
 import contextlib
-import importlib.util
 import itertools
 import math
-import os
 import re
 import signal
 import sys
@@ -12,9 +10,19 @@ import sys
 import numpy as np
 import pytest
 import rclpy.qos
-from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_helpers import TIMEOUT, Parameters, Peer
+from ros_helpers import (
+    TIMEOUT,
+    Parameters,
+    changed,
+    distances,
+    inverted,
+    needs_tf2_msgs,
+    played,
+    pose_of,
+    said,
+    transform,
+)
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -23,76 +31,6 @@ from dbscan_reg_ros.node.messages import scan_to_message, stamp_from_message
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.node.player import Player, PlayerError
 from dbscan_reg_ros.parameter_files import write_parameters
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
-
-needs_tf2_msgs = pytest.mark.skipif(importlib.util.find_spec('tf2_msgs') is None,
-                                    reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
-
-
-@pytest.fixture(scope='module')
-def drive():
-    """Eight seconds through a room's door and along its furniture, at 10 Hz."""
-    world = rooms(seed=1)
-    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=360, angle_min=-math.pi + 0.01), seed=1)
-
-
-@pytest.fixture(scope='module')
-def scans(drive):
-    return drive.scans[:80]
-
-
-@pytest.fixture(scope='module')
-def truth(drive):
-    """Pose of the sensor at each scan, in the frame of the first."""
-    start = SE2.from_array(drive.truth[0]).inverse()
-    return [start @ SE2.from_array(pose) for pose in drive.truth[:80]]
-
-
-@pytest.fixture
-def start_node(start_command):
-    """``start_node(*ros_arguments) -> Process``, with the laser as the base."""
-    return lambda *words, **environment: start_command('scan_matcher', '--ros-args', *words, **environment)
-
-
-@pytest.fixture
-def node(start_node):
-    return start_node()
-
-
-@pytest.fixture
-def player(ros_environment):
-    with Player() as player:
-        yield player
-
-
-@pytest.fixture
-def peer(ros_environment):
-    with Peer() as peer:
-        yield peer
-
-
-def played(player, scans):
-    """What a running node answers to `scans`."""
-    player.wait_for_node(TIMEOUT)
-    return player.play(scans)
-
-
-def said(process, text, peer):
-    """Wait until the process has printed `text`."""
-    peer.until(lambda: text in process.output() or not process.running())
-    assert text in process.output()
-
-
-def pose_of(message) -> SE2:
-    pose = message.pose.pose
-    return SE2(pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
-
-
-def distances(messages, truth):
-    """How far each message's pose is from the true one [m]."""
-    return np.array([math.hypot(pose.x - true.x, pose.y - true.y)
-                     for pose, true in zip(map(pose_of, messages), truth, strict=True)])
-
 
 # Odometry
 
@@ -233,29 +171,11 @@ def test_without_tf2_msgs_mounting_tf_is_refused_at_the_start(start_node, withou
     assert 'Traceback' not in node.output()
 
 
-@pytest.fixture
-def without_tf2_msgs(tmp_path, ros_environment, monkeypatch):
-    """An environment in which tf2_msgs cannot be imported."""
-    package = tmp_path / 'hidden' / 'tf2_msgs'
-    package.mkdir(parents=True)
-    (package / '__init__.py').write_text("raise ModuleNotFoundError('hidden', name='tf2_msgs')")
-    return {'PYTHONPATH': os.pathsep.join([str(package.parent), os.environ['PYTHONPATH']])}
-
-
 # Where the laser sits
 
 
 PLACE = SE2(0.3, -0.1, 0.0)
 """Of the laser on the base."""
-
-
-def inverted(scans):
-    """The same beams, as a lidar in the same place says that is turned by 180 deg and upside down."""
-    for scan in scans:
-        message = scan_to_message(scan)
-        message.angle_min, message.angle_increment = math.pi - message.angle_min, -message.angle_increment
-        message.angle_max = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
-        yield type(scan).from_message(message)
 
 
 def base_truth(truth):
@@ -291,7 +211,7 @@ def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(sta
     node = start_node('-p', 'mounting:=tf', '-p', 'base_frame:=base_footprint')
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:3], patience=0.2).lost == 3
-    said(node, "no transform from 'base_footprint' to 'laser' on /tf_static", peer)
+    said(node, "no transform from 'base_footprint' to 'laser'", peer)
     quality = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = peer.node.create_publisher(TFMessage, '/tf_static', quality)
     to_base, to_mast = transform('base_footprint', 'base_link'), transform('base_link', 'mast', x=PLACE.x + 0.1)
@@ -305,18 +225,11 @@ def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(sta
     assert distances(answers.messages, base_truth(truth[1:])).max() < 0.06
 
 
-def transform(parent, child, x=0.0, y=0.0, qy=None):
-    message = TransformStamped()
-    message.header.frame_id, message.child_frame_id = parent, child
-    message.transform.translation.x, message.transform.translation.y = x, y
-    message.transform.rotation.y, message.transform.rotation.w = (0.0, 1.0) if qy is None else (qy, 0.0)
-    return message
-
-
 # Parameters
 
 
-def test_all_parameters_are_declared_with_their_descriptors(node, peer):
+def test_all_parameters_are_declared_with_their_descriptors(start_command, peer):
+    start_command('scan_matcher')
     parameters = Parameters(peer)
     descriptions = NodeParameters.describe()
     names = [d.name for d in descriptions]
@@ -421,16 +334,6 @@ def test_several_parameters_set_at_once_are_taken_all_or_none(node, player, peer
 
 
 # Bad input
-
-
-def changed(scan, **fields):
-    """The scan's message with some fields changed; `beams` keeps only the first of them."""
-    message = scan_to_message(scan)
-    beams = fields.pop('beams', len(message.ranges))
-    message.ranges = message.ranges[:beams]
-    for name, value in fields.items():
-        setattr(message, name, value)
-    return message
 
 
 BAD = {

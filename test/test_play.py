@@ -32,7 +32,7 @@ def scans(intel):
 
 @pytest.fixture
 def node(start_command):
-    return start_command('scan_matcher')
+    return start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none')
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_every_scan_of_a_real_log_is_answered_in_lockstep(node, ros_environment,
 
 def test_a_player_that_was_there_before_the_node_loses_no_scan(start_command, ros_environment, scans):
     with Player() as player:
-        start_command('scan_matcher')
+        start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none')
         player.wait_for_node(TIMEOUT)
         assert player.play(scans[:5]).lost == 0
 
@@ -160,9 +160,9 @@ def test_the_command_plays_a_recording_and_counts_the_answers(node, start_comman
 
 
 def test_the_command_takes_remappings(start_command, ros_environment, data):
-    start_command('scan_matcher', '--ros-args', '-r', 'scan:=laser', '-r', 'odom:=laser_odom')
+    start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-r', 'scan:=laser', '-r', 'odom:=laser_odom')
     command = start_command('play', data / 'lms511' / 'static', '--lockstep',
-                            '--ros-args', '-r', 'scan:=laser', '-r', 'odom:=laser_odom')
+                            '--ros-args', '-p', 'mounting:=none', '-r', 'scan:=laser', '-r', 'odom:=laser_odom')
     assert command.wait(120.0) == 0, command.output()
     assert 'lost 0' in command.output()
 

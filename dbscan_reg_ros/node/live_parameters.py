@@ -1,6 +1,5 @@
 """The node's parameters on the ROS side: declared with descriptors, checked and applied as one."""
 import math
-from collections.abc import Callable
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
@@ -22,12 +21,12 @@ class LiveParameters:
     node : rclpy.node.Node
         Made with ``automatically_declare_parameters_from_overrides=True``, so that what a parameter file or the command
         line sets is known.
-    changed : callable
-        Takes the new `NodeParameters` after each change; several parameters set at once are one change.
 
     Attributes
     ----------
     value : NodeParameters
+    changed : callable or None
+        Takes the new `NodeParameters` after each change; several parameters set at once are one change.
 
     Raises
     ------
@@ -35,9 +34,9 @@ class LiveParameters:
         When a parameter has a wrong value from the start.
     """
 
-    def __init__(self, node: Node, changed: Callable):
+    def __init__(self, node: Node):
         self._node = node
-        self._changed = changed
+        self.changed = None
         self._descriptions = {d.name: d for d in NodeParameters.describe()}
         self.value = NodeParameters().replace(self._given())
         for name, value in self.value.flatten().items():
@@ -89,7 +88,8 @@ class LiveParameters:
                    if value != old[name]]
         if changes:
             self._node.get_logger().info(f'parameters changed: {", ".join(changes)}')
-            self._changed(self.value)
+            if self.changed:
+                self.changed(self.value)
 
     def _with(self, parameters):
         return self.value.replace({p.name: p.value for p in parameters if p.name in self._descriptions})

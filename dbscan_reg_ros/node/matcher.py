@@ -1,100 +1,155 @@
 """What the node does, whatever kind of node it is."""
-from nav_msgs.msg import Odometry as OdometryMessage
+import time
+
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import LaserScan
-from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import DbscanRegError
 from ..core.odometry import Odometry
 from ..core.records import Status
-from ..core.scan import Scan
+from .diagnostics import Diagnostics
+from .entities import Entities
+from .health import Health
+from .inputs import ScanInbox, ScanReader
 from .live_parameters import LiveParameters
-from .messages import angles_disagree, odometry_to_message, segments_to_message
-from .mounting import base_state
+from .messages import stamp_from_message
+from .mounting import Start, base_state
 from .mountings import Mountings
 from .notices import Notices
-from .transforms import TransformSender
-
-ODOM_DEPTH = 50
-SEGMENTS_DEPTH = 5
+from .outputs import Outputs
+from .priors import Priors
+from .services import Services
+from .transforms import TransformListener, TransformSender, transform_type
 
 
 class ScanMatcher:
-    """Laser odometry on a node: subscribes to ``scan``, publishes ``odom``, ``segments`` and ``/tf``.
+    """Laser odometry on a node: subscribes to ``scan``, publishes ``odom``, ``/tf`` and more.
 
     All callbacks run one after the other, so that a change of parameters falls between two scans.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Made with ``automatically_declare_parameters_from_overrides=True``.
+    live : LiveParameters
+        Of that node.
 
     Raises
     ------
     ParameterError
-        When a parameter has a wrong value.
+        When what the parameters ask for is not installed.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, live: LiveParameters):
+        parameters = live.value
         self._node = node
-        self._live = LiveParameters(node, self._reconfigure)
-        self._odometry = Odometry(self._live.value)
-        self._mountings = Mountings(node, self._live.value)
-        self._transforms = TransformSender(node)
+        self._live = live
+        self._entities = Entities(node)
+        self._odometry = Odometry(parameters)
         self._notices = Notices(node.get_logger())
-        self._geometry = None
+        self._health = Health()
+        self._inbox = None
+        self._sender = TransformSender(node, parameters)
+        self._listener = TransformListener(
+            node, self._on_transform, keep='tf' in (parameters.mounting, parameters.prior.source)
+        ) if transform_type() else None
+        self._mountings = Mountings(parameters, self._listener)
+        self._priors = Priors(node, parameters, self._listener, self._notices, self._look_again)
+        self._reader = ScanReader(node.get_clock(), self._notices)
+        self._outputs = Outputs(node, parameters)
+        self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender)
+        self._services = Services(node, parameters, self._notices, self._start_anew)
+        self._jumps = node.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
+            post_callback=self._on_time_jump)
+        self._start = Start()
         self._origin = None
+        self._reconfigure(parameters)
+        live.changed = self._reconfigure
 
-    def start(self):
-        """Begin to publish, then to listen."""
-        node = self._node
-        self._odom = node.create_publisher(OdometryMessage, 'odom', ODOM_DEPTH)
-        self._segments = node.create_publisher(MarkerArray, 'segments', SEGMENTS_DEPTH)
-        self._transforms.enable(self._live.value.publish_tf)
-        self._scans = node.create_subscription(LaserScan, 'scan', self._on_scan, qos_profile_sensor_data)
-        node.get_logger().info(f'ready: {self._scans.topic_name} -> {self._odom.topic_name}')
+    def activate(self):
+        """Begin to listen."""
+        self._inbox = ScanInbox(self._node, self._live.value, self._ready, self._on_scan)
+        self._diagnostics.watch(self._inbox)
+        self._node.get_logger().info(f'ready: {self._inbox.topic} -> {self._outputs.topic}')
+
+    def deactivate(self):
+        """Listen no more; what is known is kept."""
+        self._diagnostics.watch(None, 'inactive')
+        self._inbox.close()
+        self._inbox = None
+
+    def close(self):
+        """Leave nothing behind on the node but its parameters."""
+        self._live.changed = None
+        self._jumps.unregister()
+        self._entities.destroy()
 
     def _reconfigure(self, parameters):
-        self._odometry.parameters = parameters
-        self._transforms.enable(parameters.publish_tf)
+        for part in (self._odometry, self._priors, self._outputs, self._services, self._inbox):
+            if part:
+                part.parameters = parameters
+        self._sender.enable(parameters.publish_tf)
+
+    def _ready(self, message):
+        """Whether a scan need not wait for what else is to be known of its time."""
+        frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
+        return self._mountings.ready(frame, stamp) and self._priors.ready(frame, stamp)
 
     def _on_scan(self, message):
+        if self._services.paused:
+            return
+        began = time.perf_counter()
+        if self._reader.leaps_back(message):
+            self._start_anew('the stamps of the scans start again', Start())
         try:
-            mounting = self._mountings.find(message.header.frame_id)
-            scan = Scan.from_message(message, self._geometry, mounting.upside_down)
-            if scan.geometry is not self._geometry:
-                self._look_at_geometry(message, scan.geometry)
-            update = self._odometry.process(scan)
+            mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
+            scan = self._reader.read(message, mounting.upside_down, self._live.value)
+            prior = self._priors.find(scan.frame_id, scan.stamp, mounting)
+            update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
             self._notices.warn(f'scan skipped: {error}')
+            self._health.skip(str(error))
             return
         if self._origin is None:
-            self._origin = mounting.pose
+            self._origin = self._start.pose @ mounting.pose
+        self._priors.processed(scan.stamp, mounting, update)
+        self._services.keep(update, prior)
         self._report(update)
-        self._publish(update, mounting)
-
-    def _look_at_geometry(self, message, geometry):
-        """Say what is odd about the beams when they are not those of the last scan."""
-        if self._geometry is not None and geometry.size != self._geometry.size:
-            self._notices.warn(f'the scans change from {self._geometry.size} to {geometry.size} beams')
-        disagreement = angles_disagree(message)
-        if disagreement:
-            self._notices.warn(disagreement)
-        self._geometry = geometry
+        state = base_state(update, self._origin, mounting.pose, self._start)
+        self._sender.send(state)
+        self._outputs.publish(update, state, self._origin)
+        self._health.processed(update, self._origin, time.perf_counter() - began)
 
     def _report(self, update):
         if update.restarted:
-            self._transforms.restart()
+            self._sender.restart()
             self._notices.warn(f'odometry started anew: {update.restarted}')
         elif update.status is Status.FAILED:
             self._notices.warn(f'scan could not be registered: {update.registration.reason}')
 
-    def _publish(self, update, mounting):
-        parameters = self._live.value
-        frames = parameters.odom_frame, parameters.base_frame
-        state = base_state(update, self._origin, mounting.pose)
-        self._odom.publish(odometry_to_message(state, *frames))
-        self._transforms.send(state, *frames)
-        if self._segments.get_subscription_count():
-            self._segments.publish(segments_to_message(update, self._origin, parameters.odom_frame))
+    def _start_anew(self, reason, start):
+        """Take the next scan as the first one, with the base at `start`."""
+        self._node.get_logger().info(f'odometry starts anew: {reason}')
+        self._start = start
+        self._origin = None
+        for part in (self._odometry, self._outputs):
+            part.reset()
+        for part in (self._priors, self._reader, self._sender):
+            part.restart()
+
+    def _look_again(self):
+        if self._inbox:
+            self._inbox.look_again()
+
+    def _on_transform(self, transform, topic):
+        self._sender.on_transform(transform, topic)
+        self._look_again()
+
+    def _on_time_jump(self, jump):
+        """Start anew when the clock goes back, as it does when a bag is played in a loop."""
+        if jump.delta.nanoseconds >= 0:
+            return
+        if self._listener:
+            self._listener.restart()
+        self._start_anew(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())

@@ -1,6 +1,6 @@
 """Where the laser sits on the base, and what its motion means for the base."""
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -72,24 +72,49 @@ class BaseState:
     twist_covariance: np.ndarray
 
 
-def base_state(update: OdometryUpdate, origin: SE2, laser: SE2) -> BaseState:
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the base is when the odometry starts.
+
+    Attributes
+    ----------
+    pose : SE2
+        In the odometry frame.
+    covariance : (3, 3) float
+        Of `pose`, for (x, y, theta) in the odometry frame.
+    """
+
+    pose: SE2 = IDENTITY
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+AT_ORIGIN = Start()
+
+
+def base_state(update: OdometryUpdate, origin: SE2, laser: SE2, start: Start = AT_ORIGIN) -> BaseState:
     """The state of the base from that of the sensor.
 
     Parameters
     ----------
     update : OdometryUpdate
     origin : SE2
-        The sensor's place on the base when the odometry started: there the base is the odometry frame.
+        The sensor's pose in the odometry frame when the odometry started.
     laser : SE2
         The sensor's place on the base now.
+    start : Start
+        The base's place when the odometry started.
     """
     back = laser.inverse()
+    pose = origin @ update.pose @ back
     c, s = math.cos(update.pose.theta), math.sin(update.pose.theta)
     jacobian = np.eye(3)
     jacobian[:2, 2] = -s * back.x - c * back.y, c * back.x - s * back.y
     turn = np.eye(3)
     turn[:2, :2] = origin.rotation()
     jacobian = turn @ jacobian
+    carried = np.eye(3)
+    carried[:2, 2] = start.pose.y - pose.y, pose.x - start.pose.x
+    covariance = jacobian @ update.covariance @ jacobian.T + carried @ start.covariance @ carried.T
     adjoint = laser.adjoint()
-    return BaseState(update.stamp, origin @ update.pose @ back, jacobian @ update.covariance @ jacobian.T,
-                     adjoint @ update.twist, adjoint @ update.twist_covariance @ adjoint.T)
+    return BaseState(update.stamp, pose, covariance, adjoint @ update.twist,
+                     adjoint @ update.twist_covariance @ adjoint.T)

@@ -1,11 +1,9 @@
-"""The three ways to know where the laser sits on the base."""
-from rclpy.node import Node
-
+"""Where the laser sits, for each scan."""
 from ..core.errors import ParameterError
 from ..core.se2 import SE2
-from .mounting import Mounting
+from .mounting import Mounting, MountingError
 from .parameters import NodeParameters
-from .transforms import StaticTransforms, transform_type
+from .transform_store import NoTransformError
 
 
 class Mountings:
@@ -13,29 +11,38 @@ class Mountings:
 
     Parameters
     ----------
-    node : rclpy.node.Node
     parameters : NodeParameters
+    transforms : TransformListener or None
+        None where tf2_msgs is not installed.
 
     Raises
     ------
     ParameterError
-        When transforms are to be read and tf2_msgs is not installed.
+        When transforms are to be read and there are none.
     """
 
-    def __init__(self, node: Node, parameters: NodeParameters):
+    def __init__(self, parameters: NodeParameters, transforms):
         self._base_frame = parameters.base_frame
+        self._transforms = transforms
         self._fixed = {
             'none': Mounting(),
             'laser_pose': Mounting(SE2.from_array(parameters.laser_pose), parameters.upside_down),
         }.get(parameters.mounting)
-        if self._fixed is None:
-            if transform_type() is None:
-                raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
-                                     "'laser_pose' or 'none'")
-            self._transforms = StaticTransforms(node)
+        if self._fixed is None and transforms is None:
+            raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
+                                 "'laser_pose' or 'none'")
 
-    def find(self, frame) -> Mounting:
-        """The mounting of the laser whose scans are in `frame`.
+    def ready(self, frame, stamp) -> bool:
+        """Whether waiting may tell no more of the mounting of the laser in `frame` at `stamp` [ns]."""
+        if self._fixed or frame == self._base_frame:
+            return True
+        try:
+            return self._transforms.lookup(self._base_frame, frame, stamp)[1]
+        except NoTransformError:
+            return True
+
+    def find(self, frame, stamp) -> Mounting:
+        """The mounting of the laser whose scans are in `frame`, at the known time nearest to `stamp` [ns].
 
         Raises
         ------
@@ -46,4 +53,10 @@ class Mountings:
             return self._fixed
         if frame == self._base_frame:
             return Mounting()
-        return Mounting.from_matrix(self._transforms.lookup(self._base_frame, frame))
+        try:
+            matrix, _ = self._transforms.lookup(self._base_frame, frame, stamp)
+        except NoTransformError:
+            raise MountingError(
+                f'no transform from {self._base_frame!r} to {frame!r} on /tf or /tf_static: no odometry before it is '
+                "there; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
+        return Mounting.from_matrix(matrix)

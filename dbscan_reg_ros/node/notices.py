@@ -17,7 +17,7 @@ class Notices:
         Time between two warnings of one kind [s].
     """
 
-    def __init__(self, logger, period=5.0):
+    def __init__(self, logger, period=10.0):
         self._logger = logger
         self._period = period
         self._kinds = {}

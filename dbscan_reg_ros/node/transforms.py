@@ -1,13 +1,15 @@
-"""/tf without tf2_ros: the message type is imported where it is used, for it may be missing."""
-import numpy as np
+"""/tf, without tf2_ros: sending needs tf2_msgs only."""
+from collections import deque
+
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from .messages import matrix_from_message, transform_to_message
-from .mounting import MountingError
+from .messages import stamp_from_message, transform_to_message
+from .transform_store import make_store
 
 DEPTH = 100
-MAX_CHAIN = 100
+REMEMBERED = 500
+"""Transforms of our own that are known again when they are heard."""
 
 
 def transform_type():
@@ -19,87 +21,116 @@ def transform_type():
     return TFMessage
 
 
-class TransformSender:
-    """Sends the base's pose on /tf.
+class TransformListener:
+    """Hears /tf and /tf_static; needs tf2_msgs.
 
     Parameters
     ----------
     node : rclpy.node.Node
+    on_transform : callable
+        Called with each TransformStamped and its topic.
+    keep : bool
+        Keep the transforms for `lookup`.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, on_transform, keep):
+        self._on_transform = on_transform
+        self._store = make_store() if keep else None
+        latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(transform_type(), '/tf', lambda m: self._hear(m, '/tf'), DEPTH)
+        node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched)
+
+    def lookup(self, target, source, stamp):
+        """As `TransformStore.lookup`."""
+        return self._store.lookup(target, source, stamp)
+
+    def restart(self):
+        """Forget what moves: time has started anew."""
+        if self._store:
+            self._store.clear()
+
+    def _hear(self, message, topic):
+        for transform in message.transforms:
+            if self._store:
+                self._store.add(transform, static=topic == '/tf_static')
+            self._on_transform(transform, topic)
+
+
+class TransformSender:
+    """Sends the base's pose on /tf, until somebody else turns out to send it too.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+
+    Attributes
+    ----------
+    conflict : str
+        Who else sends a transform to our child frame; empty while nobody does.
+    """
+
+    def __init__(self, node: Node, parameters):
         self._node = node
+        self._frames = parameters.odom_frame, parameters.base_frame
+        self._invert = parameters.invert_tf
+        self._parent, self._child = reversed(self._frames) if self._invert else self._frames
         self._type = transform_type()
         self._publisher = None
         self._warned = False
         self._last_stamp = None
+        self._sent = deque(maxlen=REMEMBERED)
+        self.conflict = ''
+        self.enable(parameters.publish_tf)
 
     def enable(self, enabled):
         """Announce /tf, or withdraw from it. Without tf2_msgs say so once and send nothing."""
         if not enabled:
-            if self._publisher:
-                self._node.destroy_publisher(self._publisher)
-            self._publisher = None
+            self._withdraw()
+            self.conflict = ''
         elif self._type is None:
             if not self._warned:
                 self._node.get_logger().warning('tf2_msgs is not installed: no transform is sent on /tf; '
                                                 'install it, or set publish_tf to false')
             self._warned = True
-        elif self._publisher is None:
+        elif self._publisher is None and not self.conflict:
             self._publisher = self._node.create_publisher(self._type, '/tf', DEPTH)
+
+    def _withdraw(self):
+        if self._publisher:
+            self._node.destroy_publisher(self._publisher)
+        self._publisher = None
 
     def restart(self):
         """Take any stamp next: time has started anew."""
         self._last_stamp = None
 
-    def send(self, state, odom_frame, base_frame):
+    def send(self, state):
         """Send a `BaseState`, unless its stamp is not newer than the last one's: TF refuses to go back in time."""
         if self._publisher is None or self._last_stamp is not None and state.stamp <= self._last_stamp:
             return
         self._last_stamp = state.stamp
-        self._publisher.publish(self._type(transforms=[transform_to_message(state, odom_frame, base_frame)]))
+        transform = transform_to_message(state, *self._frames, self._invert)
+        self._sent.append(_signature(transform))
+        self._publisher.publish(self._type(transforms=[transform]))
+
+    def on_transform(self, transform, topic):
+        """Look at a transform that was heard: when it is not ours but has our child frame, send no more."""
+        if (transform.child_frame_id != self._child or self._publisher is None
+                or topic == '/tf' and _signature(transform) in self._sent):
+            return
+        nodes = sorted({f'{e.node_namespace.rstrip("/")}/{e.node_name}'
+                        for e in self._node.get_publishers_info_by_topic(topic)}
+                       - {self._node.get_fully_qualified_name()})
+        self.conflict = (
+            f'somebody else sends a transform to {self._child!r} too, from {transform.header.frame_id!r}; on {topic} '
+            f'there are: {", ".join(nodes) or "no other nodes"}. A frame has one parent: ours, from {self._parent!r}, is '
+            'sent no more. Stop the other one and set publish_tf to false and to true again, or set invert_tf to true')
+        self._withdraw()
+        self._node.get_logger().error(self.conflict)
 
 
-class StaticTransforms:
-    """The transforms on /tf_static, composed along their tree.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    """
-
-    def __init__(self, node: Node):
-        self._parents = {}
-        quality = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._subscription = node.create_subscription(transform_type(), '/tf_static', self._on_transforms, quality)
-
-    def _on_transforms(self, message):
-        for transform in message.transforms:
-            matrix = matrix_from_message(transform.transform)
-            if matrix is not None:
-                self._parents[transform.child_frame_id] = transform.header.frame_id, matrix
-
-    def lookup(self, target, source):
-        """The matrix ``(4, 4)`` that takes points in `source` to `target`.
-
-        Raises
-        ------
-        MountingError
-            When the two frames are not connected.
-        """
-        source_root, from_source = self._to_root(source)
-        target_root, from_target = self._to_root(target)
-        if source_root != target_root:
-            raise MountingError(f'no transform from {target!r} to {source!r} on /tf_static: no odometry before it is '
-                                'there; publish it, or set mounting to laser_pose or none')
-        return np.linalg.inv(from_target) @ from_source
-
-    def _to_root(self, frame):
-        """(topmost frame above `frame`, matrix that takes points to it)."""
-        matrix = np.eye(4)
-        for _ in range(MAX_CHAIN):
-            if frame not in self._parents:
-                break
-            frame, step = self._parents[frame]
-            matrix = step @ matrix
-        return frame, matrix
+def _signature(transform):
+    """What tells a transform of ours from that of another node between the same frames."""
+    t, q = transform.transform.translation, transform.transform.rotation
+    return transform.header.frame_id, stamp_from_message(transform.header.stamp), t.x, t.y, q.z, q.w

@@ -1,0 +1,31 @@
+"""``dump``: the parameters of a running node as a file."""
+import sys
+from pathlib import Path
+
+from ..node.ros_arguments import split_arguments
+from .command_line import make_parser, run
+
+
+def main(argv=None) -> int:
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    parser = make_parser('dump', 'Print the parameters of a running scan_matcher, with their help, as a file that it takes '
+                         'back with --ros-args --params-file FILE.')
+    parser.add_argument('--node', default='/scan_matcher', metavar='NAME',
+                        help='full name of the node (default: /scan_matcher)')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='write to this file (default: the terminal)')
+    parser.add_argument('--wait', type=float, default=10.0, metavar='S', help='wait at most S seconds for the node '
+                        '(default: 10)')
+    return run(parser, lambda args: dump(args, ros), own)
+
+
+def dump(args, ros_arguments):
+    """Ask the node and write what it says."""
+    from ..node.remote_parameters import read_remote
+    from ..parameter_files import format_parameters
+
+    values = read_remote(args.node, args.wait, ros_arguments)
+    text = format_parameters(values, f'The parameters of {args.node}.')
+    if args.out:
+        args.out.write_text(text, encoding='utf-8')
+    else:
+        sys.stdout.write(text)

@@ -1,0 +1,68 @@
+"""How the odometry is doing: counted scan by scan, told once a second."""
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from ..core.records import Status
+
+SECOND_OPINION = 200
+"""The timing is that of this many of the last scans."""
+
+
+@dataclass
+class Health:
+    """What has happened since the node started, and since it was last asked.
+
+    Attributes
+    ----------
+    answered, skipped : int
+        Scans so far.
+    statuses : Counter
+        How many scans had each `Status`.
+    update : OdometryUpdate or None
+        The last one.
+    direction : float or None
+        Angle [rad] in `odom_frame` that the last scan left undetermined.
+    trouble : str
+        Why the last scan was not answered; empty when it was.
+    """
+
+    answered: int = 0
+    skipped: int = 0
+    statuses: Counter = field(default_factory=Counter)
+    update: object = None
+    direction: float | None = None
+    trouble: str = ''
+    durations: deque = field(default_factory=lambda: deque(maxlen=SECOND_OPINION))
+
+    def processed(self, update, origin, duration):
+        """Take note of an update that took `duration` [s]; `origin` is the odometry's own frame in `odom_frame`."""
+        self.answered += 1
+        self.statuses[update.status] += 1
+        self.durations.append(duration)
+        self.update = update
+        self.trouble = ''
+        self.direction = None
+        if update.registration and update.registration.free_direction is not None:
+            self.direction = (origin @ update.reference_pose).theta + update.registration.free_direction
+
+    def skip(self, trouble):
+        """Take note of a scan that was not answered."""
+        self.skipped += 1
+        self.trouble = trouble
+
+    def judge(self):
+        """(whether all is well, is doubtful or is lost: 0, 1 or 2; that in words)"""
+        if self.trouble:
+            return 2, self.trouble
+        reason = self.update.registration.reason if self.update.registration else ''
+        status = self.update.status
+        if status is Status.FAILED:
+            return 2, f'lost: {reason}'
+        if status is Status.DEGENERATE:
+            along = '' if self.direction is None else (
+                f', along {math.degrees(math.remainder(self.direction, math.pi)):.0f} deg in the odometry frame')
+            return 1, f'degenerate{along}: {reason}'
+        if status is Status.AMBIGUOUS:
+            return 1, f'ambiguous: {reason}'
+        return 0, 'tracking'

@@ -1,0 +1,194 @@
+"""The scans that come in: which are used, in which order, and which of their beams."""
+import math
+import time
+from collections import deque
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import LaserScan
+
+from ..core.scan import SECOND, Scan
+from .messages import angles_disagree, stamp_from_message
+
+QUALITY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Deep enough that what arrives while a scan is processed can be counted."""
+FUTURE = 1.0
+"""A stamp so far ahead of the clock [s] is worth a warning."""
+LEAP = 3 * SECOND
+"""Stamps that go back farther than this [ns] are a recording that starts again, and no jitter."""
+
+
+class ScanInbox:
+    """Subscribes to ``scan`` and hands over one scan after the other; when they come too fast, the newest win.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+    ready : callable
+        Whether a message need not wait any longer for what else is to be known of its time.
+    handle : callable
+        Takes each message.
+
+    Attributes
+    ----------
+    received, dropped : int
+        Scans so far.
+    """
+
+    def __init__(self, node: Node, parameters, ready, handle):
+        self.parameters = parameters
+        self.received = self.dropped = 0
+        self._node = node
+        self._ready = ready
+        self._handle = handle
+        self._waiting = deque()
+        self._more = node.create_guard_condition(self._next)
+        self._patience = node.create_timer(1.0, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
+        self._subscription = node.create_subscription(
+            LaserScan, 'scan', self._on_message, QUALITY,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    @property
+    def topic(self):
+        return self._subscription.topic_name
+
+    @property
+    def quality(self):
+        """The subscription's QoSProfile."""
+        return self._subscription.qos_profile
+
+    def look_again(self):
+        """Something became known: the oldest scan may be ready."""
+        if self._waiting:
+            self._more.trigger()
+
+    def close(self):
+        """Hear no more scans."""
+        for destroy, entity in ((self._node.destroy_subscription, self._subscription),
+                                (self._node.destroy_timer, self._patience),
+                                (self._node.destroy_guard_condition, self._more)):
+            destroy(entity)
+        self._waiting.clear()
+
+    def _on_message(self, message):
+        self._keep(message)
+        self._next()
+
+    def _next(self):
+        """Hand over the oldest scan that waits, when it is ready or has waited long enough."""
+        self._patience.cancel()
+        self._take_all()
+        if not self._waiting:
+            return
+        message, arrival = self._waiting[0]
+        remaining = arrival + self.parameters.input.wait - time.monotonic()
+        if remaining > 0.0 and not self._ready(message):
+            self._patience.timer_period_ns = int(remaining * 1e9) + 1
+            self._patience.reset()
+            return
+        self._waiting.popleft()
+        self._handle(message)
+        if self._waiting:
+            self._more.trigger()
+
+    def _take_all(self):
+        """Empty the middleware's queue into ours."""
+        with self._subscription.handle:
+            while taken := self._subscription.handle.take_message(self._subscription.msg_type, False):
+                self._keep(taken[0])
+
+    def _keep(self, message):
+        self.received += 1
+        if (self.received - 1) % self.parameters.input.every:
+            return
+        self._waiting.append((message, time.monotonic()))
+        while len(self._waiting) > self.parameters.input.queue:
+            self._waiting.popleft()
+            self.dropped += 1
+
+
+class ScanReader:
+    """Makes a `Scan` of each message, and says what is odd about them.
+
+    Parameters
+    ----------
+    clock : rclpy.clock.Clock
+    notices : Notices
+    """
+
+    def __init__(self, clock, notices):
+        self._clock = clock
+        self._notices = notices
+        self._geometry = None
+        self._mask = None
+        self._stamp = None
+
+    def read(self, message, upside_down, parameters) -> Scan:
+        """The scan in a LaserScan message, without the returns that the parameters ``input.mask`` exclude.
+
+        Raises
+        ------
+        ScanError
+            When the message cannot be a scan.
+        """
+        scan = Scan.from_message(message, self._geometry, upside_down)
+        if scan.geometry is not self._geometry:
+            self._look_at_geometry(message, scan.geometry)
+        self._look_at_stamp(scan.stamp)
+        return self._masked(scan, upside_down, parameters)
+
+    def leaps_back(self, message) -> bool:
+        """Whether the stamps start again with this message."""
+        stamp = stamp_from_message(message.header.stamp)
+        before, self._stamp = self._stamp, stamp
+        return before is not None and stamp < before - LEAP
+
+    def restart(self):
+        """Take any stamp next: time has started anew."""
+        self._stamp = None
+
+    def _look_at_geometry(self, message, geometry):
+        if self._geometry is not None and geometry.size != self._geometry.size:
+            self._notices.warn(f'the scans change from {self._geometry.size} to {geometry.size} beams')
+        disagreement = angles_disagree(message)
+        if disagreement:
+            self._notices.warn(disagreement)
+        self._geometry = geometry
+        self._mask = None
+
+    def _look_at_stamp(self, stamp):
+        now = self._clock.now().nanoseconds
+        if stamp == 0:
+            self._notices.warn('the scans have no stamp (header.stamp is 0): there is no twist, and the transform is of '
+                               'little use; the driver has to set it')
+        elif now and stamp > now + FUTURE * SECOND:
+            self._notices.warn(f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the future; is the sensor\'s '
+                               'clock synchronised, and use_sim_time set where it should be?')
+
+    def _masked(self, scan, upside_down, parameters):
+        sectors = np.reshape(parameters.input.mask, (-1, 2))
+        sectors = sectors[sectors[:, 0] != sectors[:, 1]]
+        if not len(sectors):
+            return scan
+        key = parameters.input.mask, upside_down
+        if self._mask is None or self._mask[0] != key:
+            bearings = -scan.geometry.bearings if upside_down else scan.geometry.bearings
+            self._mask = key, within(bearings, sectors)
+        limit = parameters.input.mask_range
+        hidden = self._mask[1] & (scan.ranges < limit) if limit > 0.0 else self._mask[1]
+        return Scan(scan.stamp, np.where(hidden, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
+                    scan.frame_id)
+
+
+def within(bearings, sectors):
+    """``(N,)`` bool: which `bearings` ``(N,)`` [rad] lie in one of the `sectors` ``(M, 2)`` [rad], from the first bearing
+    of each counter-clockwise to the second."""
+    turn = 2.0 * math.pi
+    widths = np.remainder(sectors[:, 1] - sectors[:, 0], turn)
+    widths[widths == 0.0] = turn
+    return (np.remainder(bearings[:, None] - sectors[:, 0], turn) <= widths + 1e-6).any(axis=1)

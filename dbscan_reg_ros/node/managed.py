@@ -1,0 +1,44 @@
+"""The managed node."""
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+from ..core.errors import ParameterError
+from .live_parameters import LiveParameters
+from .matcher import ScanMatcher
+
+
+class ManagedScanMatcher(LifecycleNode):
+    """A `ScanMatcher` that is made when configured, listens while active and is gone after the clean-up."""
+
+    def __init__(self):
+        super().__init__('scan_matcher', automatically_declare_parameters_from_overrides=True)
+        self._live = LiveParameters(self)
+        self._matcher = None
+
+    def on_configure(self, state):
+        try:
+            self._matcher = ScanMatcher(self, self._live)
+        except ParameterError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state):
+        self._matcher.activate()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state):
+        self._matcher.deactivate()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state):
+        self._clean_up()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state):
+        self._clean_up()
+        return super().on_shutdown(state)
+
+    def _clean_up(self):
+        if self._matcher:
+            self._matcher.close()
+        self._matcher = None

@@ -1,0 +1,104 @@
+"""What the node publishes; what is costly only while somebody listens."""
+import array
+import math
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2, PointField
+from visualization_msgs.msg import MarkerArray
+
+from .messages import odometry_to_message, pose_to_message, segments_to_message, stamp_to_message
+
+ODOM_DEPTH = 50
+PICTURE_DEPTH = 5
+PICTURE_PERIOD = 0.5
+"""path and local_map are published this often [s]."""
+
+
+class Outputs:
+    """Publishes ``odom`` and ``segments`` for each scan, ``path`` and ``local_map`` twice a second.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+    """
+
+    def __init__(self, node: Node, parameters):
+        self.parameters = parameters
+        self._odom = node.create_publisher(Odometry, 'odom', ODOM_DEPTH)
+        self._segments = node.create_publisher(MarkerArray, 'segments', PICTURE_DEPTH)
+        self._path = node.create_publisher(Path, 'path', PICTURE_DEPTH)
+        self._map = node.create_publisher(PointCloud2, 'local_map', PICTURE_DEPTH)
+        self._timer = node.create_timer(PICTURE_PERIOD, self._publish_pictures, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.reset()
+
+    @property
+    def topic(self):
+        """Where the odometry goes."""
+        return self._odom.topic_name
+
+    def reset(self):
+        """Begin a new path."""
+        self._poses = []
+        self._latest = None
+
+    def publish(self, update, state, origin):
+        """Publish what one scan told.
+
+        Parameters
+        ----------
+        update : OdometryUpdate
+        state : BaseState
+        origin : SE2
+            Where the odometry's own frame lies in `odom_frame`.
+        """
+        frame = self.parameters.odom_frame
+        self._odom.publish(odometry_to_message(state, frame, self.parameters.base_frame))
+        if self._segments.get_subscription_count():
+            self._segments.publish(segments_to_message(update, origin, frame))
+        self._go_on(state)
+        self._latest = update, state, origin
+
+    def _go_on(self, state):
+        """Add the pose to the path when it is a step away from the last one."""
+        path = self.parameters.path
+        last = self._poses[-1][1] if self._poses else None
+        if last is None or math.hypot(state.pose.x - last.x, state.pose.y - last.y) >= path.step:
+            self._poses.append((state.stamp, state.pose))
+        del self._poses[:-path.size]
+
+    def _publish_pictures(self):
+        if self._latest is None:
+            return
+        (update, state, origin), self._latest = self._latest, None
+        if self._path.get_subscription_count():
+            self._path.publish(self._path_message(state))
+        if self._map.get_subscription_count():
+            features, pose = (update.reference, update.reference_pose) if update.reference else (update.features, update.pose)
+            points = (origin @ pose).apply(features.points)
+            self._map.publish(cloud_message(points, state.stamp, self.parameters.odom_frame))
+
+    def _path_message(self, state):
+        poses = [*self._poses, (state.stamp, state.pose)]
+        message = Path(poses=[PoseStamped(pose=pose_to_message(pose)) for _, pose in poses])
+        for stamped, (stamp, _) in zip(message.poses, poses, strict=True):
+            stamped.header.stamp, stamped.header.frame_id = stamp_to_message(stamp), self.parameters.odom_frame
+        message.header.stamp, message.header.frame_id = stamp_to_message(state.stamp), self.parameters.odom_frame
+        return message
+
+
+def cloud_message(points, stamp, frame) -> PointCloud2:
+    """The PointCloud2 of planar `points` ``(N, 2)`` [m] with z = 0."""
+    data = np.zeros((len(points), 3), dtype='<f4')
+    data[:, :2] = points
+    message = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
+    message.header.stamp, message.header.frame_id = stamp_to_message(stamp), frame
+    message.fields = [PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+                      for k, name in enumerate('xyz')]
+    message.data = array.array('B', data.tobytes())
+    return message

@@ -1,0 +1,179 @@
+"""What is believed of the sensor's motion before the scans are looked at."""
+import math
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+
+from ..core.errors import ParameterError
+from ..core.records import Prior
+from ..core.se2 import SE2, wrap
+from .messages import PoseError, planar_from_message, stamp_from_message
+from .mounting import Mounting, MountingError
+from .pose_history import HeadingHistory, PoseHistory
+from .transform_store import NoTransformError
+
+QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Priors:
+    """Makes the `Prior` of each scan as the parameter ``prior.source`` says.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+    transforms : TransformListener or None
+        None where tf2_msgs is not installed.
+    notices : Notices
+    heard : callable
+        Called when a source has said something.
+
+    Raises
+    ------
+    ParameterError
+        When transforms are to be read and there are none.
+    """
+
+    def __init__(self, node: Node, parameters, transforms, notices, heard):
+        self.parameters = parameters
+        self._notices = notices
+        name = parameters.prior.source
+        if name == 'tf' and transforms is None:
+            raise ParameterError("prior.source = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
+                                 'another source')
+        self._source = {
+            'odometry': lambda: _Wheels(node, notices, heard),
+            'imu': lambda: _Gyroscope(node, heard),
+            'tf': lambda: _Frame(transforms, parameters.prior.frame),
+        }.get(name, lambda: None)()
+        self._last = None
+
+    def restart(self):
+        """Forget the last scan and what the source said: time or pose have started anew."""
+        self._last = None
+        if self._source:
+            self._source.restart()
+
+    def ready(self, frame, stamp) -> bool:
+        """Whether waiting may tell no more of the motion up to the scan in `frame` at `stamp` [ns].
+
+        A source that does not reach as far as the last scan is quiet: nothing is expected of it.
+        """
+        return (self._source is None or self._last is None or self._source.reaches(frame, stamp)
+                or not self._source.reaches(frame, self._last[0]))
+
+    def find(self, frame, stamp, mounting: Mounting):
+        """The `Prior` for the scan in `frame` at `stamp` [ns], or None for the odometry's own."""
+        if self._source is None or self._last is None:
+            return None
+        before, last_mounting, update = self._last
+        motion = self._source.motion(frame, before, stamp, last_mounting, mounting, update)
+        if motion is None:
+            self._notices.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} says nothing of '
+                               'the time of the scan; taking the motion to go on as before')
+            return None
+        return Prior(motion, self._covariance(motion, mounting.pose))
+
+    def processed(self, stamp, mounting: Mounting, update):
+        """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
+        self._last = stamp, mounting, update
+
+    def _covariance(self, motion, laser):
+        """``(3, 3)`` in the sensor's frame of what is told of the base."""
+        p = self.parameters.prior
+        base = laser @ motion @ laser.inverse()
+        translation = max(p.translation_min, p.translation * math.hypot(base.x, base.y))
+        rotation = max(p.rotation_min, p.rotation * abs(base.theta))
+        adjoint = laser.inverse().adjoint()
+        return adjoint @ np.diag([translation, translation, rotation]) ** 2 @ adjoint.T
+
+
+class _Wheels:
+    """The base's odometry on the topic ``wheel_odom``."""
+
+    def __init__(self, node, notices, heard):
+        self._poses = PoseHistory()
+        self._notices = notices
+        self._heard = heard
+        self.name = node.create_subscription(Odometry, 'wheel_odom', self._on_message, QUALITY).topic_name
+
+    def _on_message(self, message):
+        try:
+            pose = planar_from_message(message.pose.pose)
+        except PoseError as error:
+            self._notices.warn(f'{self.name}: {error}')
+            return
+        self._poses.add(stamp_from_message(message.header.stamp), pose)
+        self._heard()
+
+    def restart(self):
+        self._poses.clear()
+
+    def reaches(self, _frame, stamp):
+        return self._poses.reaches(stamp)
+
+    def motion(self, _frame, before, now, last_mounting, mounting, _update):
+        start, end = self._poses.at(before), self._poses.at(now)
+        if start is None or end is None:
+            return None
+        return (start @ last_mounting.pose).inverse() @ end @ mounting.pose
+
+
+class _Gyroscope:
+    """The yaw rate on the topic ``imu``; the translation goes on as before."""
+
+    def __init__(self, node, heard):
+        self._headings = HeadingHistory()
+        self._heard = heard
+        self.name = node.create_subscription(Imu, 'imu', self._on_message, QUALITY).topic_name
+
+    def _on_message(self, message):
+        self._headings.add_rate(stamp_from_message(message.header.stamp), message.angular_velocity.z)
+        self._heard()
+
+    def restart(self):
+        self._headings.clear()
+
+    def reaches(self, _frame, stamp):
+        return self._headings.reaches(stamp)
+
+    def motion(self, _frame, before, now, last_mounting, mounting, update):
+        start, end = self._headings.at(before), self._headings.at(now)
+        if start is None or end is None:
+            return None
+        interval = (now - before) * 1e-9
+        turn = wrap(end.theta - start.theta)
+        vx, vy, _ = last_mounting.pose.adjoint() @ update.twist * interval
+        half = SE2(0.0, 0.0, 0.5 * turn).apply([vx, vy])
+        base = SE2(float(half[0]), float(half[1]), turn)
+        return last_mounting.pose.inverse() @ base @ mounting.pose
+
+
+class _Frame:
+    """The sensor's pose in an odometry frame on /tf."""
+
+    def __init__(self, transforms, frame):
+        self._transforms = transforms
+        self._frame = frame
+        self.name = f'the transform from {frame!r} on /tf'
+
+    def restart(self):
+        pass
+
+    def reaches(self, frame, stamp):
+        return self._pose(frame, stamp) is not None
+
+    def motion(self, frame, before, now, _last_mounting, _mounting, _update):
+        start, end = self._pose(frame, before), self._pose(frame, now)
+        return None if start is None or end is None else start.inverse() @ end
+
+    def _pose(self, frame, stamp):
+        try:
+            matrix, known = self._transforms.lookup(self._frame, frame, stamp)
+            return Mounting.from_matrix(matrix).pose if known else None
+        except (NoTransformError, MountingError):
+            return None

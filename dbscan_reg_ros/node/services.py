@@ -1,0 +1,98 @@
+"""What can be asked of the running node."""
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from ..message_fields import PLANE
+from ..recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
+from .messages import PoseError, planar_from_message
+from .mounting import Start
+
+
+class Services:
+    """``~/reset``, ``~/pause``, ``~/snapshot`` and ``set_pose``.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+    notices : Notices
+    start_anew : callable
+        Takes a reason and the `Start`.
+
+    Attributes
+    ----------
+    paused : bool
+    """
+
+    def __init__(self, node: Node, parameters, notices, start_anew):
+        self.parameters = parameters
+        self.paused = False
+        self._node = node
+        self._notices = notices
+        self._start_anew = start_anew
+        self._updates = deque(maxlen=parameters.snapshot.scans)
+        node.create_service(Trigger, '~/reset', self._on_reset)
+        node.create_service(SetBool, '~/pause', self._on_pause)
+        node.create_service(Trigger, '~/snapshot', self._on_snapshot)
+        node.create_subscription(PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
+
+    def keep(self, update, prior):
+        """Remember an update, and the prior it was made with, for a snapshot."""
+        if self._updates.maxlen != self.parameters.snapshot.scans:
+            self._updates = deque(self._updates, self.parameters.snapshot.scans)
+        self._updates.append(SnapshotUpdate.of(update, prior))
+
+    def _on_reset(self, _request, response):
+        self._start_anew('reset was called', Start())
+        response.success, response.message = True, 'the next scan is the new origin'
+        return response
+
+    def _on_pause(self, request, response):
+        changed, self.paused = self.paused != request.data, request.data
+        response.success = True
+        response.message = 'paused: scans are not used' if self.paused else 'running'
+        if changed:
+            self._node.get_logger().info(response.message)
+        return response
+
+    def _on_snapshot(self, _request, response):
+        if not self._updates:
+            response.success, response.message = False, 'no scan was processed yet'
+            return response
+        parameters = {name: list(value) if isinstance(value, tuple) else value
+                      for name, value in self.parameters.flatten().items()}
+        folder = Path(self.parameters.snapshot.folder).expanduser()
+        path = (folder / f'{self._node.get_name()}_{time.strftime("%Y%m%d_%H%M%S")}_{self._updates[-1].stamp}.npz').absolute()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_snapshot(path, Snapshot(parameters, list(self._updates)))
+        except OSError as error:
+            response.success, response.message = False, f'{path}: cannot be written: {error.strerror}'
+            return response
+        response.success, response.message = True, str(path)
+        self._node.get_logger().info(f'snapshot of {len(self._updates)} scans: {path}')
+        return response
+
+    def _on_pose(self, message):
+        frame = message.header.frame_id
+        if frame not in ('', self.parameters.odom_frame):
+            self._notices.warn(f'set_pose is ignored: the pose is in {frame!r}; expected {self.parameters.odom_frame!r}')
+            return
+        try:
+            pose = planar_from_message(message.pose.pose)
+        except PoseError as error:
+            self._notices.warn(f'set_pose is ignored: {error}')
+            return
+        covariance = np.reshape(message.pose.covariance, (6, 6))[np.ix_(PLANE, PLANE)]
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance + covariance.T)[0] < -1e-12:
+            self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
+            return
+        self._start_anew(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
+                         Start(pose, 0.5 * (covariance + covariance.T)))

@@ -1,0 +1,173 @@
+"""Transforms by their frames and times: with tf2_ros where it is installed, else with a small store of our own."""
+import bisect
+
+import numpy as np
+
+from .messages import matrix_from_pose, pose_from_message, stamp_from_message
+
+MAX_CHAIN = 100
+SPAN = 10_000_000_000
+"""So much of the past is kept [ns]."""
+
+
+class NoTransformError(LookupError):
+    """Two frames are not connected."""
+
+
+def make_store():
+    """A `Tf2Store` where tf2_ros is installed, else a `TransformStore`."""
+    try:
+        return Tf2Store()
+    except ModuleNotFoundError:
+        return TransformStore()
+
+
+class TransformStore:
+    """Transforms composed along their tree and interpolated between their stamps."""
+
+    def __init__(self):
+        self._edges = {}
+
+    def add(self, message, static):
+        """Keep a TransformStamped message; one whose numbers make no rotation is passed over."""
+        pose = pose_from_message(message.transform)
+        if pose is None:
+            return
+        parent, child = message.header.frame_id, message.child_frame_id
+        edge = self._edges.get(child)
+        if edge is None or edge.parent != parent or edge.static != static:
+            edge = self._edges[child] = _Edge(parent, static)
+        edge.add(stamp_from_message(message.header.stamp), pose)
+
+    def clear(self):
+        """Forget what moves: time has started anew."""
+        self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
+
+    def lookup(self, target, source, stamp):
+        """How to get from one frame to another.
+
+        Parameters
+        ----------
+        target, source : str
+        stamp : int
+            [ns]
+
+        Returns
+        -------
+        (4, 4) float
+            Takes points in `source` to `target`, at the known time nearest to `stamp`.
+        bool
+            Whether that is `stamp` itself.
+
+        Raises
+        ------
+        NoTransformError
+            When the frames are not connected.
+        """
+        up, down = self._ancestors(source), self._ancestors(target)
+        common = next((frame for frame in up if frame in down), None)
+        if common is None:
+            raise NoTransformError(f'{source!r} and {target!r} are not connected')
+        from_source, known_source = self._matrix(up[:up.index(common)], stamp)
+        from_target, known_target = self._matrix(down[:down.index(common)], stamp)
+        return np.linalg.inv(from_target) @ from_source, known_source and known_target
+
+    def _ancestors(self, frame):
+        """`frame`, its parent, the parent of that, ..."""
+        frames = [frame]
+        while frame in self._edges and len(frames) < MAX_CHAIN:
+            frame = self._edges[frame].parent
+            frames.append(frame)
+        return frames
+
+    def _matrix(self, frames, stamp):
+        """The product of the transforms from each of `frames` to its parent, and whether all are known at `stamp`."""
+        matrix, known = np.eye(4), True
+        for frame in frames:
+            step, exact = self._edges[frame].at(stamp)
+            matrix, known = step @ matrix, known and exact
+        return matrix, known
+
+
+class _Edge:
+    """The transform from one frame to its parent as it changes in time."""
+
+    def __init__(self, parent, static):
+        self.parent = parent
+        self.static = static
+        self._stamps = []
+        self._poses = []
+
+    def add(self, stamp, pose):
+        if self.static or self._stamps and stamp < self._stamps[-1] - SPAN:
+            self._stamps, self._poses = [], []
+        index = bisect.bisect_left(self._stamps, stamp)
+        if index < len(self._stamps) and self._stamps[index] == stamp:
+            self._poses[index] = pose
+            return
+        self._stamps.insert(index, stamp)
+        self._poses.insert(index, pose)
+        if self._stamps[-1] - self._stamps[0] > 2 * SPAN:
+            old = bisect.bisect_left(self._stamps, self._stamps[-1] - SPAN)
+            del self._stamps[:old], self._poses[:old]
+
+    def at(self, stamp):
+        """(matrix at the known time nearest to `stamp`, whether that is `stamp` itself)"""
+        if self.static:
+            return matrix_from_pose(*self._poses[-1]), True
+        after = bisect.bisect_left(self._stamps, stamp)
+        if after == len(self._stamps):
+            return matrix_from_pose(*self._poses[-1]), False
+        if self._stamps[after] == stamp or after == 0:
+            return matrix_from_pose(*self._poses[after]), self._stamps[after] == stamp
+        (here, turned), (there, turned_there) = self._poses[after - 1], self._poses[after]
+        share = (stamp - self._stamps[after - 1]) / (self._stamps[after] - self._stamps[after - 1])
+        if turned @ turned_there < 0.0:
+            turned_there = -turned_there
+        return matrix_from_pose(here + share * (there - here), turned + share * (turned_there - turned)), True
+
+
+class Tf2Store:
+    """The same on top of a tf2_ros buffer.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        When tf2_ros is not installed.
+    """
+
+    def __init__(self):
+        import tf2_ros
+        self._tf2 = tf2_ros
+        self._buffer = tf2_ros.Buffer()
+
+    def add(self, message, static):
+        """As in `TransformStore`."""
+        if static:
+            self._buffer.set_transform_static(message, 'scan_matcher')
+        else:
+            self._buffer.set_transform(message, 'scan_matcher')
+
+    def clear(self):
+        """As in `TransformStore`."""
+        self._buffer.clear()
+
+    def lookup(self, target, source, stamp):
+        """As in `TransformStore`."""
+        from rclpy.time import Time
+        try:
+            return self._at(target, source, Time(nanoseconds=stamp)), True
+        except self._tf2.ExtrapolationException:
+            pass
+        except self._tf2.TransformException as error:
+            raise NoTransformError(str(error)) from None
+        try:
+            return self._at(target, source, Time()), False
+        except self._tf2.TransformException as error:
+            raise NoTransformError(str(error)) from None
+
+    def _at(self, target, source, time):
+        pose = pose_from_message(self._buffer.lookup_transform(target, source, time).transform)
+        if pose is None:
+            raise NoTransformError(f'the transform from {source!r} to {target!r} is none')
+        return matrix_from_pose(*pose)

@@ -1,0 +1,207 @@
+"""Snapshots: the last scans of a running odometry with all that was thought of them, in one file.
+
+The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
+
+``snapshot``
+    uint8, the bytes of a JSON text (UTF-8)::
+
+        {"format": "dbscan_reg_ros snapshot", "version": 1, "package": "0.1.0",
+         "parameters": {"group.field": value, ...},
+         "scans": [{"stamp": ns, "frame_id": "laser", "time_increment": s, "angle_min": rad, "angle_increment": rad,
+                    "range_min": m, "range_max": m or null}, ...],
+         "updates": [{"scan": index, "reference": index or null, "stamp": ns, "interval": s, "pose": [x, y, theta],
+                      "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
+                      "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "", "overlap": 0..1,
+                      "score": 0..1, "free_direction": rad or null, "origins": ["lines", ...]}}, ...]}
+
+    ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older than
+    the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior`` is the
+    motion since the update before.
+``ranges_I``
+    float32 (N,) [m], of scan I. ``bearings_I``, float64 (N,) [rad], only where they are not uniform.
+``hypotheses_K``
+    float64 (H, 4): x [m], y [m], theta [rad] and score of each hypothesis of update K, best first.
+``covariance_K``, ``registration_covariance_K``, ``prior_covariance_K``
+    float64 (3, 3), as in `OdometryUpdate`, `Registration` and `Prior`.
+``twist_K``
+    float64 (3,), as in `OdometryUpdate`.
+``matches_K``
+    int64 (M, 2), as in `Registration`.
+"""
+import json
+import math
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import DbscanRegError, RecordingError
+from ..core.records import Hypothesis, Prior, Registration, Status
+from ..core.scan import Scan, ScanGeometry
+from ..core.se2 import SE2
+
+FORMAT = 'dbscan_reg_ros snapshot'
+VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class SnapshotUpdate:
+    """What was thought of one scan; the attributes are those of `OdometryUpdate`, with scans in place of features.
+
+    Attributes
+    ----------
+    scan : Scan
+    reference : Scan or None
+    prior : Prior or None
+        What the odometry was told of the motion since the update before.
+    """
+
+    scan: Scan
+    reference: Scan | None
+    stamp: int
+    interval: float
+    pose: SE2
+    covariance: np.ndarray
+    twist: np.ndarray
+    reference_pose: SE2
+    status: Status
+    registration: Registration | None
+    prior: Prior | None
+    restarted: str
+
+    @classmethod
+    def of(cls, update, prior=None) -> 'SnapshotUpdate':
+        """From an `OdometryUpdate` and the `Prior` that it was made with."""
+        return cls(update.features.scan, update.reference.scan if update.reference else None, update.stamp,
+                   update.interval, update.pose, update.covariance, update.twist, update.reference_pose, update.status,
+                   update.registration, prior, update.restarted)
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The last scans of an odometry.
+
+    Attributes
+    ----------
+    parameters : dict
+        Full name -> value of every parameter.
+    updates : list of SnapshotUpdate
+        Oldest first.
+    """
+
+    parameters: dict
+    updates: list
+
+
+def write_snapshot(path, snapshot: Snapshot):
+    """Write `snapshot` to the file at `path`, all or nothing."""
+    from importlib import metadata
+    try:
+        package = metadata.version('dbscan_reg_ros')
+    except metadata.PackageNotFoundError:
+        package = ''
+    arrays, scans, indices = {}, [], {}
+    for update in snapshot.updates:
+        for scan in filter(None, (update.reference, update.scan)):
+            if id(scan) not in indices:
+                index = indices[id(scan)] = len(scans)
+                scans.append(_scan_fields(scan))
+                arrays[f'ranges_{index}'] = scan.ranges
+                if scan.geometry.bearings_given is not None:
+                    arrays[f'bearings_{index}'] = scan.geometry.bearings
+    updates = [_update_fields(update, k, indices, arrays) for k, update in enumerate(snapshot.updates)]
+    text = json.dumps({'format': FORMAT, 'version': VERSION, 'package': package, 'parameters': snapshot.parameters,
+                       'scans': scans, 'updates': updates}, allow_nan=False)
+    arrays['snapshot'] = np.frombuffer(text.encode(), dtype=np.uint8)
+    unfinished = Path(f'{path}.part')
+    with open(unfinished, 'wb') as file:
+        np.savez_compressed(file, **arrays)
+    os.replace(unfinished, path)
+
+
+def read_snapshot(path) -> Snapshot:
+    """The snapshot in the file at `path`.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read or is no snapshot.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        described = json.loads(arrays['snapshot'].tobytes().decode())
+        if (described['format'], described['version']) != (FORMAT, VERSION):
+            raise RecordingError(f'{path}: {described["format"]!r} version {described["version"]}: expected {FORMAT!r} '
+                                 f'version {VERSION}')
+        scans = [_scan(fields, index, arrays) for index, fields in enumerate(described['scans'])]
+        updates = [_update(fields, k, scans, arrays) for k, fields in enumerate(described['updates'])]
+        return Snapshot(described['parameters'], updates)
+    except OSError as error:
+        raise RecordingError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except RecordingError:
+        raise
+    except (AttributeError, DbscanRegError, EOFError, IndexError, KeyError, TypeError, ValueError,
+            zipfile.BadZipFile) as error:
+        raise RecordingError(f'{path}: no snapshot ({error}); expected a file that ~/snapshot wrote') from None
+
+
+def _scan_fields(scan):
+    geometry = scan.geometry
+    limit = geometry.range_max
+    return {'stamp': scan.stamp, 'frame_id': scan.frame_id, 'time_increment': scan.time_increment,
+            'angle_min': geometry.angle_min, 'angle_increment': geometry.angle_increment,
+            'range_min': geometry.range_min, 'range_max': limit if math.isfinite(limit) else None}
+
+
+def _scan(fields, index, arrays):
+    ranges, bearings = arrays[f'ranges_{index}'], arrays.get(f'bearings_{index}')
+    limit = math.inf if fields['range_max'] is None else fields['range_max']
+    geometry = ScanGeometry(fields['angle_min'], fields['angle_increment'], len(ranges), fields['range_min'], limit,
+                            None if bearings is None else tuple(bearings.tolist()))
+    return Scan(fields['stamp'], ranges, geometry, fields['time_increment'], fields['frame_id'])
+
+
+def _update_fields(update, k, indices, arrays):
+    arrays[f'covariance_{k}'], arrays[f'twist_{k}'] = update.covariance, np.asarray(update.twist)
+    if update.prior:
+        arrays[f'prior_covariance_{k}'] = update.prior.covariance
+    return {'scan': indices[id(update.scan)], 'reference': indices[id(update.reference)] if update.reference else None,
+            'stamp': update.stamp, 'interval': float(update.interval), 'pose': _numbers(update.pose),
+            'reference_pose': _numbers(update.reference_pose), 'status': update.status.value,
+            'restarted': update.restarted, 'prior': _numbers(update.prior.transform) if update.prior else None,
+            'registration': _registration_fields(update.registration, k, arrays) if update.registration else None}
+
+
+def _registration_fields(registration, k, arrays):
+    arrays[f'registration_covariance_{k}'] = registration.covariance
+    arrays[f'matches_{k}'] = np.asarray(registration.matches, dtype=np.int64).reshape(-1, 2)
+    arrays[f'hypotheses_{k}'] = np.array([[*_numbers(h.transform), h.score] for h in registration.hypotheses],
+                                         dtype=float).reshape(-1, 4)
+    free = registration.free_direction
+    return {'transform': _numbers(registration.transform), 'status': registration.status.value,
+            'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
+            'free_direction': None if free is None else float(free),
+            'origins': [h.origin for h in registration.hypotheses]}
+
+
+def _update(fields, k, scans, arrays):
+    prior = registration = None
+    if fields['prior'] is not None:
+        prior = Prior(SE2(*fields['prior']), arrays[f'prior_covariance_{k}'])
+    if (told := fields['registration']) is not None:
+        hypotheses = tuple(Hypothesis(SE2(x, y, theta), score, origin) for (x, y, theta, score), origin
+                           in zip(arrays[f'hypotheses_{k}'].tolist(), told['origins'], strict=True))
+        registration = Registration(
+            SE2(*told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
+            told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'])
+    reference = None if fields['reference'] is None else scans[fields['reference']]
+    return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], SE2(*fields['pose']),
+                          arrays[f'covariance_{k}'], arrays[f'twist_{k}'], SE2(*fields['reference_pose']),
+                          Status(fields['status']), registration, prior, fields['restarted'])
+
+
+def _numbers(pose):
+    return [float(pose.x), float(pose.y), float(pose.theta)]
