@@ -65,14 +65,60 @@ def draw_map(path, density, poses, title='', truth=None):
     if truth is not None:
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
     if len(poses):
-        axes.plot(*poses[0, :2], 'o', color='white', markeredgecolor='black', markersize=11, label='start')
-        axes.plot(*poses[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')
+        _ends(axes, poses)
     axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=extent[:2], ylim=extent[2:])
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.grid(linewidth=0.3, alpha=0.5)
     axes.legend(loc='upper left', bbox_to_anchor=(0.0, -0.06), ncols=4, frameon=False, borderaxespad=0.0)
     figure.savefig(path, dpi=150)
+
+
+def plot_world(path, segments, circles, way, routes=(), title=''):
+    """Draw a floor plan with the way of a robot through it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write.
+    segments : (S, 2, 2) [m]
+        Start and end of each piece of wall.
+    circles : (C, 3) [m]
+        Centre and radius of each column.
+    way : (N, 2) [m]
+    routes : sequence of (K, 2) [m]
+        Where people walk.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
+
+    low, high = segments.min(axis=(0, 1)) - 0.5, segments.max(axis=(0, 1)) + 0.5
+    width, height = high - low
+    longer = max(width, height)
+    figure = Figure(figsize=(2.0 + 10.0 * width / longer, 2.0 + 10.0 * height / longer), layout='constrained')
+    axes = figure.add_subplot()
+    axes.add_collection(LineCollection(segments, colors='black', linewidths=1.0))
+    for x, y, radius in circles:
+        axes.add_patch(Circle((x, y), radius, facecolor='0.7', edgecolor='black'))
+    axes.plot(way[:, 0], way[:, 1], '-', color='tab:blue', linewidth=1.2, label='robot')
+    for number, route in enumerate(routes):
+        label = None if number else 'people'
+        axes.plot(route[:, 0], route[:, 1], ':', color='tab:orange', linewidth=2.0, label=label)
+    _ends(axes, way)
+    axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=(low[0], high[0]),
+             ylim=(low[1], high[1]))
+    _legend(figure, axes)
+    figure.savefig(path, dpi=110, bbox_inches='tight')
+
+
+def _ends(axes, way):
+    axes.plot(*way[0, :2], 'o', color='white', markeredgecolor='black', markersize=11, label='start')
+    axes.plot(*way[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')
+
+
+def _legend(figure, axes):
+    figure.legend(*axes.get_legend_handles_labels(), loc='outside lower center', ncols=4, frameon=False)
 
 
 def _laid_out(scans, poses):

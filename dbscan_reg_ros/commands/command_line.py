@@ -10,6 +10,10 @@ FAILED = 1
 INTERRUPTED = 130
 
 
+class CommandError(DbscanRegError):
+    """An argument of a command makes no sense."""
+
+
 def make_parser(command, description) -> argparse.ArgumentParser:
     """A parser with the options that every command takes."""
     parser = argparse.ArgumentParser(prog=command, description=description)

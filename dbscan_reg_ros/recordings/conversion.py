@@ -57,17 +57,18 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     """
     source, target = Path(source), Path(target)
     progress = progress or (lambda items, total: items)
-    _check_target(target)
+    check_target(target)
     from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
     if from_bag and not to_log:
         return _bag_to_bag(source, target, topics, start, end, storage, progress)
     recording = open_recording(source, topic)
     records = _timed(progress(recording.records(), recording.count), start, end)
-    counts = _to_log(records, target) if to_log else _log_to_bag(records, target, topics, storage)
+    counts = write_log(target, (record for _, record in records)) if to_log else _log_to_bag(records, target, topics, storage)
     return counts, recording.problems
 
 
-def _check_target(target):
+def check_target(target):
+    """RecordingError where nothing can be written at the path `target`."""
     if target.exists():
         raise RecordingError(f'{target}: exists already; choose another name, or remove it')
     if not target.parent.is_dir():
@@ -86,12 +87,13 @@ def _timed(records, start, end):
             yield time, record
 
 
-def _to_log(records, target):
+def write_log(target, records) -> Counter:
+    """Write a CARMEN log of an iterable of `Record`; how many of which message."""
     counts, settings = Counter(), dict(SETTINGS)
     open_log = gzip.open if target.suffix == '.gz' else open
     with _none_when_failed(target), open_log(target, 'wt', encoding='utf-8') as log:
         log.write('# CARMEN log\n')
-        for _, record in records:
+        for record in records:
             for name, value in settings_of(record.scan).items():
                 if settings[name] != value:
                     settings[name] = value

@@ -3,7 +3,7 @@ from .dead_reckoning import wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar
 from .paths import Path, follow
 from .simulate import Simulation, demo, measure, simulate
-from .worlds import Person, World, corridor, hall, rooms
+from .worlds import Person, World, corridor, hall, rooms, with_people
 
 __all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'World', 'corridor', 'demo', 'follow', 'hall', 'measure',
-           'rooms', 'simulate', 'wheel_odometry', 'yaw_rates']
+           'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']

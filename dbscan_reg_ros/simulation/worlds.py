@@ -1,4 +1,5 @@
 """Floor plans made of boxes, columns and people, each with a tour that a robot can drive."""
+import dataclasses
 import itertools
 import math
 from dataclasses import dataclass, field
@@ -10,6 +11,8 @@ DOOR = 1.0
 RECESS = 0.1
 CLEARANCE = 0.6
 """Furniture keeps this distance [m] from the tour."""
+ASIDE, SLIM = 0.3, 0.18
+"""So far from the tour [m] walk people, who fit through its doors [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,19 @@ class World:
     def circles_at(self, time):
         """(C + P, 3) columns and people at `time` [s]."""
         return np.vstack((self.circles, *(person.circle_at(time) for person in self.people)))
+
+
+def with_people(world, count, seed=0) -> World:
+    """The world with `count` people who walk to and fro beside a stretch of the tour each."""
+    rng = np.random.default_rng(seed)
+    people = []
+    for _ in range(count):
+        leg = rng.integers(len(world.tour) - 1)
+        start, end = world.tour[leg:leg + 2]
+        along = (end - start) / max(math.dist(start, end), 1e-9)
+        aside = rng.choice((-1.0, 1.0)) * ASIDE * np.array((-along[1], along[0]))
+        people.append(Person(np.array([start, end]) + aside, rng.uniform(0.6, 1.4), SLIM))
+    return dataclasses.replace(world, people=(*world.people, *people))
 
 
 def rooms(seed=0, count=4) -> World:

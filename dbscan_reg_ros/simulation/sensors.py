@@ -1,0 +1,113 @@
+"""A robot's recording: what its lidar, its wheels and its gyroscope say of one path, with the truth."""
+import heapq
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..core.se2 import SE2
+from ..message_fields import header_fields, pose_fields, scan_fields
+from ..recordings import interpolate
+from ..recordings.conversion import bag_writer, check_target, write_log
+from ..recordings.messages import MessageMaker
+from ..recordings.recording import Record
+from .simulate import Simulation
+
+ODOMETRY = 'nav_msgs/msg/Odometry'
+TOPICS = {'/scan': 'sensor_msgs/msg/LaserScan', '/wheel_odom': ODOMETRY, '/imu': 'sensor_msgs/msg/Imu',
+          '/truth': ODOMETRY, '/tf_static': 'tf2_msgs/msg/TFMessage'}
+NONE = -1.0
+"""First element of the covariance of what an Imu does not measure."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRecording:
+    """What a simulated robot records.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        The scans, and the sensor's true poses.
+    wheels : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad])
+        Of the robot, as from `wheel_odometry`.
+    turning : (stamps (N,) int64 [ns], rates (N,) [rad/s])
+        As from `yaw_rates`.
+    """
+
+    simulation: Simulation
+    wheels: tuple
+    turning: tuple = field(default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0)))
+
+    def write(self, target) -> Counter:
+        """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or else a ROS 2 bag; how many of which message.
+
+        In a bag the truth is the sensor's pose on ``/truth``, the laser's place on the robot on ``/tf_static``. In a
+        log the laser's poses are the truth and the robot's those of the wheels; it has no room for the gyroscope.
+
+        Raises
+        ------
+        RecordingError
+            When `target` exists or cannot be made.
+        """
+        target = Path(target)
+        check_target(target)
+        if target.name.endswith(('.log', '.log.gz')):
+            return write_log(target, self._records())
+        maker, counts = MessageMaker(), Counter()
+        with bag_writer(target) as writer:
+            connections = {topic: writer.add_connection(topic, kind, typestore=maker.store, **_quality(topic))
+                           for topic, kind in TOPICS.items()}
+            for stamp, topic, fields in self._messages():
+                writer.write(connections[topic], stamp, maker.serialize(TOPICS[topic], fields))
+                counts[topic] += 1
+        return counts
+
+    def _records(self):
+        """The scans with the sensor's true pose and the robot's by its wheels."""
+        stamps = self.simulation.stamps
+        wheels = interpolate(*self.wheels, np.clip(stamps, self.wheels[0][0], self.wheels[0][-1]))
+        for scan, truth, robot in zip(self.simulation.scans, self.simulation.truth, wheels, strict=True):
+            yield Record(scan, tuple(truth), tuple(robot))
+
+    def _messages(self):
+        """(stamp [ns], topic, fields) in order of time."""
+        simulation, scans = self.simulation, self.simulation.scans
+        first = scans[0].stamp
+        return heapq.merge(
+            [(first, '/tf_static', {'transforms': [_mounting(first, simulation.lidar)]})],
+            ((scan.stamp, '/scan', scan_fields(scan)) for scan in scans),
+            ((scan.stamp, '/truth', _odometry(scan.stamp, 'world', scan.frame_id, pose))
+             for scan, pose in zip(scans, simulation.truth, strict=True)),
+            ((int(stamp), '/wheel_odom', _odometry(stamp, 'odom', 'base_link', pose))
+             for stamp, pose in zip(*self.wheels, strict=True)),
+            ((int(stamp), '/imu', _turning(stamp, rate)) for stamp, rate in zip(*self.turning, strict=True)),
+            key=lambda message: message[0])
+
+
+def _odometry(stamp, frame, child, pose):
+    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
+
+
+def _turning(stamp, rate):
+    unknown = np.array([NONE, *np.zeros(8)])
+    return {'header': header_fields(stamp, 'imu'), 'angular_velocity': {'z': float(rate)},
+            'orientation_covariance': unknown, 'linear_acceleration_covariance': unknown}
+
+
+def _mounting(stamp, lidar):
+    pose: SE2 = lidar.mounting
+    place = pose_fields(pose.as_array())
+    return {'header': header_fields(stamp, 'base_link'), 'child_frame_id': lidar.frame_id,
+            'transform': {'translation': place['position'], 'rotation': place['orientation']}}
+
+
+def _quality(topic):
+    """What a player of the bag has to know so that late listeners hear a topic that is sent once."""
+    if topic != '/tf_static':
+        return {}
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+    forever = QosTime(2147483647, 4294967295)
+    quality = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, forever, forever,
+                  QosLiveliness.AUTOMATIC, forever, False)
+    return {'offered_qos_profiles': [quality]}
