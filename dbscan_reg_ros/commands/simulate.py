@@ -25,8 +25,8 @@ LIMITS = {
 
 def main(argv=None) -> int:
     parser = make_parser('simulate', 'A robot drives through a floor plan and records what its lidar, wheels and '
-    world.add_argument('--world', choices=WORLDS, default='rooms', help='(default: rooms)')
-                         'the floor plan and the path is written beside it, TARGET.png.')
+                         'gyroscope say, with the exact truth. The same arguments give the same recording. A picture '
+                         'of the floor plan and the path is written beside it, TARGET.png.')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log, the truth as the poses '
                         'of the laser; any other name: folder of a ROS 2 bag with /scan, /wheel_odom, /imu, /truth and '
                         '/tf_static')
