@@ -189,7 +189,7 @@ class SegmentParameters(ParameterGroup):
     corners: str = parameter('split', 'what a corner is: split (the point farthest from a chord), slope (where the slope of '
                              'the ranges jumps, the paper)', '', choices=('split', 'slope'))
     corner_thresholds: int = parameter(64, 'slope: so many thresholds dk_th of Eq. 6 are tried', '', 2, 10000)
-    corner_penalty: float = parameter(20.0, 'slope: what a further segment must save of the squared errors, in units of the '
+    corner_penalty: float = parameter(200.0, 'slope: what a further segment must save of the squared errors, in units of the '
                                       'squared range noise; 0: the least mean error wins, however many segments', '', 0.0, 1e6)
     sections: int = parameter(0, 'lines are fitted to the means of so many equal sections (Eq. 7; the paper takes 5); 0: to '
                               'all points', '', 0, 1000)

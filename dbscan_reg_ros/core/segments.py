@@ -107,10 +107,11 @@ def extract_segments(points, radius, beams, breaks, noise, parameters: SegmentPa
     length = np.hypot(*(end - start).T)
     keep = (count >= parameters.min_points) & (length >= parameters.min_length)
     keep &= residual < (0.15 * length) ** 2
-    start, end, along, length, first, last = start[keep], end[keep], along[keep], length[keep], first[keep], last[keep]
+    start, end, along, first, last = start[keep], end[keep], along[keep], first[keep], last[keep]
     count, residual, spread = count[keep], residual[keep], spread[keep]
     sigma = np.sqrt(noise * noise + residual)
     kinds, start, end = _end_kinds(points, radius, start, end, along, first, last, noise, parameters)
+    length = np.hypot(*(end - start).T)
     return Segments(start, end, np.arctan2(along[:, 1], along[:, 0]), length,
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
                     np.stack((beams[first], beams[last]), axis=1))

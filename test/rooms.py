@@ -1,0 +1,28 @@
+"""Scans of walls that are known exactly."""
+import math
+
+import numpy as np
+
+from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.se2 import SE2
+from dbscan_reg_ros.simulation.raycasting import cast
+
+DEGREE = math.radians(1.0)
+FULL = ScanGeometry(-math.pi, DEGREE, 360)
+HALF = ScanGeometry(-0.5 * math.pi, DEGREE, 180)
+L_ROOM = np.array([(-2.0, -1.5), (4.0, -1.5), (4.0, 1.0), (1.5, 1.0), (1.5, 3.0), (-2.0, 3.0)])
+"""Corners of a room [m], all of which are seen from its origin."""
+
+
+def outline(corners):
+    """Walls (S, 2, 2) from corner to corner, round and back."""
+    corners = np.asarray(corners, dtype=float)
+    return np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
+
+
+def look(walls, pose=SE2(), geometry=FULL, noise=0.0, seed=0) -> Scan:
+    """What a lidar at `pose` measures of walls (S, 2, 2) [m]."""
+    angles = geometry.bearings + pose.theta
+    directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    ranges = cast(np.array([[pose.x, pose.y]]), directions, np.asarray(walls, dtype=float), np.empty((0, 3)))
+    return Scan(0, ranges + np.random.default_rng(seed).normal(0.0, noise, len(ranges)), geometry)
