@@ -114,11 +114,11 @@ def end_samples(reference, current, rotations, pairs, parameters):
     samples, masses, groups = [], [], []
     for side, name in enumerate(('start', 'end')):
         kind_r, kind_o = reference.kinds[r, side], current.kinds[o, side]
-        worth = _END_WORTH[kind_r, kind_o]
+        worth = parameters.end_weight * _END_WORTH[kind_r, kind_o]
         use = worth > 0.0
         t = getattr(reference, name)[r[use]] - rotate(phi[use], getattr(current, name)[o[use]])
         samples.append(t)
-        masses.append(weight[use] * worth[use] * parameters.end_weight)
+        masses.append(weight[use] * worth[use])
         groups.append(rotation[use])
     return np.concatenate(samples), np.concatenate(masses), np.concatenate(groups)
 
