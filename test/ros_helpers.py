@@ -178,3 +178,29 @@ def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
     else:
         rotation.y, rotation.w = qy, 0.0
     return message
+
+
+class Loudspeaker:
+    """Publishes the same messages again and again, for whoever comes to listen."""
+
+    def __init__(self, peer, kind, topic, quality=100):
+        self._peer = peer
+        self.publisher = peer.node.create_publisher(kind, topic, quality)
+        peer.until(self.publisher.get_subscription_count)
+
+    def until(self, condition, *messages):
+        """Publish `messages` until `condition` gives something true, and return that."""
+        deadline = time.monotonic() + TIMEOUT
+        while not (result := condition()):
+            assert time.monotonic() < deadline, 'the condition did not become true in time'
+            for message in messages:
+                self.publisher.publish(message)
+            with contextlib.suppress(AssertionError):
+                return self._peer.until(condition, 0.2)
+        return result
+
+
+def diagnosis(peer, statuses, condition):
+    """The first DiagnosticStatus, among the messages of `statuses` from now on, for which `condition` holds."""
+    start = len(statuses)
+    return peer.until(lambda: next((s for m in statuses[start:] for s in m.status if condition(s)), None))

@@ -49,6 +49,7 @@ class Diagnostics:
         self._heard = time.monotonic()
 
     def _publish(self):
+        self._transforms.look_at_conflict()
         now = time.monotonic()
         counts = self._counts()
         last_time, last = self._last or (now - PERIOD, (0,) * len(counts))

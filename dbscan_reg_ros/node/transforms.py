@@ -80,6 +80,7 @@ class TransformSender:
         self._warned = False
         self._last_stamp = None
         self._sent = deque(maxlen=REMEMBERED)
+        self._other = None
         self.conflict = ''
         self.enable(parameters.publish_tf)
 
@@ -87,7 +88,7 @@ class TransformSender:
         """Announce /tf, or withdraw from it. Without tf2_msgs say so once and send nothing."""
         if not enabled:
             self._withdraw()
-            self.conflict = ''
+            self._other, self.conflict = None, ''
         elif self._type is None:
             if not self._warned:
                 self._node.get_logger().warning('tf2_msgs is not installed: no transform is sent on /tf; '
@@ -119,15 +120,25 @@ class TransformSender:
         if (transform.child_frame_id != self._child or self._publisher is None
                 or topic == '/tf' and _signature(transform) in self._sent):
             return
-        nodes = sorted({f'{e.node_namespace.rstrip("/")}/{e.node_name}'
-                        for e in self._node.get_publishers_info_by_topic(topic)}
-                       - {self._node.get_fully_qualified_name()})
-        self.conflict = (
-            f'somebody else sends a transform to {self._child!r} too, from {transform.header.frame_id!r}; on {topic} '
-            f'there are: {", ".join(nodes) or "no other nodes"}. A frame has one parent: ours, from {self._parent!r}, is '
-            'sent no more. Stop the other one and set publish_tf to false and to true again, or set invert_tf to true')
         self._withdraw()
-        self._node.get_logger().error(self.conflict)
+        self._other = transform.header.frame_id, topic
+        self.look_at_conflict()
+
+    def look_at_conflict(self):
+        """Say once who else sends to our child frame; a newcomer's name may be known only a moment later."""
+        if self._other is None:
+            return
+        parent, topic = self._other
+        nodes = sorted({f'{e.node_namespace.rstrip("/")}/{e.node_name}'
+                        for e in self._node.get_publishers_info_by_topic(topic) if not e.node_name.startswith('_')}
+                       - {self._node.get_fully_qualified_name()})
+        first, self.conflict = not self.conflict, (
+            f'somebody else sends a transform to {self._child!r} too, from {parent!r}; on {topic} there are: '
+            f'{", ".join(nodes) or "nodes without a name"}. A frame has one parent: ours, from {self._parent!r}, is sent no '
+            'more. Stop the other one and set publish_tf to false and to true again, or set invert_tf to true')
+        if nodes or not first:
+            self._other = None
+            self._node.get_logger().error(self.conflict)
 
 
 def _signature(transform):

@@ -12,7 +12,7 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
          "updates": [{"scan": index, "reference": index or null, "stamp": ns, "interval": s, "pose": [x, y, theta],
                       "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
                       "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "", "overlap": 0..1,
-                      "score": 0..1, "free_direction": rad or null, "origins": ["lines", ...]}}, ...]}
+                      "score": 0..1, "free_direction": rad or null}}, ...]}
 
     ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older than
     the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior`` is the
@@ -130,7 +130,7 @@ def read_snapshot(path) -> Snapshot:
         When the file cannot be read or is no snapshot.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, 'rb') as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         described = json.loads(arrays['snapshot'].tobytes().decode())
         if (described['format'], described['version']) != (FORMAT, VERSION):
@@ -183,8 +183,7 @@ def _registration_fields(registration, k, arrays):
     free = registration.free_direction
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
-            'free_direction': None if free is None else float(free),
-            'origins': [h.origin for h in registration.hypotheses]}
+            'free_direction': None if free is None else float(free)}
 
 
 def _update(fields, k, scans, arrays):
@@ -192,8 +191,8 @@ def _update(fields, k, scans, arrays):
     if fields['prior'] is not None:
         prior = Prior(SE2(*fields['prior']), arrays[f'prior_covariance_{k}'])
     if (told := fields['registration']) is not None:
-        hypotheses = tuple(Hypothesis(SE2(x, y, theta), score, origin) for (x, y, theta, score), origin
-                           in zip(arrays[f'hypotheses_{k}'].tolist(), told['origins'], strict=True))
+        hypotheses = tuple(Hypothesis(SE2(x, y, theta), score)
+                           for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
             SE2(*told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
             told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'])

@@ -1,0 +1,156 @@
+"""Frames: where the laser sits, as transforms say; our own transform, and those of others."""
+import math
+
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_helpers import (
+    TIMEOUT,
+    Loudspeaker,
+    Parameters,
+    Peer,
+    distances,
+    needs_tf2_msgs,
+    played,
+    pose_of,
+    said,
+    transform,
+)
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.messages import stamp_from_message
+
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def tf_type():
+    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+
+
+def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(start_command, player, peer, scans, tf_type):
+    node = start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3], patience=0.2).lost == 3
+    said(node, "no transform from 'base_link' to 'laser'", peer)
+    assert "set mounting to 'laser_pose' (with laser_pose) or to 'none'" in node.output()
+    assert player.play(scans[3:10], patience=0.2).lost == 7
+    assert node.output().count('no transform from') == 1
+    static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
+    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    static.until(lambda: not player.play(scans[10:11], patience=0.2).lost, message)
+    assert pose_of(player.play(scans[11:12]).messages[0]).as_array() == pytest.approx([0.1, 0.0, 0.0], abs=0.1)
+
+
+@needs_tf2_msgs
+def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans):
+    start_command('scan_matcher', '--ros-args', '-p', 'base_frame:=laser')
+    assert played(player, scans[:5]).lost == 0
+
+
+def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command, player, peer, scans, truth, tf_type):
+    """The base stands still on the spot where the sensor starts; the laser drives away on it."""
+    start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+              for s, p in zip(scans[:40], truth, strict=False)]
+    moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places))
+    answers = player.play(scans[1:40])
+    assert answers.lost == 0
+    assert distances(answers.messages, [SE2()] * 39).max() < 0.05
+
+
+def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):
+    start_command('scan_matcher', '--ros-args', '-p', 'input.wait:=10.0')
+    player.wait_for_node(TIMEOUT)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+              for s, p in zip(scans[:40], truth, strict=False)]
+    moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places[:1]))
+    assert player.play(scans[30:31], patience=0.5).lost == 1
+    with peer.spinning():
+        moving.publisher.publish(tf_type(transforms=places))
+        answers = player.play(scans[31:32], patience=5.0)
+    assert answers.unexpected == 1
+    assert distances(answers.messages, [SE2()]).max() < 0.05
+
+
+def test_the_inverse_transform_is_sent_where_asked_for(start_node, player, peer, scans, tf_type):
+    start_node('-p', 'invert_tf:=true', '-p', 'odom_frame:=laser_odom')
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(tf_type, '/tf')
+    Parameters(peer).names()
+    answers = player.play(scans[:10])
+    peer.until(lambda: len(heard) == 10)
+    for message, answer in zip(heard, answers.messages, strict=True):
+        [sent] = message.transforms
+        assert (sent.header.frame_id, sent.child_frame_id) == ('base_link', 'laser_odom')
+        assert sent.header.stamp == answer.header.stamp
+        t, q = sent.transform.translation, sent.transform.rotation
+        identity = SE2(t.x, t.y, 2.0 * math.atan2(q.z, q.w)) @ pose_of(answer)
+        assert identity.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize('parent', ['wheel_odom', 'odom'])
+def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, player, peer, scans, tf_type, parent):
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(tf_type, '/tf')
+    assert player.play(scans[:3]).lost == 0
+    assert not any('somebody else' in line for line in node.output().splitlines())
+    with Peer('wheels') as wheels:
+        other = Loudspeaker(wheels, tf_type, '/tf')
+        message = tf_type(transforms=[transform(parent, 'base_link', x=5.0, stamp=scans[3].stamp)])
+        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        assert f"to 'base_link' too, from '{parent}'" in node.output()
+        assert '/wheels' in node.output()
+        peer.until(lambda: '/scan_matcher' not in publishers(peer))
+    sent = len(ours(heard))
+    assert player.play(scans[3:10]).lost == 0
+    assert len(ours(heard)) == sent
+    parameters = Parameters(peer)
+    for value in (False, True):
+        [result] = parameters.set(publish_tf=value)
+        assert result.successful
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+
+
+def publishers(peer):
+    return {f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in peer.node.get_publishers_info_by_topic('/tf')}
+
+
+def ours(messages):
+    return [t for m in messages for t in m.transforms if t.transform.translation.x != 5.0]
+
+
+def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, peer, scans, tf_type):
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+    node = start_node()
+    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    assert played(player, scans[:3]).lost == 0
+
+
+def test_transforms_of_other_robots_do_not_matter(start_node, player, peer, scans, tf_type):
+    node = start_node('-r', '/tf:=tf', '-r', '/tf_static:=tf_static', '-r', '__ns:=/left')
+    with Peer('right') as right:
+        other = right.node.create_publisher(tf_type, '/tf', 100)
+        heard = peer.listen(tf_type, '/left/tf')
+        other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
+        from dbscan_reg_ros.node.player import Player
+        with Player(['--ros-args', '-r', '__ns:=/left']) as left:
+            assert played(left, scans[:10]).lost == 0
+        peer.until(lambda: heard)
+        other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
+    [sent] = heard[-1].transforms
+    assert stamp_from_message(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
+    assert 'somebody else' not in node.output()
+
+
+@pytest.mark.parametrize('words', [['-p', 'prior.source:=tf', '-p', 'mounting:=none']])
+def test_without_tf2_msgs_a_prior_from_transforms_is_refused_at_the_start(start_command, without_tf2_msgs, words):
+    node = start_command('scan_matcher', '--ros-args', *words, **without_tf2_msgs)
+    assert node.wait(TIMEOUT) == 2
+    assert "prior.source = 'tf': needs tf2_msgs, which is not installed" in node.output()
+    assert 'Traceback' not in node.output()

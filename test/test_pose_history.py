@@ -1,0 +1,57 @@
+"""Poses between poses, and transforms between transforms."""
+import math
+
+import pytest
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.pose_history import HeadingHistory, PoseHistory
+
+SECOND = 1_000_000_000
+
+
+def history(*poses):
+    poses_by_time = PoseHistory()
+    for stamp, pose in poses:
+        poses_by_time.add(stamp, pose)
+    return poses_by_time
+
+
+def test_poses_are_interpolated_the_short_way_round():
+    poses = history((0, SE2(0.0, 0.0, 3.0)), (10, SE2(1.0, -2.0, -3.0)))
+    middle = poses.at(5)
+    assert (middle.x, middle.y) == pytest.approx((0.5, -1.0))
+    assert abs(middle.theta) == pytest.approx(math.pi)
+    assert poses.at(0) == SE2(0.0, 0.0, 3.0)
+    assert poses.at(10) == SE2(1.0, -2.0, -3.0)
+
+
+def test_nothing_is_said_of_other_times():
+    poses = history((10, SE2()), (20, SE2()))
+    assert poses.at(9) is None
+    assert poses.at(21) is None
+    assert poses.reaches(20)
+    assert not poses.reaches(21)
+    assert not PoseHistory().reaches(0)
+    assert PoseHistory().at(0) is None
+
+
+def test_time_that_goes_back_starts_a_new_history():
+    poses = history((10, SE2()), (20, SE2()), (5, SE2(1.0)))
+    assert poses.at(5) == SE2(1.0)
+    assert poses.at(15) is None
+
+
+def test_the_past_is_forgotten():
+    poses = history(*((k * SECOND, SE2(float(k))) for k in range(1000)))
+    assert poses.at(500 * SECOND) is None
+    assert poses.at(995 * SECOND) == SE2(995.0)
+    assert len(poses._stamps) <= 22
+
+
+def test_headings_are_the_integral_of_the_rates():
+    headings = HeadingHistory()
+    for k in range(101):
+        headings.add_rate(k * SECOND // 100, 0.02 * k)
+        headings.add_rate(k * SECOND // 100, math.nan)
+    assert headings.at(SECOND).theta == pytest.approx(1.0)
+    assert headings.at(SECOND // 2).theta == pytest.approx(0.25)
