@@ -22,6 +22,7 @@ setup(
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
     ],
     entry_points={'console_scripts': [
+        f'compare = {PACKAGE}.commands.compare:main',
         f'convert = {PACKAGE}.commands.convert:main',
         f'demo = {PACKAGE}.commands.demo:main',
         f'dump = {PACKAGE}.commands.dump:main',

@@ -112,6 +112,37 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     figure.savefig(path, dpi=110, bbox_inches='tight')
 
 
+def plot_differences(path, table, a, b):
+    """Draw by how much B's errors differ from A's, in per cent of the latter, with their intervals.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write.
+    table : dict
+        Name -> one `Difference` for translation and one for rotation.
+    a, b : str
+        What A and B are called.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 2.0 + 0.45 * len(table)), layout='constrained')
+    panels = figure.subplots(1, 2, sharey=True)
+    for column, (axes, title) in enumerate(zip(panels, ('translation', 'rotation'), strict=True)):
+        for place, row in enumerate(table.values()):
+            d = row[column]
+            scale = 100.0 / d.a if d.a else 0.0
+            mean = scale * (d.b - d.a)
+            axes.errorbar(mean, place, xerr=[[mean - scale * d.low], [scale * d.high - mean]], color='black', capsize=5,
+                          fmt='s' if d.worse else 'o', markerfacecolor='black' if d.worse or d.better else 'white')
+        axes.axvline(0.0, color='0.5', linestyle='--')
+        axes.set(title=title, xlabel='mean error over 1 m, B against A [%]', ylim=(len(table) - 0.5, -0.5))
+        axes.set_yticks(range(len(table)), table)
+        axes.grid(axis='x', linewidth=0.3)
+    figure.suptitle(f'A: {a}, B: {b}; filled: surely different, square: B worse')
+    figure.savefig(path, dpi=110)
+
+
 def _ends(axes, way):
     axes.plot(*way[0, :2], 'o', color='white', markeredgecolor='black', markersize=11, label='start')
     axes.plot(*way[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')

@@ -36,7 +36,7 @@ class Track:
     problems: list = field(default_factory=list)
 
     def follow(self, scans, odometry):
-        """Feed `scans` to `odometry`, an `Odometry` or whatever has its `process`, and yield each `OdometryUpdate`."""
+        """Feed `scans` to `odometry`, an `Odometry` or what has a ``process`` like it, and yield each answer."""
         for number, scan in enumerate(scans, 1):
             begin = perf_counter()
             try:
@@ -47,7 +47,7 @@ class Track:
                 continue
             self.milliseconds.append(1e3 * (perf_counter() - begin))
             self.used.append(True)
-            self.stamps.append(update.stamp)
+            self.stamps.append(scan.stamp)
             self.poses.append((update.pose.x, update.pose.y, update.pose.theta))
             self.statuses.append(update.status)
             yield update

@@ -1,0 +1,136 @@
+"""``compare A B FILE...``: two parameter sets or methods on the same recordings."""
+from dataclasses import dataclass
+from pathlib import Path
+
+from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, run
+
+ALL = 'all'
+
+
+def main(argv=None) -> int:
+    parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and say whether B is '
+                         'worse: paired differences of the errors over 1 m with confidence intervals (95 % for both '
+                         'measures together), as a table and a picture. Exit status 0: B is not worse; 1: B is worse.')
+    for name in 'ab':
+        parser.add_argument(name, metavar=name.upper(), help='parameter file, or "defaults", or a method: '
+                            'icp, idc, icl, small_gicp, kiss-icp, identity')
+    add_recordings(parser)
+    parser.add_argument('--seed', type=int, default=0, help='of the resampling (default: 0)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='the table and the picture go to '
+                        'DIR/compare/DATE, with a link DIR/compare/latest (default: results)')
+    add_workers(parser)
+    return run(parser, compare, argv)
+
+
+def compare(args):
+    """Track every recording twice, print and write the comparison; the exit status says whether B is worse."""
+    from ..recordings import KnownMotion, find_recording, open_recording
+    from ..replays.comparison import paired
+    from ..replays.folder import new_folder, point_latest
+    from .workers import processors, workers
+
+    competitors = [Competitor.named(name) for name in (args.a, args.b)]
+    paths = [find_recording(file, args.data) for file in args.files]
+    known = [KnownMotion.of(open_recording(path, args.topic)) for path in paths]
+    if args.scheduler:
+        paths = [path.absolute() for path in paths]
+    with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:
+        futures = [[executor.submit(track_one, path, args.topic, competitor) for competitor in competitors]
+                   for path in paths]
+        tracks = [[future.result() for future in pair] for pair in futures]
+    names = unique([path.name for path in paths])
+    pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, tracks, strict=True)}
+    table = differences(pairs, args.seed)
+    folder = new_folder(Path(args.out) / 'compare')
+    worse = write_comparison(folder, table, args.a, args.b)
+    point_latest(folder)
+    return FAILED if worse else 0
+
+
+@dataclass(frozen=True)
+class Competitor:
+    """Who finds the motion: the odometry with `parameters`, or else the method called `method`."""
+
+    parameters: object = None
+    method: str = ''
+
+    @classmethod
+    def named(cls, name) -> 'Competitor':
+        """The competitor that an argument names: a method, ``defaults`` or a parameter file."""
+        from ..benchmarks.methods import FACTORIES, method
+        from ..node.parameters import NodeParameters
+        from ..parameter_files import read_parameters
+
+        if name in ('defaults', 'dbscan'):
+            return cls(NodeParameters())
+        if name in FACTORIES and not Path(name).exists():
+            method(name)
+            return cls(method=name)
+        return cls(read_parameters(name))
+
+    def tracker(self):
+        """What has ``process(scan)``, at its start."""
+        from ..benchmarks.trackers import tracker
+        from ..core.odometry import Odometry
+        return Odometry(self.parameters) if self.parameters else tracker(self.method)
+
+
+def track_one(path, topic, competitor):
+    """The `Track` of the recording at `path`."""
+    from ..recordings import open_recording
+    from ..replays.track import Track
+    from .workers import watched
+
+    recording, track = open_recording(path, topic), Track()
+    for _ in track.follow(watched(recording.scans(), recording.name, recording.count), competitor.tracker()):
+        pass
+    return track
+
+
+def unique(names):
+    """The names, those that come again with a number."""
+    return [name if names.index(name) == place else f'{name} ({names[:place + 1].count(name)})'
+            for place, name in enumerate(names)]
+
+
+def differences(pairs, seed):
+    """Name of the recording, or ``all`` -> `Difference` of translation and of rotation."""
+    from ..replays.comparison import MEASURES, difference
+
+    if not pairs:
+        raise CommandError('no recording to compare on')
+    groups = {name: [pair] for name, pair in pairs.items()} | {ALL: list(pairs.values())}
+    return {name: [difference(group, row, seed) for row in range(len(MEASURES))] for name, group in groups.items()}
+
+
+def write_comparison(folder, table, a, b) -> bool:
+    """Write table.txt, comparison.json and comparison.png, print the table; whether B is worse in all."""
+    import dataclasses
+    import json
+
+    from ..plots import plot_differences
+
+    text = describe(table, a, b)
+    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
+    content = {name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in table.items()}
+    (folder / 'comparison.json').write_text(json.dumps({'a': a, 'b': b, 'differences': content}, indent=1) + '\n',
+                                            encoding='utf-8')
+    plot_differences(folder / 'comparison.png', table, Path(a).name, Path(b).name)
+    print(text)
+    print(f'results  {folder}')
+    return any(d.worse for d in table[ALL])
+
+
+def describe(table, a, b) -> str:
+    """The comparison as a table, and in one sentence."""
+    width = max(len(name) for name in (*table, 'recording'))
+    lines = [f'{"recording":{width}}  error over 1 m          A          B      B - A    interval']
+    for name, row in table.items():
+        for d, what in zip(row, ('translation', 'rotation'), strict=True):
+            verdict = 'B worse' if d.worse else 'B better' if d.better else ''
+            lines.append(f'{name:{width}}  {what:11} [{d.unit:>3}] {d.a:10.4f} {d.b:10.4f} {d.b - d.a:+10.4f}    '
+                         f'{d.low:+.4f} to {d.high:+.4f}  {verdict}'.rstrip())
+    verdicts = [f'{"worse" if d.worse else "better"} in {what}' for d, what in
+                zip(table[ALL], ('translation', 'rotation'), strict=True) if d.worse or d.better]
+    lines.append(f'A: {a}  B: {b}  B is {" and ".join(verdicts) or "neither better nor worse"}.')
+    return '\n'.join(lines)
