@@ -75,7 +75,8 @@ def test_duplicates_and_distances_equal_to_sigma(seed):
                                           expected(samples[:, 0], sigma, min_points))
             np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points, period=40.0),
                                           expected(samples[:, 0], sigma, min_points, period=40.0))
-            np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points), expected(samples, sigma, min_points))
+            np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points),
+                                          expected(samples, sigma, min_points))
 
 
 def test_table_and_tree_give_the_same_clusters():

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from rooms import HALF, L_ROOM, look, outline
 from scipy.stats import gaussian_kde
 
 from dbscan_reg_ros.core.divergence import divergences, log_density, shifted_divergences, silverman
@@ -12,7 +13,6 @@ from dbscan_reg_ros.core.records import Status
 from dbscan_reg_ros.core.registration import register
 from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.parameter_files import read_parameters
-from rooms import HALF, L_ROOM, look, outline
 
 PARAMETERS = DivergenceParameters()
 

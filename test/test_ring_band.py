@@ -219,7 +219,7 @@ def test_without_a_whole_inner_ring_nothing_is_averaged(test):
 
 @pytest.mark.parametrize('test', TESTS)
 def test_both_sides_of_a_range_jump_are_kept(test):
-    near, far = seen(STEP * (np.arange(21) - 10), ((1.0, 0.0), 2.0)), seen(STEP * (np.arange(21) - 10), ((1.0, 0.0), 5.0))
+    near, far = wall(), 2.5 * wall()
     for edge in range(3, 18):
         points = np.where((np.arange(21) < edge)[:, None], near, far)
         assert not filtered(points, test, gross=0.05)[1].any()

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from rooms import L_ROOM, look, outline
 
 from dbscan_reg_ros.core.clustering import k_distances, knee
 from dbscan_reg_ros.core.features import extract_features
@@ -10,7 +11,6 @@ from dbscan_reg_ros.core.parameters import Parameters, RotationParameters
 from dbscan_reg_ros.core.records import Segments
 from dbscan_reg_ros.core.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.se2 import SE2, wrap
-from rooms import L_ROOM, look, outline
 
 PAPER = RotationParameters(directed=False, weighted=False, sigma=0.0566, min_points=1, width=0.0, hypotheses=1)
 DEFAULT = RotationParameters()

@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import Parameters
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.core.se2 import SE2
-from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 
 def test_polar_to_cartesian():
@@ -19,7 +19,8 @@ def test_polar_to_cartesian():
         scan = Scan(0, [1.0, 2.0, 3.0], ScanGeometry(0.5, increment, 3))
         theta = 0.5 + increment * np.arange(3)
         np.testing.assert_allclose(scan.geometry.bearings, theta)
-        np.testing.assert_allclose(scan.points, np.stack(([1.0, 2.0, 3.0] * np.cos(theta), [1.0, 2.0, 3.0] * np.sin(theta)), 1))
+        np.testing.assert_allclose(scan.points[:, 0], [1.0, 2.0, 3.0] * np.cos(theta))
+        np.testing.assert_allclose(scan.points[:, 1], [1.0, 2.0, 3.0] * np.sin(theta))
 
 
 def test_angles_and_ranges_are_those_of_a_laser_scan_message():

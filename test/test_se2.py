@@ -43,8 +43,10 @@ def test_points_without_a_return_stay_so():
     assert np.isnan(SE2(1.0, 2.0, 0.5).apply([[np.nan, np.nan]])).all()
 
 
-@pytest.mark.parametrize('angle, expected', [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5, 3.5 - 2.0 * math.pi),
-                                             (-7.0, -7.0 + 2.0 * math.pi), (1e6, 1e6 - 159155 * 2.0 * math.pi)])
+@pytest.mark.parametrize('angle, expected', [
+    (0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5, 3.5 - 2.0 * math.pi), (-7.0, -7.0 + 2.0 * math.pi),
+    (1e6, 1e6 - 159155 * 2.0 * math.pi),
+])
 def test_angles_are_wrapped_to_minus_pi_included_and_pi_excluded(angle, expected):
     assert wrap(angle) == pytest.approx(expected, abs=1e-9)
     assert wrap(np.array([angle]))[0] == wrap(angle)

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.corners import rank_corners, slope_differences, slope_stretches
 from dbscan_reg_ros.core.features import extract_features
@@ -12,7 +13,6 @@ from dbscan_reg_ros.core.records import EndKind
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.core.se2 import SE2, wrap
 from dbscan_reg_ros.core.segments import find_breaks
-from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
 
 PLAIN = Parameters().replace({'filter.test': 'off'})
 SLOPE = PLAIN.replace({'segments.corners': 'slope', 'segments.sections': 5})
@@ -252,7 +252,7 @@ def test_sections_are_averaged_and_the_line_is_fitted_to_their_means(sections):
             assert abs(along @ (np.cos(angle[i]), np.sin(angle[i]))) == pytest.approx(1.0)
         off = (own - centre[i]) @ (-np.sin(angle[i]), np.cos(angle[i]))
         assert residual[i] == pytest.approx((off ** 2).mean(), rel=1e-6)
-        assert spread[i] == pytest.approx(((own - own.mean(axis=0)) @ (np.cos(angle[i]), np.sin(angle[i]))).var(), rel=1e-6)
+        assert spread[i] == pytest.approx((own @ (np.cos(angle[i]), np.sin(angle[i]))).var(), rel=1e-6)
 
 
 def test_fewer_points_than_sections_are_all_fitted():

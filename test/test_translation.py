@@ -1,8 +1,10 @@
 """Translation: pairs of line equations (Eq. 10-15), signed and squared."""
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from rooms import L_ROOM, look, outline
 from sklearn.cluster import DBSCAN
 
 from dbscan_reg_ros.core.features import extract_features
@@ -12,7 +14,6 @@ from dbscan_reg_ros.core.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.se2 import SE2, wrap
 from dbscan_reg_ros.core.squared import line_equations, squared_samples
 from dbscan_reg_ros.core.translation import estimate_translations
-from rooms import L_ROOM, look, outline
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
@@ -31,11 +32,12 @@ def walls(*ends, kind=EndKind.OCCLUSION):
 def moved(segments, motion):
     """The segments as seen after `motion`."""
     back = motion.inverse()
-    return Segments(back.apply(segments.start), back.apply(segments.end), wrap(segments.direction - motion.theta),
-                    segments.length, segments.sigma_direction, segments.sigma_offset, segments.kinds, segments.beams)
+    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
+                               direction=wrap(segments.direction - motion.theta))
 
 
-ROOM = walls(*[((0.0, -2.0), (6.0, -2.0)), ((6.0, -2.0), (6.0, 1.0)), ((5.0, 2.0), (2.0, 3.5)), ((-1.0, 2.5), (-3.0, 0.5))])
+ROOM = walls([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0), (2.0, 3.5)],
+             [(-1.0, 2.5), (-3.0, 0.5)])
 """Walls of four directions."""
 
 
@@ -188,8 +190,8 @@ def test_ends_that_are_hidden_count_little():
 def test_wide_clusters_are_cut_and_the_papers_are_not():
     """A chain of samples 0.04 m apart."""
     rng = np.random.default_rng(0)
-    noisy = Segments(ROOM.start + rng.normal(0.0, 0.06, (4, 2)), ROOM.end + rng.normal(0.0, 0.06, (4, 2)), ROOM.direction,
-                     ROOM.length, ROOM.sigma_direction, ROOM.sigma_offset, ROOM.kinds, ROOM.beams)
+    noisy = dataclasses.replace(ROOM, start=ROOM.start + rng.normal(0.0, 0.06, (4, 2)),
+                                end=ROOM.end + rng.normal(0.0, 0.06, (4, 2)))
     counts = {}
     for width in (0.0, 0.02):
         parameters = TranslationParameters(sigma=0.3, sigma_max=0.3, width=width, recuts=4, end_weight=0.0)
