@@ -25,23 +25,23 @@ class Diagnostics:
     health : Health
     notices : Notices
     transforms : TransformSender
+    is_paused : callable
     """
 
-    def __init__(self, node: Node, health: Health, notices, transforms):
+    def __init__(self, node: Node, health: Health, notices, transforms, is_paused):
         self._node = node
         self._health = health
         self._notices = notices
         self._transforms = transforms
+        self._is_paused = is_paused
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._inbox = None
-        self._state = 'inactive'
         self._begin()
         node.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def watch(self, inbox, state=''):
-        """Report on the scans of `inbox`; without one say why there is none: the node's `state`."""
+    def watch(self, inbox):
+        """Report on the scans of `inbox` from now on; None while the node does not listen."""
         self._inbox = inbox
-        self._state = state
         self._begin()
 
     def _begin(self):
@@ -73,8 +73,8 @@ class Diagnostics:
                 self._inbox.dropped if self._inbox else 0)
 
     def _judge(self, silence, dropped):
-        if self._inbox is None:
-            return DiagnosticStatus.OK, self._state
+        if self._inbox is None or self._is_paused():
+            return DiagnosticStatus.OK, 'inactive' if self._inbox is None else 'paused'
         mismatch = self._mismatch()
         if mismatch:
             self._notices.warn(mismatch)

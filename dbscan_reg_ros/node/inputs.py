@@ -13,7 +13,7 @@ from sensor_msgs.msg import LaserScan
 from ..core.scan import SECOND, Scan
 from .messages import angles_disagree, stamp_from_message
 
-QUALITY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
 FUTURE = 1.0
 """A stamp so far ahead of the clock [s] is worth a warning."""

@@ -57,8 +57,8 @@ class ScanMatcher:
         self._priors = Priors(node, parameters, self._listener, self._notices, self._look_again)
         self._reader = ScanReader(node.get_clock(), self._notices)
         self._outputs = Outputs(node, parameters)
-        self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender)
         self._services = Services(node, parameters, self._notices, self._start_anew)
+        self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender, lambda: self._services.paused)
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
@@ -75,7 +75,7 @@ class ScanMatcher:
 
     def deactivate(self):
         """Listen no more; what is known is kept."""
-        self._diagnostics.watch(None, 'inactive')
+        self._diagnostics.watch(None)
         self._inbox.close()
         self._inbox = None
 

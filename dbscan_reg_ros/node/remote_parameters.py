@@ -2,11 +2,11 @@
 import time
 
 import rclpy
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from ..core.errors import DbscanRegError
 from .parameters import NodeParameters
@@ -37,28 +37,58 @@ def read_remote(name, timeout, arguments=()) -> NodeParameters:
         When it does not answer in time, or is no scan_matcher.
     """
     names = [description.name for description in NodeParameters.describe()]
+    answer = _call(name, GetParameters, 'get_parameters', GetParameters.Request(names=names), timeout, arguments)
+    values = [parameter_value_to_python(value) for value in answer.values]
+    if len(values) != len(names) or None in values:
+        raise RemoteError(f'{name} has not the parameters of scan_matcher; give the name of one with --node')
+    return NodeParameters().replace(dict(zip(names, values, strict=True)))
+
+
+def write_remote(name, values, timeout, arguments=()):
+    """Set parameters of the running node called `name`, all or none.
+
+    Parameters
+    ----------
+    name : str
+        Full name.
+    values : dict
+        Name -> value.
+    timeout : float
+        [s]
+    arguments : list of str
+        ROS arguments.
+
+    Raises
+    ------
+    RemoteError
+        When it does not answer in time, or refuses a value.
+    """
+    request = SetParametersAtomically.Request(
+        parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()])
+    answer = _call(name, SetParametersAtomically, 'set_parameters_atomically', request, timeout, arguments)
+    if not answer.result.successful:
+        raise RemoteError(f'{name} refuses the parameters: {answer.result.reason}')
+
+
+def _call(name, kind, service, request, timeout, arguments):
+    """The answer of a service of the node called `name`."""
     context = Context()
-    rclpy.init(args=['dump', *arguments], context=context)
-    node = Node('dump', context=context, enable_rosout=False, start_parameter_services=False)
+    rclpy.init(args=['parameters', *arguments], context=context)
+    node = Node('parameters', context=context, enable_rosout=False, start_parameter_services=False)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
-        client = node.create_client(GetParameters, f'{name}/get_parameters')
+        client = node.create_client(kind, f'{name}/{service}')
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
             if not client.wait_for_service(min(RETRY, timeout)):
                 continue
-            future = client.call_async(GetParameters.Request(names=names))
+            future = client.call_async(request)
             executor.spin_until_future_complete(future, RETRY)
             if future.done():
-                values = [parameter_value_to_python(value) for value in future.result().values]
-                break
-        else:
-            raise RemoteError(f'no answer from the node {name} in {timeout:g} s; is it running, and is the name right?')
+                return future.result()
+        raise RemoteError(f'no answer from the node {name} in {timeout:g} s; is it running, and is the name right?')
     finally:
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
-    if len(values) != len(names) or None in values:
-        raise RemoteError(f'{name} has not the parameters of scan_matcher; give the name of one with --node')
-    return NodeParameters().replace(dict(zip(names, values, strict=True)))

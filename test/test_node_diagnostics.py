@@ -1,0 +1,160 @@
+"""/diagnostics: what the node says of itself once a second."""
+import math
+import time
+
+import numpy as np
+import pytest
+import rclpy
+import rclpy.qos
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, changed, diagnosis, played, said, transform
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import SetBool
+
+from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros.node.messages import scan_to_message
+
+START = 1_700_000_000 * 10**9
+
+
+@pytest.fixture
+def reports(peer):
+    return lambda: peer.listen(DiagnosticArray, '/diagnostics')
+
+
+def values(status):
+    return {pair.key: pair.value for pair in status.values}
+
+
+def level(status):
+    return {DiagnosticStatus.OK: 'ok', DiagnosticStatus.WARN: 'warn', DiagnosticStatus.ERROR: 'error',
+            DiagnosticStatus.STALE: 'stale'}[status.level]
+
+
+def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, reports):
+    start_node('-r', '__ns:=/robot')
+    heard = reports()
+    status = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    assert status.name == '/robot/scan_matcher: laser odometry'
+    assert status.message == 'no scans on /robot/scan: nobody publishes there'
+    peer.node.create_publisher(LaserScan, '/robot/scan', 10)
+    assert diagnosis(peer, heard, lambda s: 'published there by /peer' in s.message)
+
+
+def test_tracking_is_ok_with_rates_timing_and_counts(node, player, peer, reports, scans):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    Parameters(peer).names()
+    with peer.spinning():
+        answers = player.play(scans[:40], rate=1.0)
+    assert answers.lost == 0
+    told = [s for m in heard for s in m.status if level(s) == 'ok' and s.message == 'tracking']
+    assert len(told) >= 3
+    numbers = values(told[-2])
+    assert float(numbers['scan rate [Hz]']) == pytest.approx(10.0, abs=2.0)
+    assert float(numbers['odometry rate [Hz]']) == pytest.approx(10.0, abs=2.0)
+    assert 0.0 < float(numbers['processing median [ms]']) <= float(numbers['processing worst [ms]'])
+    assert float(numbers['overlap']) > 0.7
+    assert numbers['scans dropped'] == numbers['scans skipped'] == '0'
+    assert numbers['scans answered'] == numbers['status ok']
+    assert told[-1].hardware_id == 'laser'
+    silent = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    assert silent.message.startswith('no scans on /scan: ')
+    assert values(silent)['scans answered'] == '40'
+
+
+def test_it_is_said_once_a_second(node, peer, reports):
+    heard = reports()
+    peer.until(lambda: heard)
+    start, count = time.monotonic(), len(heard)
+    peer.until(lambda: len(heard) >= count + 3)
+    assert time.monotonic() - start == pytest.approx(3.0, abs=0.7)
+
+
+def walls(count):
+    """Scans between two endless walls, 2 m apart, that run along 0.5 rad."""
+    rng = np.random.default_rng(1)
+    geometry = ScanGeometry(-3.1, 0.017, 360, 0.05, 8.0)
+    ranges = 1.0 / np.maximum(np.abs(np.sin(geometry.bearings - 0.5)), 1e-3)
+    for k in range(count):
+        yield Scan(START + k * 100_000_000, ranges + rng.normal(0.0, 0.005, 360), geometry, 0.0, 'laser')
+
+
+def test_between_two_walls_the_direction_that_is_not_known_is_told(node, player, peer, reports):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    Parameters(peer).names()
+    with peer.spinning():
+        assert player.play(walls(30), rate=1.0).lost == 0
+    told = [s for m in heard for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
+    assert told, [s.message for m in heard for s in m.status]
+    assert math.remainder(float(values(told[0])['free direction [rad]']) - 0.5, math.pi) == pytest.approx(0.0, abs=0.05)
+    assert 'along 29 deg' in told[0].message or 'along 28 deg' in told[0].message
+    assert int(values(told[-1])['status degenerate']) > 0
+
+
+def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    Parameters(peer).names()
+    rng = np.random.default_rng(1)
+    assert player.play(scans[:3]).lost == 0
+    noise = [type(s)(s.stamp, rng.uniform(0.5, 20.0, s.geometry.size), s.geometry, 0.0, 'laser') for s in scans[3:23]]
+    with peer.spinning():
+        player.play(noise, rate=1.0)
+    told = [s for m in heard for s in m.status if level(s) == 'error']
+    assert any(s.message.startswith('lost: ') and len(s.message) > len('lost: ') for s in told)
+    assert int(values(told[-1])['status failed']) > 0
+
+
+def test_scans_that_cannot_be_used_are_an_error(node, player, peer, reports, scans):
+    heard = reports()
+    speaker = Loudspeaker(peer, LaserScan, 'scan')
+    bad = changed(scans[0], angle_increment=0.0)
+    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'angle_increment is 0' in s.message], bad)
+    assert level(seen[0]) == 'error'
+    assert int(values(seen[0])['scans skipped']) > 0
+
+
+def test_a_mounting_that_is_not_known_is_an_error(start_command, peer, reports, scans):
+    pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
+    start_command('scan_matcher')
+    heard = reports()
+    speaker = Loudspeaker(peer, LaserScan, 'scan')
+    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'no transform from' in s.message],
+                         scan_to_message(scans[0]))
+    assert level(seen[0]) == 'error'
+
+
+def test_two_parents_of_the_base_are_a_warning(start_node, player, peer, reports, scans):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    other = Loudspeaker(peer, tf_type, '/tf')
+    other.until(lambda: 'somebody else' in node.output(), tf_type(transforms=[transform('wheels', 'base_link')]))
+    with peer.spinning():
+        assert player.play(scans[:20], rate=1.0).lost == 0
+    told = [s for m in heard for s in m.status if 'somebody else' in s.message]
+    assert told
+    assert level(told[0]) == 'warn'
+
+
+def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, peer, reports, scans):
+    node = start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
+    heard = reports()
+    publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
+    status = diagnosis(peer, heard, lambda s: 'quality of service' in s.message)
+    assert level(status) == 'stale'
+    assert 'the quality of service of /peer on /scan does not suit ours' in status.message
+    assert 'eliab' in status.message
+    publisher.publish(scan_to_message(scans[0]))
+    said(node, 'the quality of service of /peer on /scan', peer)
+
+
+def test_a_paused_node_says_so(node, player, peer, reports, scans):
+    assert played(player, scans[:3]).lost == 0
+    heard = reports()
+    assert peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=True)).success
+    status = diagnosis(peer, heard, lambda s: s.message == 'paused')
+    assert level(status) == 'ok'
