@@ -31,6 +31,7 @@ setup(
         f'simulate = {PACKAGE}.commands.simulate:main',
         f'scan_matcher = {PACKAGE}.node.scan_matcher:main',
         f'scan_matcher_lifecycle = {PACKAGE}.node.scan_matcher_lifecycle:main',
+        f'tune = {PACKAGE}.commands.tune:main',
     ]},
     zip_safe=True,
 )

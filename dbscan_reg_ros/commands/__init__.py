@@ -7,6 +7,7 @@ COMMANDS = {
     'play': ('commands.play', 'publish a recording to a running node'),
     'demo': ('commands.demo', 'the node on a simulated building or a recording, with its error'),
     'compare': ('commands.compare', 'two parameter sets or methods on the same recordings: is B worse?'),
+    'tune': ('commands.tune', 'search the parameters that suit recordings'),
     'simulate': ('commands.simulate', 'a recording of any lidar in a simulated building, with exact truth'),
     'dump': ('commands.dump', 'the parameters of a running node as a file'),
     'convert': ('commands.convert', 'CARMEN logs and ROS 1 and ROS 2 bags into one another'),

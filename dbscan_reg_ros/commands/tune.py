@@ -1,0 +1,137 @@
+"""``tune FILE...``: search the parameters that suit recordings."""
+from concurrent.futures import as_completed
+from pathlib import Path
+
+from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run
+
+SEARCHED = ('refinement.final_scale', 'refinement.fine_scale', 'refinement.damping', 'density.reach',
+            'density.violation', 'selection.sieve_tolerance')
+"""Unless parameters are named."""
+
+
+def main(argv=None) -> int:
+    parser = make_parser('tune', 'Search the values of chosen parameters with which the odometry errs least over 1 m. '
+                         'The best are written as a file for --params-file, with the gain on recordings that were held '
+                         'out. The same command again goes on where a killed one was; with one seed the result is the '
+                         'same, whatever the number of processes.')
+    add_recordings(parser)
+    parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth to '
+                        'measure the gain on, not used by the search')
+    parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='what to search '
+                        f'(default: {" ".join(SEARCHED)}); a range not given is a fifth to five times the default')
+    parser.add_argument('--params-file', metavar='YAML', help='where to start, and what the other parameters are '
+                        '(default: the defaults)')
+    parser.add_argument('--trials', type=positive, default=100, metavar='N', help='(default: 100)')
+    parser.add_argument('--seed', type=int, default=0, help='of the search (default: 0)')
+    parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
+                        help='auto: Optuna where it is installed, else random (default: auto)')
+    parser.add_argument('--objective', choices=('auto', 'truth', 'consistency'), default='auto',
+                        help='truth: the error over 1 m; consistency: forward and backward pass agree and closed loops '
+                        'close; auto: truth where it is known (default: auto)')
+    parser.add_argument('--scans', type=positive, metavar='N', help='use the first N scans of each recording')
+    parser.add_argument('--live', metavar='NODE', help='set the result on the running node of this full name')
+    parser.add_argument('--out', metavar='DIR', help='the search and its result are kept there '
+                        '(default: results/tune/NAME, after the first recording)')
+    add_workers(parser)
+    return run(parser, tune, argv)
+
+
+def tune(args):
+    """Search, write the best and print what it is worth."""
+    from ..node.parameters import NodeParameters
+    from ..parameter_files import read_parameters, write_parameters
+    from ..recordings import find_recording, open_recording
+    from ..tuning.searches import has_optuna
+    from ..tuning.space import read_axis
+    from ..tuning.study import Study
+    from .workers import processors, workers
+
+    start = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    axes = [read_axis(text, start) for text in args.parameters]
+    paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
+                       for files in (args.files, args.held_out))
+    if set(paths) & set(held_out):
+        raise CommandError(f'{next(iter(set(paths) & set(held_out)))}: is searched on, so it cannot be held out')
+    names = [open_recording(path, args.topic).name for path in (*paths, *held_out)]
+    search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
+    start_values = {axis.name: start.flatten()[axis.name] for axis in axes}
+    settings = {'files': [str(path) for path in paths], 'topic': args.topic, 'scans': args.scans, 'seed': args.seed,
+                'objective': args.objective, 'search': search, 'axes': [repr(axis) for axis in axes],
+                'start': start_values, 'parameters': start.flatten()}
+    folder = Path(args.out or Path('results', 'tune', names[0]))
+    study = Study(folder, settings, axes)
+    print(f'search      {search}, {study.known} of {args.trials} trials known, kept in {folder}', flush=True)
+    jobs = (paths, args.topic, args.objective, args.scans)
+    with workers(args.processes or processors(), args.scheduler) as executor:
+        with progress(args.trials) as watch:
+            cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, *jobs), watch)
+        first = study.cost_of_start
+        best = start.replace(values)
+        verdict = gain(executor, held_out, args.topic, start, best, args.seed)
+    head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
+            f'({args.trials} trials, {search}, seed {args.seed}).', *verdict]
+    write_parameters(folder / 'best.yaml', best, '\n'.join(head))
+    print('\n'.join(head))
+    print('\n'.join(f'{name}: {start_values[name]} -> {value}' for name, value in values.items()))
+    print(f'parameters  {folder / "best.yaml"}')
+    if args.live:
+        from ..node.remote_parameters import write_remote
+        write_remote(args.live, values, 10.0)
+        print(f'live        set on {args.live}')
+
+
+def evaluated(executor, trials, start, paths, topic, objective, limit):
+    """(number, cost) of the `trials`, number -> values, as they are done: the mean over the recordings."""
+    from ..tuning.objective import cost_of
+
+    futures = {}
+    for number, values in trials.items():
+        parameters = start.replace(values)
+        for path in paths:
+            futures[executor.submit(cost_of, path, topic, parameters, objective, limit)] = number
+    costs = {number: [] for number in trials}
+    for future in as_completed(futures):
+        number = futures[future]
+        costs[number].append(future.result())
+        if len(costs[number]) == len(paths):
+            yield number, sum(sorted(costs[number])) / len(paths)
+
+
+def progress(total):
+    """A bar with the best so far: a context manager that gives ``watch(done, best)``."""
+    from contextlib import contextmanager
+
+    from tqdm import tqdm
+
+    @contextmanager
+    def bar():
+        with tqdm(total=total, desc='tune', unit=' trials', disable=None) as shown:
+            def watch(done, best):
+                shown.set_postfix_str(f'best {best:.5f} m', refresh=False)
+                shown.update(done - shown.n)
+            yield watch
+    return bar()
+
+
+def gain(executor, paths, topic, start, best, seed):
+    """Lines that say what `best` is worth against `start` on recordings that the search has not seen."""
+    from ..recordings import KnownMotion, open_recording
+    from ..replays.comparison import difference, paired
+    from .compare import Competitor, track_one
+
+    if not paths:
+        return ['No recording was held out: the gain on others is not known, and likely smaller.']
+    futures = [[executor.submit(track_one, path, topic, Competitor(parameters)) for parameters in (start, best)]
+               for path in paths]
+    pairs = [paired(KnownMotion.of(open_recording(path, topic)), *(future.result() for future in pair))
+             for path, pair in zip(paths, futures, strict=True)]
+    d = difference(pairs, 0, seed, confidence=0.95)
+    shares = [100.0 * (1.0 - each.b / each.a) for each in (difference([pair], 0, seed) for pair in pairs)]
+    lines = [f'Held out ({len(paths)}): {d.a:.5f} m before, {d.b:.5f} m after, over 1 m; gain {d.a - d.b:+.5f} m, '
+             f'95 % between {-d.high:+.5f} and {-d.low:+.5f} m; by recording '
+             + ', '.join(f'{share:+.1f} %' for share in shares) + '.']
+    if not (d.worse or d.better):
+        lines.append('The gain is within the noise.')
+    elif d.worse:
+        lines.append('On the held-out recordings the result is worse than the start: do not use it.')
+    return lines

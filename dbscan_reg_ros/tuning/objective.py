@@ -1,0 +1,83 @@
+"""How bad a set of parameters is on a recording: less is better."""
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from ..core.odometry import Odometry
+from ..core.records import Status
+from ..core.registration import register
+from ..core.se2 import SE2
+from ..recordings import KnownMotion, open_recording
+from ..recordings.metrics import apart, errors, path_lengths
+from ..recordings.poses import relative
+from ..replays.comparison import METRES, paired
+from ..replays.track import Track
+
+OBJECTIVES = ('auto', 'truth', 'consistency')
+HOPELESS = 1e3
+"""Cost [m] of parameters that cannot be judged: no scan is used, or nothing moves."""
+LOOPS = 30
+LOOP_METRES, LOOP_NEAR = 10.0, 1.0
+"""A loop closes where the way since an earlier scan is at least this long and that scan at most this far away."""
+
+
+def cost_of(path, topic, parameters, objective='auto', limit=None):
+    """Mean error [m] of the motion over 1 m on the first `limit` scans of the recording at `path`.
+
+    By the truth or relations where there are any (``truth``), else by ``consistency``: what the forward and the
+    backward pass disagree on, and by how much closed loops do not close.
+
+    Raises
+    ------
+    RecordingError
+        When the recording cannot be read, or `objective` is ``truth`` and nothing is known of it.
+    """
+    recording = open_recording(path, topic)
+    known = KnownMotion.of(recording)
+    scans = list(itertools.islice(recording.scans(), limit))
+    if objective == 'truth' or objective == 'auto' and (known.truth or known.relations):
+        track, _ = _track(scans, parameters)
+        return float(paired(known, track, track).a[0].mean()) if len(track.poses) > 1 else HOPELESS
+    return _inconsistency(scans, parameters)
+
+
+def _track(scans, parameters):
+    """The `Track`, and the features of its scans."""
+    track = Track()
+    features = [update.features for update in track.follow(scans, Odometry(parameters))]
+    return track, features
+
+
+def _inconsistency(scans, parameters):
+    forward, features = _track(scans, parameters)
+    ends = scans[0].stamp + scans[-1].stamp
+    backward, _ = _track([dataclasses.replace(scan, stamp=ends - scan.stamp) for scan in reversed(scans)], parameters)
+    there, back = forward.pose_array(), backward.pose_array()[::-1]
+    if len(there) != len(back) or len(there) < 2:
+        return HOPELESS
+    first, later = apart(there, METRES)
+    if not len(first):
+        return HOPELESS
+    disagreement = errors(relative(back[first], back[later]), relative(there[first], there[later]))[0].mean()
+    return float(disagreement + _open_loops(there, features))
+
+
+def _open_loops(poses, features):
+    """Mean gap [m], over 1 m of way, between the odometry and the registration of scans where a loop closes."""
+    way, gaps = path_lengths(poses), []
+    for later in range(0, len(poses), max(len(poses) // LOOPS, 1)):
+        before = np.flatnonzero(way[later] - way[:later] > LOOP_METRES)
+        if not len(before):
+            continue
+        distance = np.hypot(*(poses[before, :2] - poses[later, :2]).T)
+        earlier = before[distance.argmin()]
+        if distance.min() > LOOP_NEAR:
+            continue
+        found = register(features[earlier], features[later])
+        if found.status is Status.OK:
+            motion = SE2.from_array(poses[earlier]).inverse() @ SE2.from_array(poses[later])
+            error = motion.inverse() @ found.transform
+            gaps.append(min(math.hypot(error.x, error.y), LOOP_NEAR) / (way[later] - way[earlier]))
+    return float(np.mean(gaps)) if gaps else 0.0

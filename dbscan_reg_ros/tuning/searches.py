@@ -1,0 +1,47 @@
+"""Ways to choose what is tried next: ``ask(count)``, then ``tell(costs)`` in the same order."""
+import numpy as np
+
+
+class RandomSearch:
+    """Values drawn evenly, and independently of what came of the others."""
+
+    def __init__(self, axes, seed):
+        self._axes, self._seed, self._asked = axes, seed, 0
+
+    def ask(self, count):
+        """`count` dictionaries of name -> value."""
+        numbers = range(self._asked, self._asked + count)
+        self._asked += count
+        return [{axis.name: axis.at(share) for axis, share in
+                 zip(self._axes, np.random.default_rng((self._seed, number)).random(len(self._axes)), strict=True)}
+                for number in numbers]
+
+    def tell(self, costs):
+        """What came of the values last asked for; less is better."""
+
+
+class OptunaSearch:
+    """Optuna's tree of Parzen estimators."""
+
+    def __init__(self, axes, seed):
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._axes, self._pending = axes, []
+        self._study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, constant_liar=True))
+
+    def ask(self, count):
+        """`count` dictionaries of name -> value."""
+        self._pending = [self._study.ask() for _ in range(count)]
+        return [{axis.name: axis.at(trial.suggest_float(axis.name, 0.0, 1.0)) for axis in self._axes}
+                for trial in self._pending]
+
+    def tell(self, costs):
+        """What came of the values last asked for; less is better."""
+        for trial, cost in zip(self._pending, costs, strict=True):
+            self._study.tell(trial, cost)
+
+
+def has_optuna() -> bool:
+    import importlib.util
+    return importlib.util.find_spec('optuna') is not None

@@ -1,0 +1,97 @@
+"""A search that can be killed at any time and goes on where it was."""
+import json
+import os
+
+from ..core.errors import ParameterError
+from .searches import OptunaSearch, RandomSearch
+
+BATCH = 8
+"""So many trials are chosen at once, whatever the number of processes: the search does not depend on it."""
+SEARCHES = {'random': RandomSearch, 'optuna': OptunaSearch}
+
+
+class Study:
+    """Trials kept in a folder: settings.json, and trials.jsonl with a line for each.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when it does not exist; gone on with when it holds trials of the same settings.
+    settings : dict
+        All that the result depends on: ``search``, ``seed``, ``start`` (name -> value of the first trial) and others.
+    axes : list of Axis
+
+    Raises
+    ------
+    ParameterError
+        When the folder holds trials of other settings.
+    """
+
+    def __init__(self, folder, settings, axes):
+        self._settings, self._axes, self._file = settings, axes, folder / 'trials.jsonl'
+        folder.mkdir(parents=True, exist_ok=True)
+        kept = folder / 'settings.json'
+        if kept.exists() and json.loads(kept.read_text()) != json.loads(json.dumps(settings)):
+            raise ParameterError(f'{folder}: holds a search with other settings; choose another folder, or remove it')
+        unfinished = kept.with_suffix('.part')
+        unfinished.write_text(json.dumps(settings, indent=1) + '\n')
+        os.replace(unfinished, kept)
+        self._known = self._read()
+        self.cost_of_start = None
+
+    def run(self, trials, evaluate, watch):
+        """The best (cost, values) of so many trials.
+
+        Parameters
+        ----------
+        trials : int
+        evaluate : callable
+            Takes a dictionary of number -> values, gives (number, cost) as each is done.
+        watch : callable
+            ``watch(done, best cost)`` after each trial.
+        """
+        search = SEARCHES[self._settings['search']](self._axes, self._settings['seed'])
+        best, done = None, 0
+        while done < trials:
+            count = min(BATCH, trials - done)
+            first = [] if done else [self._settings['start']]
+            asked = [*first, *search.ask(count - len(first))]
+            numbered = dict(enumerate(asked, done))
+            costs = {number: self._known[number] for number in numbered if number in self._known}
+            for number, cost in evaluate({n: values for n, values in numbered.items() if n not in costs}):
+                costs[number] = cost
+                self._append(number, numbered[number], cost)
+                watch(done + len(costs), min([*costs.values(), *([best[0]] if best else [])]))
+            search.tell([costs[number] for number in numbered][len(first):])
+            for number, values in numbered.items():
+                if not number:
+                    self.cost_of_start = costs[number]
+                if best is None or costs[number] < best[0]:
+                    best = costs[number], values
+            done += count
+            watch(done, best[0])
+        return best
+
+    @property
+    def known(self) -> int:
+        """Trials that were there from the start."""
+        return len(self._known)
+
+    def _read(self):
+        """Number -> cost; a last line that was cut off by a kill is dropped."""
+        known, whole = {}, 0
+        for line in self._file.read_text().splitlines(keepends=True) if self._file.exists() else ():
+            if not line.endswith('\n'):
+                break
+            trial = json.loads(line)
+            known[trial['number']] = trial['cost']
+            whole += len(line)
+        if self._file.exists():
+            os.truncate(self._file, whole)
+        return known
+
+    def _append(self, number, values, cost):
+        with open(self._file, 'a', encoding='utf-8') as file:
+            file.write(json.dumps({'number': number, 'cost': cost, 'values': values}) + '\n')
+            file.flush()
+            os.fsync(file.fileno())
