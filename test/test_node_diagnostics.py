@@ -72,10 +72,11 @@ def test_it_is_said_once_a_second(node, peer, reports):
 
 
 def walls(count):
-    """Scans between two endless walls, 2 m apart, that run along 0.5 rad."""
+    """Scans between two endless walls, one 1.5 m to the left and one 0.8 m to the right, that run along 0.5 rad."""
     rng = np.random.default_rng(1)
     geometry = ScanGeometry(-3.1, 0.017, 360, 0.05, 8.0)
-    ranges = 1.0 / np.maximum(np.abs(np.sin(geometry.bearings - 0.5)), 1e-3)
+    across = np.sin(geometry.bearings - 0.5)
+    ranges = np.where(across > 0.0, 1.5, 0.8) / np.maximum(np.abs(across), 1e-3)
     for k in range(count):
         yield Scan(START + k * 100_000_000, ranges + rng.normal(0.0, 0.005, 360), geometry, 0.0, 'laser')
 

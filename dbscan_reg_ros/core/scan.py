@@ -160,7 +160,7 @@ class Scan:
         return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)
 
     @classmethod
-    def from_message(cls, message, geometry=None, upside_down=False) -> 'Scan':
+    def from_message(cls, message, geometry=None, upside_down=False, turn=0.0) -> 'Scan':
         """A scan from any object with the fields of a LaserScan message: rclpy's, or a bag reader's.
 
         The beams are counted in `ranges`; `angle_max`, which many drivers get wrong, is not looked at.
@@ -171,6 +171,8 @@ class Scan:
             As in `from_fields`.
         upside_down : bool
             The sensor's z axis points down: the scan is that of an upright sensor with the same x axis.
+        turn : float
+            Added to all bearings, of the upright sensor [rad]: the scan is that of a sensor turned by so much clockwise.
 
         Raises
         ------
@@ -180,7 +182,7 @@ class Scan:
         stamp, sign = message.header.stamp, -1.0 if upside_down else 1.0
         if not 0 <= stamp.nanosec < SECOND:
             raise ScanError(f'header.stamp.nanosec = {stamp.nanosec}: expected less than {SECOND}')
-        return cls.from_fields(stamp.sec * SECOND + stamp.nanosec, message.ranges, sign * message.angle_min,
+        return cls.from_fields(stamp.sec * SECOND + stamp.nanosec, message.ranges, sign * message.angle_min + turn,
                                sign * message.angle_increment, message.range_min, message.range_max,
                                message.time_increment, message.header.frame_id, geometry)
 

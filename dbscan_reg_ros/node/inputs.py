@@ -128,19 +128,20 @@ class ScanReader:
         self._mask = None
         self._stamp = None
 
-    def read(self, message, upside_down, parameters) -> Scan:
-        """The scan in a LaserScan message, without the returns that the parameters ``input.mask`` exclude.
+    def read(self, message, mounting, parameters) -> Scan:
+        """The scan in a LaserScan message as a sensor at `mounting.place` sees it, without the returns that the parameters
+        ``input.mask`` exclude.
 
         Raises
         ------
         ScanError
             When the message cannot be a scan.
         """
-        scan = Scan.from_message(message, self._geometry, upside_down)
+        scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         if scan.geometry is not self._geometry:
             self._look_at_geometry(message, scan.geometry)
         self._look_at_stamp(scan.stamp)
-        return self._masked(scan, upside_down, parameters)
+        return self._masked(scan, mounting, parameters)
 
     def leaps_back(self, message) -> bool:
         """Whether the stamps start again with this message."""
@@ -170,15 +171,15 @@ class ScanReader:
             self._notices.warn(f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the future; is the sensor\'s '
                                'clock synchronised, and use_sim_time set where it should be?')
 
-    def _masked(self, scan, upside_down, parameters):
+    def _masked(self, scan, mounting, parameters):
         sectors = np.reshape(parameters.input.mask, (-1, 2))
         sectors = sectors[sectors[:, 0] != sectors[:, 1]]
         if not len(sectors):
             return scan
-        key = parameters.input.mask, upside_down
+        key = parameters.input.mask, mounting
         if self._mask is None or self._mask[0] != key:
-            bearings = -scan.geometry.bearings if upside_down else scan.geometry.bearings
-            self._mask = key, within(bearings, sectors)
+            bearings = scan.geometry.bearings - mounting.pose.theta
+            self._mask = key, within(-bearings if mounting.upside_down else bearings, sectors)
         limit = parameters.input.mask_range
         hidden = self._mask[1] & (scan.ranges < limit) if limit > 0.0 else self._mask[1]
         return Scan(scan.stamp, np.where(hidden, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,

@@ -104,7 +104,7 @@ class ScanMatcher:
             self._start_anew('the stamps of the scans start again', Start())
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
-            scan = self._reader.read(message, mounting.upside_down, self._live.value)
+            scan = self._reader.read(message, mounting, self._live.value)
             prior = self._priors.find(scan.frame_id, scan.stamp, mounting)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
@@ -112,11 +112,11 @@ class ScanMatcher:
             self._health.skip(str(error))
             return
         if self._origin is None:
-            self._origin = self._start.pose @ mounting.pose
+            self._origin = self._start.pose @ mounting.place
         self._priors.processed(scan.stamp, mounting, update)
         self._services.keep(update, prior)
         self._report(update)
-        state = base_state(update, self._origin, mounting.pose, self._start)
+        state = base_state(update, self._origin, mounting.place, self._start)
         self._sender.send(state)
         self._outputs.publish(update, state, self._origin)
         self._health.processed(update, self._origin, time.perf_counter() - began)

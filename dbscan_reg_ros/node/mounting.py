@@ -31,6 +31,11 @@ class Mounting:
     pose: SE2 = IDENTITY
     upside_down: bool = False
 
+    @property
+    def place(self) -> SE2:
+        """Where the sensor sits, turned to look along the base as its scans are: so they do not depend on its yaw."""
+        return SE2(self.pose.x, self.pose.y)
+
     @classmethod
     def from_matrix(cls, matrix) -> 'Mounting':
         """The mounting of a laser with the transform `matrix` ``(4, 4)`` from its frame to the base's.

@@ -76,7 +76,7 @@ class Priors:
             self._notices.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} says nothing of '
                                'the time of the scan; taking the motion to go on as before')
             return None
-        return Prior(motion, self._covariance(motion, mounting.pose))
+        return Prior(motion, self._covariance(motion, mounting.place))
 
     def processed(self, stamp, mounting: Mounting, update):
         """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
@@ -120,7 +120,7 @@ class _Wheels:
         start, end = self._poses.at(before), self._poses.at(now)
         if start is None or end is None:
             return None
-        return (start @ last_mounting.pose).inverse() @ end @ mounting.pose
+        return (start @ last_mounting.place).inverse() @ end @ mounting.place
 
 
 class _Gyroscope:
@@ -147,10 +147,10 @@ class _Gyroscope:
             return None
         interval = (now - before) * 1e-9
         turn = wrap(end.theta - start.theta)
-        vx, vy, _ = last_mounting.pose.adjoint() @ update.twist * interval
+        vx, vy, _ = last_mounting.place.adjoint() @ update.twist * interval
         half = SE2(0.0, 0.0, 0.5 * turn).apply([vx, vy])
         base = SE2(float(half[0]), float(half[1]), turn)
-        return last_mounting.pose.inverse() @ base @ mounting.pose
+        return last_mounting.place.inverse() @ base @ mounting.place
 
 
 class _Frame:
@@ -167,9 +167,12 @@ class _Frame:
     def reaches(self, frame, stamp):
         return self._pose(frame, stamp) is not None
 
-    def motion(self, frame, before, now, _last_mounting, _mounting, _update):
+    def motion(self, frame, before, now, last_mounting, mounting, _update):
         start, end = self._pose(frame, before), self._pose(frame, now)
-        return None if start is None or end is None else start.inverse() @ end
+        if start is None or end is None:
+            return None
+        back, along = SE2(0.0, 0.0, -last_mounting.pose.theta), SE2(0.0, 0.0, -mounting.pose.theta)
+        return (start @ back).inverse() @ end @ along
 
     def _pose(self, frame, stamp):
         try:

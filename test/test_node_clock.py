@@ -1,0 +1,113 @@
+"""Time: simulated, in a loop, going back, at zero, in the future."""
+import itertools
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, diagnosis, distances, played, pose_of, said
+from rosgraph_msgs.msg import Clock
+
+from dbscan_reg_ros import SE2, Scan
+from dbscan_reg_ros.node.messages import stamp_from_message, stamp_to_message
+from dbscan_reg_ros.node.player import Player
+
+SECOND = 1_000_000_000
+
+
+def restamped(scans, stamps):
+    return [Scan(int(stamp), s.ranges, s.geometry, s.time_increment, s.frame_id)
+            for s, stamp in zip(scans, stamps, strict=True)]
+
+
+def test_with_simulated_time_every_scan_is_answered_with_its_stamp(start_node, scans, truth):
+    start_node('-p', 'use_sim_time:=true')
+    with Player(clock=True) as player:
+        player.wait_for_node(TIMEOUT)
+        answers = player.play(scans[:30], rate=2.0)
+    assert answers.lost == 0
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans[:30]]
+    assert distances(answers.messages, truth[:30]).max() < 0.05
+
+
+def test_with_simulated_time_that_stands_still_scans_are_answered_all_the_same(start_node, player, peer, scans):
+    start_node('-p', 'use_sim_time:=true')
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    assert played(player, scans[:5]).lost == 0
+    assert diagnosis(peer, heard, lambda s: s.message == 'tracking')
+
+
+def test_a_bag_in_a_loop_starts_anew_each_time_round(node, player, peer, scans, truth):
+    """Stamps that go back by seconds are a recording that starts again."""
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(tf_type, '/tf')
+    Parameters(peer).names()
+    for _ in range(2):
+        answers = player.play(scans[:50])
+        assert answers.lost == 0
+        assert pose_of(answers.messages[0]) == SE2()
+        assert distances(answers.messages, truth[:50]).max() < 0.05
+    said(node, 'odometry starts anew: the stamps of the scans start again', peer)
+    peer.until(lambda: len(heard) == 100)
+
+
+def test_a_clock_that_goes_back_starts_the_odometry_anew(start_node, player, peer, scans):
+    node = start_node('-p', 'use_sim_time:=true')
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    clock = Loudspeaker(peer, Clock, '/clock', 1)
+    ahead, back = (Clock(clock=stamp_to_message(scans[k].stamp)) for k in (20, 15))
+    assert player.play(scans[15:20]).lost == 0
+    clock.until(lambda: heard and heard[-1].header.stamp == ahead.clock, ahead)
+    clock.until(lambda: 'the clock went back by 0.5 s' in node.output(), back)
+    assert pose_of(player.play(scans[20:21]).messages[0]) == SE2()
+
+
+def test_the_twist_goes_by_the_stamps_and_not_by_the_clock_on_the_wall(node, player, scans, truth):
+    """Played five times as fast, with the jitter of a real driver's stamps."""
+    player.wait_for_node(TIMEOUT)
+    answers = player.play(scans[:60], rate=5.0)
+    assert answers.lost == 0
+    speeds = [np.hypot(m.twist.twist.linear.x, m.twist.twist.linear.y) for m in answers.messages[1:]]
+    true = [np.hypot(*(b.x - a.x, b.y - a.y)) / 0.1 for a, b in itertools.pairwise(truth[:60])]
+    assert np.mean(speeds) == pytest.approx(np.mean(true), rel=0.05)
+
+
+def test_jitter_of_the_stamps_makes_no_spikes_in_the_twist(node, player, scans):
+    rng = np.random.default_rng(4)
+    stamps = [s.stamp for s in scans[:60]]
+    for k in range(20, 60, 10):
+        stamps[k] = stamps[k - 1] + int(rng.integers(-50_000_000, 2_000_000))
+    answers = played(player, restamped(scans[:60], stamps))
+    assert answers.lost == 0
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == stamps
+    speeds = [np.hypot(m.twist.twist.linear.x, m.twist.twist.linear.y) for m in answers.messages]
+    assert np.isfinite(speeds).all()
+    assert max(speeds) < 3.0
+
+
+def test_scans_without_a_stamp_are_named_and_answered(node, player, peer, scans, truth):
+    answers = played(player, restamped(scans[:1], [0]))
+    assert answers.lost == 0
+    said(node, 'the scans have no stamp (header.stamp is 0)', peer)
+    for scan in restamped(scans[1:10], [0] * 9):
+        answers = player.play([scan])
+        assert answers.lost == 0
+        assert np.isfinite(answers.messages[0].twist.twist.linear.x)
+        assert np.isfinite(answers.messages[0].twist.covariance).all()
+    assert distances(answers.messages, truth[9:10]).max() < 0.05
+
+
+def test_stamps_in_the_future_are_named_and_answered(node, player, peer, scans, truth):
+    ahead = 2 * 10**9 * SECOND
+    answers = played(player, restamped(scans[:10], [ahead + k * 100_000_000 for k in range(10)]))
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[:10]).max() < 0.05
+    said(node, 's in the future', peer)
+    assert 'use_sim_time' in node.output()
+
+
+def test_stamps_of_a_recording_are_nothing_to_complain_about(node, player, scans):
+    assert played(player, scans[:10]).lost == 0
+    assert 'WARN' not in node.output().replace('tf2_msgs is not installed', '')
