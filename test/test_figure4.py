@@ -41,7 +41,6 @@ def test_the_papers_parameters_solve_a_named_scan(scans):
     assert figure4.exact(attempt(method('paper'), figure4.trial(scans[NAMED])))
 
 
-@pytest.mark.xfail(strict=True, reason='the last kernel of the refinement is too wide for 1 mm: half of the scans')
 def test_the_defaults_solve_all_50_scans(scans):
     ours = method('dbscan')
     missed = [i for i in figure4.SCANS if not figure4.exact(attempt(ours, figure4.trial(scans[i])))]

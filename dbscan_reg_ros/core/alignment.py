@@ -88,6 +88,26 @@ def refine(candidates, cloud, surface, scales, parameters, damping):
     return candidates
 
 
+def polish(candidate, cloud, surface, density, refinement):
+    """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
+
+    A candidate that creeps farther than the first kernel reaches, as along a corridor, stays where it was.
+    """
+    first, candidate, scale = candidate, candidate[None].copy(), refinement.final_scale
+    for _ in range(refinement.polish):
+        error, weight, jx, jy, jt = residuals(candidate, cloud, surface, scale, density)
+        candidate -= solve(*normal_equations(error, weight, jx, jy, jt), refinement.damping)
+        scale = refinement.narrowed(scale, mean_square(error, weight) ** 0.5)
+    crept = np.hypot(*(candidate[0, :2] - first[:2]))
+    return candidate[0] if crept < refinement.final_scale else first
+
+
+def mean_square(error, weight):
+    """Weighted mean of the squared errors [m^2]."""
+    error, weight = error.ravel(), weight.ravel()
+    return float(weight @ (error * error)) / max(float(weight.sum()), 1e-9)
+
+
 def solve(information, gradient, damping):
     """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
     diagonal = np.einsum('hii->hi', information)

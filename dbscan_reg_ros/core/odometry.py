@@ -1,15 +1,18 @@
-"""Laser odometry: keeps a reference, registers every scan to it and integrates the pose."""
+"""Laser odometry: keeps key frames, registers every scan to them and integrates the pose."""
 import math
-from collections import deque
 
 import numpy as np
 
+from .deskew import deskew
 from .features import extract_features
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
 from .scan import Scan
 from .se2 import SE2
+from .selection import surprise
+from .timing import Intervals
+from .window import KeyFrame, Window, align
 
 
 class Odometry:
@@ -26,57 +29,186 @@ class Odometry:
         self.reset()
 
     def reset(self, pose: SE2 = SE2()):
-        """Forget the reference; the next scan starts anew at `pose`."""
+        """Forget everything; the next scan starts anew at `pose`."""
         self._pose = pose
         self._covariance = np.zeros((3, 3))
-        self._reference = None
-        self._reference_pose = pose
-        self._stamp = None
-        self._intervals = deque(maxlen=51)
-        self._step = SE2()
+        self._window = None
+        self._intervals = Intervals()
+        self._halt()
+
+    def _halt(self):
+        """Expect nothing of the motion."""
+        self._step, self._twist, self._twist_covariance = SE2(), np.zeros(3), np.eye(3)
+        self._lost, self._pending = 0.0, None
 
     def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
         """Register `scan` and say where the sensor is.
+
+        Parameters
+        ----------
+        scan : Scan
+        prior : Prior, optional
+            The sensor's motion since the last scan, from elsewhere (wheels, a gyroscope). Without one the last motion is
+            expected to go on, unless `odometry.prior` says otherwise.
 
         Raises
         ------
         ScanError
             When the scan holds too few returns to be used; the state is unchanged.
         """
-        features = extract_features(scan, self.parameters)
-        if self._reference is None:
-            return self._start(features)
-        interval = self._clean_interval(scan.stamp)
-        expected = self._reference_pose.inverse() @ self._pose @ self._step
-        guess = prior or Prior(expected, np.diag([0.1, 0.1, 0.05]) ** 2)
-        registration = register(self._reference, features, self.parameters, guess)
-        if registration.status is Status.FAILED:
-            pose = self._reference_pose @ guess.transform
+        p = self.parameters
+        features = extract_features(deskew(scan, self._twist) if p.odometry.deskew else scan, p)
+        interval, jump = self._intervals.next(scan.stamp, p.time)
+        if self._window is None or jump.startswith('stamps'):
+            return self._start(features, jump)
+        if jump:
+            self._halt()
+        own = self._own_prior(interval, bool(jump))
+        prior = prior or own
+        expected = self._pose @ prior.transform
+        frame, registration = self._register(features, expected, prior, own)
+        if frame is None:
+            return self._coast(features, registration, expected, prior, interval, jump)
+        return self._follow(features, frame, registration, expected, prior, interval, jump)
+
+    def _own_prior(self, interval, unknown):
+        """The last motion once more; its spread grows with the interval and with the motion itself."""
+        p = self.parameters.prior
+        if unknown or self.parameters.odometry.prior == 'none':
+            return Prior(SE2(), self._leap())
+        step = self._step
+        moved = math.hypot(step.x, step.y)
+        sigma = math.hypot(p.least, p.acceleration * interval ** 2, p.jitter * moved)
+        turn = math.hypot(p.least_angle, p.angular_acceleration * interval ** 2, p.jitter * step.theta)
+        return Prior(step, np.diag([sigma, sigma, turn]) ** 2)
+
+    def _register(self, features, expected, prior, own):
+        """Register to the latest key frame, or where that leads nowhere to older ones.
+
+        Returns the key frame, None when no result can be trusted, and the registration.
+        """
+        p = self.parameters
+        usual = self._pose @ own.transform
+        first, pending = None, self._pending
+        self._pending = None
+        frames = self._window.frames
+        older = sorted(frames[:-1], key=lambda f: math.hypot(f.pose.x - expected.x, f.pose.y - expected.y))
+        for frame in (frames[-1], *older[:p.odometry.retries]):
+            back = frame.pose.inverse()
+            guess = Prior(back @ expected, prior.covariance)
+            registration = register(frame.features, features, p, guess)
+            first = first or registration
+            if registration.status is Status.FAILED:
+                continue
+            pose = frame.pose @ registration.transform
+            if self._agrees(pose, expected, prior.covariance) or self._agrees(pose, usual, own.covariance):
+                return frame, registration
+            if registration.status is Status.OK:
+                # Against all that was expected: a leap is believed when the next scan says the same.
+                if self._agrees(pose, usual, self._leap()) or (
+                        pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
+                    return frame, registration
+                self._pending = self._pending or pose
+        return None, first
+
+    def _leap(self):
+        p = self.parameters.prior
+        return np.diag([p.unknown, p.unknown, p.unknown_angle]) ** 2
+
+    def _agrees(self, pose, expected, covariance):
+        gap = surprise(pose.as_array()[None], Prior(expected, covariance))[0]
+        return gap <= self.parameters.prior.limit ** 2
+
+    def _follow(self, features, frame, registration, expected, prior, interval, jump):
+        """The scan is found: align it with the window, and make it a key frame when it is due."""
+        p = self.parameters
+        pose = frame.pose @ registration.transform
+        if registration.free_direction is not None:
+            pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
+        if self._agrees(pose, expected, prior.covariance):
+            strength = p.prior.point ** 2 * _turned(np.linalg.inv(prior.covariance), expected.theta)
         else:
-            pose = self._reference_pose @ registration.transform
+            strength = np.zeros((3, 3))
+        if p.odometry.reference == 'window':
+            scales = p.refinement.window_scales(features.noise)
+            pose = align(self._window, pose, features.cloud, expected, strength, scales, p.density, p.refinement.damping)
+        covariance = self._match_covariance(features, pose, registration)
+        moved = frame.pose.inverse() @ pose
+        back = moved.inverse().adjoint()
+        self._covariance = back @ frame.covariance @ back.T + covariance
         step = self._pose.inverse() @ pose
-        covariance = registration.covariance
-        self._covariance = self._covariance + covariance
-        twist = step.as_array() / interval if interval > 0.0 else np.zeros(3)
-        reference, reference_pose = self._reference, self._reference_pose
-        moved = reference_pose.inverse() @ pose
-        changed = registration.status is not Status.FAILED and (
-            math.hypot(moved.x, moved.y) > 0.3 or abs(moved.theta) > 0.26)
-        if changed:
-            self._reference, self._reference_pose = features, pose
-        self._pose, self._step, self._stamp = pose, step, scan.stamp
-        return OdometryUpdate(scan.stamp, pose, self._covariance, twist, covariance / max(interval, 1e-3) ** 2, interval,
-                              step, registration.status, registration, features, reference, reference_pose, changed)
+        if interval > 0.0 and not jump:
+            self._twist = step.as_array() / interval
+            self._twist_covariance = 2.0 * covariance / interval ** 2
+        self._pose, self._step, self._lost = pose, step, 0.0
+        due = registration.status is not Status.AMBIGUOUS and self._is_due(frame, moved, registration)
+        if due:
+            size = p.odometry.window if p.odometry.reference == 'window' else 1
+            self._window = self._window.with_frame(KeyFrame(features, pose, self._covariance), size)
+        return self._update(features, registration.status, interval, step, registration, frame, due, jump)
 
-    def _start(self, features):
-        self._reference, self._reference_pose = features, self._pose
-        self._stamp = features.scan.stamp
-        return OdometryUpdate(features.scan.stamp, self._pose, np.eye(3) * 1e-9, np.zeros(3), np.eye(3) * 1e-6, 0.0, SE2(),
-                              Status.OK, None, features, None, self._pose, True)
+    def _is_due(self, frame, moved, registration):
+        p = self.parameters.odometry
+        return (p.reference == 'previous' or frame is not self._window.latest
+                or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
+                or registration.overlap < p.keyframe_overlap)
 
-    def _clean_interval(self, stamp):
-        interval = (stamp - self._stamp) * 1e-9
-        if interval > 0.0:
-            self._intervals.append(interval)
-        median = float(np.median(self._intervals)) if self._intervals else 0.0
-        return interval if 0.5 * median <= interval <= 2.0 * median else median
+    def _match_covariance(self, features, pose, registration):
+        """Covariance of the scan's place among the key frames, in its own frame."""
+        p = self.parameters
+        if p.odometry.reference != 'window':
+            return registration.covariance
+        information, _, square = self._window.equations(pose, features.cloud, p.refinement.score_scale, p.density)
+        variance = (square + features.noise ** 2) * p.decision.covariance_scale
+        information = _turned(information, -pose.theta) / variance + np.diag(p.decision.prior_information())
+        return np.linalg.inv(information)
+
+    def _coast(self, features, registration, expected, prior, interval, jump):
+        """The scan is not found: go on as expected for a while, then stand, then start anew."""
+        p = self.parameters.odometry
+        self._lost += interval
+        if self._lost > p.give_up or jump:
+            self._covariance = self._covariance + np.diag([1.0, 1.0, 1.0])
+            return self._start(features, jump or f'lost for {self._lost:.1f} s')
+        if self._lost > p.coast:
+            self._halted_step()
+            expected = self._pose
+        step = self._pose.inverse() @ expected
+        back = step.inverse().adjoint()
+        self._covariance = back @ self._covariance @ back.T + prior.covariance
+        self._pose = expected
+        status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
+        return self._update(features, status, interval, step, registration, self._window.latest, False, '')
+
+    def _halted_step(self):
+        self._step, self._twist = SE2(), np.zeros(3)
+        self._twist_covariance = np.eye(3)
+
+    def _start(self, features, reason):
+        self._halt()
+        self._window = Window((KeyFrame(features, self._pose, self._covariance),))
+        return self._update(features, Status.OK, 0.0, SE2(), None, None, True, reason)
+
+    def _update(self, features, status, interval, step, registration, frame, changed, restarted):
+        return OdometryUpdate(
+            features.scan.stamp, self._pose, _turned(self._covariance, self._pose.theta) + _LEAST_COVARIANCE, self._twist,
+            self._twist_covariance + _LEAST_COVARIANCE, interval, step, status, registration, features,
+            frame and frame.features, frame.pose if frame else self._pose, changed, restarted)
+
+
+# Never published as exactly known: 1 mm, 0.06 deg.
+_LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+
+
+def _slide(pose, target, direction):
+    """`pose` moved along `direction` [rad] until it is level with `target`."""
+    c, s = math.cos(direction), math.sin(direction)
+    way = c * (target.x - pose.x) + s * (target.y - pose.y)
+    return SE2(pose.x + way * c, pose.y + way * s, pose.theta)
+
+
+def _turned(matrix, theta):
+    """A ``(3, 3)`` matrix over (x, y, theta) with its axes turned by `theta`."""
+    c, s = math.cos(theta), math.sin(theta)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turn @ matrix @ turn.T

@@ -283,6 +283,9 @@ class DivergenceParameters(ParameterGroup):
     margin: float = parameter(3.0, 'the places reach so many bandwidths beyond both scans', '', 0.0, 100.0)
 
 
+_LEAST_KERNEL = 0.001
+
+
 @dataclass(frozen=True)
 class RefinementParameters(ParameterGroup):
     """Robust point-to-line iterations on the density."""
@@ -291,9 +294,13 @@ class RefinementParameters(ParameterGroup):
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
     fine: int = parameter(4, 'iterations of the fine refinement', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
-    final_scale: float = parameter(0.03, 'kernel of the last iteration', 'm', 0.001, 10.0)
+    final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
+    polish: int = parameter(8, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
+    polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
+    window_scale: float = parameter(0.015, 'kernel of the last iteration against the window; at least the range noise', 'm',
+                                    0.001, 10.0)
     score_scale: float = parameter(0.05, 'kernel of the score', 'm', 0.001, 10.0)
-    damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 0.0, 1.0)
+    damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 1e-6, 1.0)
 
     def coarse_scales(self):
         """Kernel [m] of each coarse iteration, from wide to narrow."""
@@ -302,6 +309,14 @@ class RefinementParameters(ParameterGroup):
     def fine_scales(self):
         """Kernel [m] of each fine iteration, from wide to narrow."""
         return _geometric(self.fine_scale, self.final_scale, self.fine)
+
+    def window_scales(self, noise):
+        """Kernel [m] of each iteration against the window, for a range noise [m]."""
+        return _geometric(self.fine_scale, max(self.window_scale, noise), self.fine)
+
+    def narrowed(self, scale, spread):
+        """The next kernel [m] of the last iterations, after one of `scale` [m] that left a `spread` [m] of the errors."""
+        return min(max(self.polish_spread * spread, _LEAST_KERNEL), scale)
 
 
 def _geometric(first, last, count):
@@ -340,6 +355,49 @@ class DecisionParameters(ParameterGroup):
 
 
 @dataclass(frozen=True)
+class PriorParameters(ParameterGroup):
+    """What a prior, one hypothesis among others, is worth."""
+
+    weight: float = parameter(0.15, 'score that a hypothesis far from the prior loses: clear evidence outweighs it', '', 0.0, 2.0)
+    limit: float = parameter(4.0, 'standard deviations at which it loses all of that', '', 0.1, 100.0)
+    acceleration: float = parameter(1.0, 'constant velocity: spread of the next step, times the interval squared', 'm/s^2',
+                                    0.0, 1000.0)
+    angular_acceleration: float = parameter(4.0, 'constant velocity: the same for the rotation', 'rad/s^2', 0.0, 1000.0)
+    jitter: float = parameter(0.3, 'constant velocity: spread as a share of the step, for stamps that jitter', '', 0.0, 10.0)
+    least: float = parameter(0.01, 'constant velocity: least spread', 'm', 0.0001, 10.0)
+    least_angle: float = parameter(0.01, 'constant velocity: least spread of the rotation', 'rad', 0.0001, 3.2)
+    point: float = parameter(0.02, 'spread of a point, when points are set against the prior', 'm', 0.0, 10.0)
+    unknown: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
+    unknown_angle: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
+
+
+@dataclass(frozen=True)
+class OdometryParameters(ParameterGroup):
+    """Reference and key frames of the odometry."""
+
+    reference: str = parameter('window', 'what scans are registered to: previous (the last scan, the paper), keyframe (the '
+                               'last key frame), window (the last key frame, then aligned with the last several)', '',
+                               choices=('previous', 'keyframe', 'window'))
+    prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
+                           '', choices=('none', 'constant_velocity'))
+    window: int = parameter(10, 'key frames of the window', '', 1, 1000)
+    keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
+    keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
+    keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)
+    retries: int = parameter(2, 'older key frames that are tried when the last one leads nowhere', '', 0, 100)
+    coast: float = parameter(1.0, 'a lost sensor is taken to move on as expected this long', 's', 0.0, 1000.0)
+    give_up: float = parameter(5.0, 'and then to stand; after this long a new reference is started', 's', 0.0, 10000.0)
+    deskew: bool = parameter(True, 'take out the motion within a scan, where time_increment is given')
+
+
+@dataclass(frozen=True)
+class TimeParameters(ParameterGroup):
+    """Stamps."""
+
+    jump: float = parameter(2.0, 'stamps that go back, or leave a gap, of more than this are a restart', 's', 0.0, 1000000.0)
+
+
+@dataclass(frozen=True)
 class Parameters(ParameterTree):
     """All parameters of the registration and the odometry."""
 
@@ -354,3 +412,6 @@ class Parameters(ParameterTree):
     refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)
     free: FreeDirectionParameters = dataclasses.field(default_factory=FreeDirectionParameters)
     decision: DecisionParameters = dataclasses.field(default_factory=DecisionParameters)
+    prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
+    odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
+    time: TimeParameters = dataclasses.field(default_factory=TimeParameters)

@@ -1,14 +1,14 @@
 """The registration of one scan onto another (Figure 13)."""
 import numpy as np
 
-from .alignment import information, refine
+from .alignment import information, polish, refine
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
 from .parameters import Parameters
 from .records import Features, Prior, Registration
 from .rotation import estimate_rotations, pair_weights
-from .selection import distinct, reverse_violation, score, sieve
+from .selection import distinct, reverse_violation, score, sieve, surprise
 from .translation import estimate_translations
 
 
@@ -41,19 +41,22 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if not len(candidates):
         return failed('no line of one scan has a partner in the other')
     candidates = sieve(candidates, reference, current, p.selection, p.density)
-    coarse, coarse_score, _ = improve(candidates, reference, current, p.refinement.coarse_scales(), p)
+    coarse, coarse_score, _ = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]
     finalists = follow_free_direction(finalists, reference, current, p)
-    fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, both_ways=True)
+    fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+    fine[0] = polish(fine[0], current.cloud, reference.surface, p.density, p.refinement)
     return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
 
 
-def improve(candidates, reference, current, scales, p, both_ways=False):
+def improve(candidates, reference, current, scales, p, prior, both_ways=False):
     """Refine all hypotheses together and score them; best first."""
     candidates = refine(candidates, current.cloud, reference.surface, scales, p.density, p.refinement.damping)
     value, overlap = score(candidates, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
+    if prior is not None:
+        value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
     order = np.argsort(-value, kind='stable')
     return candidates[order], value[order], overlap[order]
 

@@ -60,6 +60,15 @@ def reverse_violation(candidates, reference: Features, current: Features, parame
     return violation @ leverage(cloud, parameters.balance)
 
 
+def surprise(candidates, prior):
+    """Squared Mahalanobis distance ``(H,)`` of each hypothesis from the prior, in the prior sensor's frame."""
+    expected = prior.transform
+    step = candidates - expected.as_array()
+    c, s = np.cos(expected.theta), np.sin(expected.theta)
+    error = np.stack((c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0], wrap(step[:, 2])), axis=1)
+    return np.einsum('hi,hi->h', error, np.linalg.solve(prior.covariance, error.T).T)
+
+
 def leverage(cloud, balance):
     """Weight ``(P,)`` of each point, in sum 1: more where few points face the same way.
 
