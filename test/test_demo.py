@@ -117,3 +117,10 @@ def test_a_command_of_the_package_runs_in_this_interpreter(tmp_path):
     with Process(package_command('--help'), tmp_path / 'log') as process:
         assert process.wait(10.0) == 0
     assert process.output().startswith('usage: ')
+
+
+def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
+    """They say that the laser's place is read from transforms, of which a recording has none."""
+    process = demo('urg04lx/exp1', '--data', data, '--params-file', root / 'config' / 'scan_matcher.yaml')
+    assert process.wait(120.0) == 0, process.output()
+    assert 'lost 0' in process.output()

@@ -190,3 +190,11 @@ def test_ros_arguments_are_told_from_own_ones():
     words = ['a', '--ros-args', '-r', 'x:=y', '--', '-b', '--ros-args', '-p', 'c:=1']
     assert split_arguments(words) == (['a', '-b'], ['--ros-args', '-r', 'x:=y', '--', '--ros-args', '-p', 'c:=1'])
     assert split_arguments(['a']) == (['a'], [])
+
+
+def test_playing_to_a_node_that_waits_for_transforms_says_what_to_do(start_command, intel):
+    pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
+    start_command('scan_matcher')
+    process = start_command('play', intel, '--rate', '10000')
+    assert process.wait(TIMEOUT) == 0
+    assert "a recording without transforms needs a node with mounting 'none'" in process.output()

@@ -13,6 +13,7 @@ BENCHMARKS = {
     'figure4': 'Intel scans and the same points moved, to 1 mm and 0.001 rad',
     'speed': 'features of one scan plus registration, ours and GICP in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
+    'node': 'the running node: latency, share of a core, memory, time to start',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
 }
 

@@ -73,7 +73,7 @@ def _cell(name, value):
         return str(value)
     if math.isnan(value):
         return '-'
-    if name.endswith(('_m', '_deg', 'nees', '_spread')) or name.startswith(('ms', 'ratio')):
+    if name.endswith(('_m', '_mb', '_deg', 'nees', '_spread')) or name.startswith(('ms', 'ratio')):
         return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
     return f'{100.0 * value:.1f}'
 

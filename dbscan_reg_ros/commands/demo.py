@@ -54,13 +54,14 @@ def _play(recording, out, params_file):
     from tqdm import tqdm
 
     from ..node.player import Player
+    from ..parameter_files import read_parameters
     from .private_graph import private_graph
     from .processes import Process, package_command
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
-    words = ['--ros-args', '-p', 'mounting:=none']
-    if params_file:
-        words += ['--params-file', params_file]
+    words = ['--ros-args', '--params-file', params_file] if params_file else ['--ros-args']
+    if not params_file or read_parameters(params_file).mounting == 'tf':
+        words += ['-p', 'mounting:=none']
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
           Player() as player):

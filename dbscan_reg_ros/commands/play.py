@@ -36,6 +36,9 @@ def play(args, ros_arguments):
         answers = player.play(scans, None if args.lockstep else args.rate)
     for problem in recording.problems:
         print(problem, file=sys.stderr)
+    if answers.stamps and not any(answers.messages):
+        print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",
+              file=sys.stderr)
     print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} lost {answers.lost}')
 
 

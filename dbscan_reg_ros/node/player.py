@@ -42,12 +42,15 @@ class Answers:
         Of all scans published [ns], in order.
     messages : list of nav_msgs.msg.Odometry or None
         The odometry for each of them; None where there was none.
+    delays : list of float
+        From publishing each scan to its odometry [s]; nan where there was none.
     unexpected : int
         Odometry messages that belong to no scan that was waiting for one.
     """
 
     stamps: list = field(default_factory=list)
     messages: list = field(default_factory=list)
+    delays: list = field(default_factory=list)
     unexpected: int = 0
 
     @property
@@ -93,6 +96,7 @@ class Player:
     def _begin(self):
         self._answers = Answers()
         self._waiting = deque(maxlen=DEPTH)
+        self._published = []
         self._last_answer = time.monotonic()
 
     def __enter__(self):
@@ -198,9 +202,12 @@ class Player:
         self._waiting.append(len(self._answers.stamps))
         self._answers.stamps.append(scan.stamp)
         self._answers.messages.append(None)
+        self._answers.delays.append(math.nan)
         if len(self._waiting) == 1:
             self._last_answer = time.monotonic()
-        self._scans.publish(scan_to_message(scan))
+        message = scan_to_message(scan)
+        self._published.append(time.monotonic())
+        self._scans.publish(message)
 
     def _wait_for_answers(self, allowed, patience):
         """Until no more than `allowed` scans wait for an answer."""
@@ -234,8 +241,9 @@ class Player:
             return
         while answers.stamps[index := self._waiting.popleft()] != stamp:
             pass
-        answers.messages[index] = message
         self._last_answer = time.monotonic()
+        answers.messages[index] = message
+        answers.delays[index] = self._last_answer - self._published[index]
 
 
 def _node_names(endpoints):

@@ -1,0 +1,131 @@
+"""The node in a process of its own: latency, share of a core, memory and the time it takes to start."""
+import os
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from ..core.scan import Scan
+from .bounds import at_most
+from .report import Report
+
+WARM_UP = 2.0
+"""Seconds that do not count: both sides get to know each other."""
+SETTLED = 10.0
+"""Memory is compared with that after so many seconds."""
+PATIENCE = 30.0
+"""A node that needs longer [s] will never be ready."""
+STREAMS = {
+    'fine': {'beams': 1081, 'fov': 270.0, 'rate': 40.0, 'seconds': 60.0},
+    'coarse': {'beams': 181, 'fov': 180.0, 'rate': 25.0, 'seconds': 20.0},
+}
+BOUNDS = {
+    'fine': {'lost_count': at_most(0), 'ms_p50': at_most(8.0), 'ms_p99': at_most(25.0),
+             'core': at_most(0.40), 'growth_mb': at_most(5.0)},
+    'coarse': {'lost_count': at_most(0), 'core': at_most(0.12)},
+    'start': {'ms_ready': at_most(2000.0)},
+}
+
+
+def measure(args):
+    """A `Report`; ``--limit N`` makes each stream N scans long."""
+    report = Report()
+    report.add('start', {'dbscan': start_up()}, BOUNDS['start'], prefix='start_')
+    for name, stream in STREAMS.items():
+        count = args.limit or round(stream['seconds'] * stream['rate'])
+        report.add(name, {'dbscan': run(**stream, count=count)}, BOUNDS[name], prefix=f'{name}_')
+    return report
+
+
+def start_up() -> dict:
+    """Milliseconds from starting the process to its first odometry, the scans being there already."""
+    from ..node.player import Player, PlayerError
+    scans = _scans(181, 180.0, 10.0, 1)
+    with _graph() as folder, Player() as player:
+        began = time.monotonic()
+        with _node(folder):
+            while (waited := time.monotonic() - began) < PATIENCE:
+                with suppress(PlayerError):
+                    if not player.play(scans, patience=0.05).lost:
+                        return {'ms_ready': 1e3 * (time.monotonic() - began)}
+    return {'ms_ready': 1e3 * waited}
+
+
+def run(beams, fov, rate, count, seconds=None) -> dict:
+    """What a stream of `count` scans costs."""
+    from ..node.player import Player
+    scans = _scans(beams, fov, rate, count)
+    with _graph() as folder, _node(folder) as node, Player() as player:
+        player.wait_for_node(PATIENCE)
+        usage = _Usage(node.pid, SETTLED * rate)
+        answers = player.play(usage.watched(scans, WARM_UP * rate), rate=1.0)
+        spent, memory = usage.result()
+    delays = 1e3 * np.array(answers.delays[int(min(WARM_UP * rate, count // 2)):])
+    known = delays[np.isfinite(delays)]
+    return {'lost_count': answers.lost, 'ms_p50': float(np.median(known)) if len(known) else float('nan'),
+            'ms_p99': float(np.quantile(known, 0.99)) if len(known) else float('nan'), 'core': spent,
+            'growth_mb': memory}
+
+
+class _Usage:
+    """Share of a core and growth of the memory of a process while scans are taken from a list."""
+
+    def __init__(self, pid, settled):
+        self._pid = pid
+        self._settled = settled
+        self._begin = self._memory = None
+
+    def watched(self, scans, warm_up):
+        for k, scan in enumerate(scans):
+            if k == int(min(warm_up, len(scans) // 2)):
+                self._begin = time.monotonic(), _cpu_seconds(self._pid)
+            if k == int(min(self._settled, len(scans) // 2)):
+                self._memory = _memory_mb(self._pid)
+            yield scan
+
+    def result(self):
+        """(share of a core, growth of the memory [MB])"""
+        began, spent = self._begin
+        return ((_cpu_seconds(self._pid) - spent) / (time.monotonic() - began), _memory_mb(self._pid) - self._memory)
+
+
+def _scans(beams, fov, rate, count):
+    """A drive there and back again through a building, so often that there are `count` scans."""
+    from ..simulation import Lidar, follow, rooms, simulate
+    step = np.radians(fov) / (beams - 1)
+    world = rooms(seed=1)
+    lidar = Lidar(beams=beams, angle_min=-0.5 * np.radians(fov), angle_increment=step, rate=rate)
+    drive = simulate(world, follow(world.tour[:4], speed=1.0), lidar, seed=1).scans[:min(count, int(10.0 * rate))]
+    there_and_back = [*drive, *drive[-2:0:-1]] or drive
+    start, period = drive[0].stamp, round(1e9 / rate)
+    return [Scan(start + k * period, scan.ranges, scan.geometry, 0.0, scan.frame_id)
+            for k, scan in enumerate(there_and_back[i % len(there_and_back)] for i in range(count))]
+
+
+@contextmanager
+def _graph():
+    """A ROS graph of its own, and a folder for the node's log."""
+    from ..commands.private_graph import private_graph
+    with private_graph(), tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+def _node(folder):
+    from ..commands.processes import Process, package_command
+    root = os.fspath(Path(__file__).resolve().parents[2])
+    environment = {'ROS_LOG_DIR': os.fspath(folder),
+                   'PYTHONPATH': os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))}
+    return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log', environment)
+
+
+def _cpu_seconds(pid):
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def _memory_mb(pid):
+    """Resident memory [MB]."""
+    line = next(line for line in Path(f'/proc/{pid}/status').read_text().splitlines() if line.startswith('VmRSS:'))
+    return int(line.split()[1]) / 1024.0
