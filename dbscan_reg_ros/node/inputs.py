@@ -17,8 +17,6 @@ QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
 FUTURE = 1.0
 """A stamp so far ahead of the clock [s] is worth a warning."""
-LEAP = 3 * SECOND
-"""Stamps that go back farther than this [ns] are a recording that starts again, and no jitter."""
 
 
 class ScanInbox:
@@ -143,11 +141,11 @@ class ScanReader:
         self._look_at_stamp(scan.stamp)
         return self._masked(scan, mounting, parameters)
 
-    def leaps_back(self, message) -> bool:
-        """Whether the stamps start again with this message."""
+    def leaps_back(self, message, parameters) -> bool:
+        """Whether the stamps start again with this message: it is a recording in a loop, and no jitter."""
         stamp = stamp_from_message(message.header.stamp)
         before, self._stamp = self._stamp, stamp
-        return before is not None and stamp < before - LEAP
+        return before is not None and stamp < before - parameters.time.jump * SECOND
 
     def restart(self):
         """Take any stamp next: time has started anew."""

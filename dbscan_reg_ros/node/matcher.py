@@ -45,7 +45,7 @@ class ScanMatcher:
         self._node = node
         self._live = live
         self._entities = Entities(node)
-        self._odometry = Odometry(parameters)
+        self._odometry = Odometry(parameters.for_odometry())
         self._notices = Notices(node.get_logger())
         self._health = Health()
         self._inbox = None
@@ -86,7 +86,8 @@ class ScanMatcher:
         self._entities.destroy()
 
     def _reconfigure(self, parameters):
-        for part in (self._odometry, self._priors, self._outputs, self._services, self._inbox):
+        self._odometry.parameters = parameters.for_odometry()
+        for part in (self._priors, self._outputs, self._services, self._inbox):
             if part:
                 part.parameters = parameters
         self._sender.enable(parameters.publish_tf)
@@ -100,7 +101,7 @@ class ScanMatcher:
         if self._services.paused:
             return
         began = time.perf_counter()
-        if self._reader.leaps_back(message):
+        if self._reader.leaps_back(message, self._live.value):
             self._start_anew('the stamps of the scans start again', Start())
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
@@ -122,9 +123,11 @@ class ScanMatcher:
         self._health.processed(update, self._origin, time.perf_counter() - began)
 
     def _report(self, update):
-        if update.restarted:
+        if update.restarted and update.registration is None:
             self._sender.restart()
             self._notices.warn(f'odometry started anew: {update.restarted}')
+        elif update.restarted:
+            self._notices.warn(update.restarted)
         elif update.status is Status.FAILED:
             self._notices.warn(f'scan could not be registered: {update.registration.reason}')
 

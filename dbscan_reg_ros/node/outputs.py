@@ -43,8 +43,9 @@ class Outputs:
         return self._odom.topic_name
 
     def reset(self):
-        """Begin a new path."""
+        """Begin a new path and a new map."""
         self._poses = []
+        self._key_frames = []
         self._latest = None
 
     def publish(self, update, state, origin):
@@ -61,10 +62,19 @@ class Outputs:
         self._odom.publish(odometry_to_message(state, frame, self.parameters.base_frame))
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, frame))
-        self._go_on(state)
-        self._latest = update, state, origin
+        self._lengthen_path(state)
+        self._renew_map(update)
+        self._latest = state, origin
 
-    def _go_on(self, state):
+    def _renew_map(self, update):
+        """Keep the key frames that the odometry keeps."""
+        if update.registration is None:
+            self._key_frames.clear()
+        if update.reference_changed:
+            self._key_frames.append((update.features, update.pose))
+        del self._key_frames[:-self.parameters.odometry.window]
+
+    def _lengthen_path(self, state):
         """Add the pose to the path when it is a step away from the last one."""
         path = self.parameters.path
         last = self._poses[-1][1] if self._poses else None
@@ -75,12 +85,11 @@ class Outputs:
     def _publish_pictures(self):
         if self._latest is None:
             return
-        (update, state, origin), self._latest = self._latest, None
+        (state, origin), self._latest = self._latest, None
         if self._path.get_subscription_count():
             self._path.publish(self._path_message(state))
         if self._map.get_subscription_count():
-            features, pose = (update.reference, update.reference_pose) if update.reference else (update.features, update.pose)
-            points = (origin @ pose).apply(features.points)
+            points = np.concatenate([(origin @ pose).apply(features.points) for features, pose in self._key_frames])
             self._map.publish(cloud_message(points, state.stamp, self.parameters.odom_frame))
 
     def _path_message(self, state):

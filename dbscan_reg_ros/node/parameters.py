@@ -3,7 +3,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from ..core.errors import ParameterError
-from ..core.parameters import ParameterGroup, Parameters, parameter
+from ..core.parameters import ParameterGroup, Parameters, PriorParameters, parameter
 
 MOUNTINGS = ('none', 'laser_pose', 'tf')
 SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
@@ -25,13 +25,14 @@ class InputParameters(ParameterGroup):
 
 
 @dataclass(frozen=True)
-class PriorParameters(ParameterGroup):
-    """What is believed of the motion before the scans are looked at."""
+class NodePriorParameters(PriorParameters):
+    """And who tells of the motion before the scans are looked at."""
 
     source: str = parameter(
-        'constant_velocity', 'what tells the motion: none, constant_velocity (it goes on as before), odometry (the topic '
-        'wheel_odom), imu (the yaw rate on the topic imu; otherwise as before), tf (the base in the frame prior.frame); '
-        'when the last three are quiet, it goes on as before', choices=SOURCES, read_only=True)
+        'constant_velocity', 'what tells the motion since the last scan: none (nothing, whatever odometry.prior says), '
+        'constant_velocity (it goes on as before, as odometry.prior says), odometry (the topic wheel_odom), imu (the yaw '
+        'rate on the topic imu; otherwise as before), tf (the base in the frame prior.frame); when one of the last three is '
+        'quiet, it goes on as before', choices=SOURCES, read_only=True)
     frame: str = parameter('wheel_odom', 'an odometry frame on /tf that somebody else publishes, for source tf',
                            read_only=True)
     translation: float = parameter(0.1, 'standard deviation of the motion told, as a share of its length', '', 0.0, 10.0)
@@ -73,7 +74,7 @@ class NodeParameters(Parameters):
                                   'for mounting laser_pose', '', -1000.0, 1000.0, read_only=True)
     upside_down: bool = parameter(False, 'the laser hangs upside down, for mounting laser_pose', read_only=True)
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
-    prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
+    prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)
     path: PathParameters = dataclasses.field(default_factory=PathParameters)
     snapshot: SnapshotParameters = dataclasses.field(default_factory=SnapshotParameters)
 
@@ -88,6 +89,10 @@ class NodeParameters(Parameters):
         if self.prior.source == 'tf' and self.prior.frame in (self.odom_frame, self.base_frame):
             raise ParameterError(f'prior.frame = {self.prior.frame!r}: expected an odometry frame of somebody else, '
                                  'neither odom_frame nor base_frame')
+
+    def for_odometry(self) -> Parameters:
+        """What the odometry is to go by: without any prior, `odometry.prior` does not count."""
+        return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
 
 def is_ros_parameter(name) -> bool:
