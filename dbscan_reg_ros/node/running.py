@@ -1,5 +1,6 @@
 """From a command line to a running node, and back to its exit status."""
 import argparse
+import os
 import signal
 import sys
 
@@ -32,6 +33,9 @@ def run_node(name, description, make, argv=None) -> int:
         usage=f'{name} [-h] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
     parser.parse_args(split_arguments(argv)[0])
     stop = _StopSignals()
+    for library in ('OPENBLAS', 'OMP'):
+        # The matrices are small: more threads only burn time.
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
 
     import rclpy
 
