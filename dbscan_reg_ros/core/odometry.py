@@ -131,7 +131,7 @@ class Odometry:
             strength = np.zeros((3, 3))
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
-            pose = align(self._window, pose, features.cloud, expected, strength, scales, p.density, p.refinement.damping)
+            pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
         covariance = self._match_covariance(features, pose, registration)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
@@ -158,7 +158,7 @@ class Odometry:
         p = self.parameters
         if p.odometry.reference != 'window':
             return registration.covariance
-        information, _, square = self._window.equations(pose, features.cloud, p.refinement.score_scale, p.density)
+        information, _, square = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
         variance = (square + features.noise ** 2) * p.decision.covariance_scale
         information = _turned(information, -pose.theta) / variance + np.diag(p.decision.prior_information())
         return np.linalg.inv(information)

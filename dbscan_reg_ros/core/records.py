@@ -91,8 +91,10 @@ class Features:
     segments : Segments
     noise : float [m]
         Standard deviation of a range, as estimated from this scan.
+    dense_cloud : Cloud
+        The points that have a normal.
     cloud : Cloud
-        The points that are compared to a reference.
+        Some of them, evenly along the scan: those that hypotheses are compared by.
     surface : Surface
         The density of this scan as a reference; made when first asked for, like `view`.
     view : View
@@ -108,8 +110,12 @@ class Features:
     density: DensityParameters
 
     @cached_property
+    def dense_cloud(self):
+        return build_cloud(self.points, self.normals)
+
+    @cached_property
     def cloud(self):
-        return build_cloud(self.points, self.normals, self.density)
+        return self.dense_cloud.thinned(self.density.points)
 
     @cached_property
     def surface(self):

@@ -45,7 +45,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]
     finalists = follow_free_direction(finalists, reference, current, p)
     fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
-    fine[0] = polish(fine[0], current.cloud, reference.surface, p.density, p.refinement)
+    fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density, p.refinement)
     return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
 
 

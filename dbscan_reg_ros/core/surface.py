@@ -29,11 +29,11 @@ class Cloud:
         return self if step <= 1 else Cloud(self.x[::step], self.y[::step], self.nx[::step], self.ny[::step])
 
 
-def build_cloud(points, normals, parameters: DensityParameters) -> Cloud:
-    """The `Cloud` of a scan from its points and normals ``(P, 2)``."""
+def build_cloud(points, normals) -> Cloud:
+    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
     known = normals[:, 0] ** 2 + normals[:, 1] ** 2 > 0.5
     columns = np.ascontiguousarray(np.concatenate((points[known], normals[known]), axis=1).T)
-    return Cloud(*columns).thinned(parameters.points)
+    return Cloud(*columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +90,15 @@ def build_surface(points, normals, parameters: DensityParameters) -> Surface:
     rows, columns = (int(v) + 2 * margin + 1 for v in (high - low) / cell)
     index = np.full(rows * columns, size, dtype=np.int32)
     if size:
-        at = ((points - origin) / cell).astype(np.intp)
-        home = at[:, 0] * columns + at[:, 1]
+        place = (points - origin) / cell
+        at = place.astype(np.intp)
+        off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
+        order = np.argsort(-off_centre, kind='stable').astype(np.int32)
+        home = (at[:, 0] * columns + at[:, 1])[order]
         offsets = _disc(parameters.reach / cell, columns)
-        # Written from the far offsets to the near ones, so that the nearest point has the last word.
-        index[(home + offsets[:, None]).ravel()] = np.tile(np.arange(size, dtype=np.int32), len(offsets))
+        # Written from the far offsets to the near ones, and in a cell from its rim to its centre: the nearest point has
+        # the last word. Beam order would favour one side and turn the match.
+        index[(home + offsets[:, None]).ravel()] = np.tile(order, len(offsets))
     zero = np.zeros(1)
     return Surface(float(origin[0]), float(origin[1]), cell, rows, columns, index,
                    np.concatenate((points[:, 0], zero)), np.concatenate((points[:, 1], zero)),
