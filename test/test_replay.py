@@ -13,13 +13,17 @@ import zipfile
 
 import numpy as np
 import pytest
+from bags import write_bag
 
+from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.replay import main
+from dbscan_reg_ros.message_fields import scan_fields
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.plots import plot_map
 from dbscan_reg_ros.recordings import open_recording, read_csv, read_tum, true_poses, write_tum
 from dbscan_reg_ros.recordings.carmen import CarmenLog
+from dbscan_reg_ros.recordings.messages import MessageMaker
 from dbscan_reg_ros.recordings.metrics import evaluate
 
 
@@ -103,6 +107,41 @@ def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(replay, tmp
     ahead = 0.145 * np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
     np.testing.assert_allclose(base + ahead, poses[:, :2] + (0.145, 0.0), atol=1e-8)
     assert odom[0].child_frame_id == 'base'
+
+
+def test_a_replay_is_what_the_node_answers_however_the_laser_sits(start_node, scans, tmp_path):
+    """To the last bit, by the real node; the trajectory of the sensor tells the same motion."""
+    from ros_helpers import played
+    from rosbags.highlevel import AnyReader
+
+    from dbscan_reg_ros.node.player import Player
+    maker, laser = MessageMaker(), SE2(0.3, -0.1, 2.0)
+    bag = write_bag(tmp_path / 'drive', [
+        ('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
+        for scan in scans[:40]])
+    file = tmp_path / 'a.yaml'
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, laser_pose: [0.3, -0.1, 2.0], prior.source: none}}')
+    start_node('--params-file', str(file), '-p', 'mounting:=laser_pose')
+    with Player() as player:
+        answers = played(player, scans[:40])
+    assert main([str(bag), '--params-file', str(file), '--out', str(tmp_path / 'out')]) == 0
+    results = tmp_path / 'out' / 'drive' / 'latest'
+    with AnyReader([results / 'bag']) as reader:
+        odom = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()
+                if connection.topic == '/odom']
+    for answer, message in zip(answers.messages, odom, strict=True):
+        for online, offline in ((answer.pose, message.pose), (answer.twist, message.twist)):
+            np.testing.assert_array_equal(offline.covariance, online.covariance)
+        assert values(message.pose.pose.position) == values(answer.pose.pose.position)
+        assert values(message.pose.pose.orientation, 'xyzw') == values(answer.pose.pose.orientation, 'xyzw')
+        assert values(message.twist.twist.linear) == values(answer.twist.twist.linear)
+    _, poses = read_tum(results / 'trajectory.tum')
+    of_base = [(laser @ SE2.from_array(pose) @ laser.inverse()).as_array() for pose in poses]
+    np.testing.assert_allclose(of_base, answers.poses(), atol=1e-7)
+
+
+def values(vector, names='xyz'):
+    return [getattr(vector, name) for name in names]
 
 
 def test_a_sensor_that_stands_still_stays_where_it_is(replay, tmp_path):

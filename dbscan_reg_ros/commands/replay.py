@@ -55,18 +55,20 @@ def replay_one(job) -> list:
     from ..recordings import open_recording, write_tum
     from ..replays.bag import odometry_bag
     from ..replays.folder import new_folder, point_latest
+    from ..replays.mounted import mounting_of, turned
     from ..replays.spots import Spots
     from ..replays.track import Track
     from .workers import watched
 
+    mounting = mounting_of(job.parameters)
     recording = open_recording(job.path, job.topic)
     folder = new_folder(job.out / recording.name)
     write_parameters(folder / 'parameters.yaml', job.parameters, f'The parameters of the replay of {job.path.name}.')
-    track, spots = Track(), Spots()
+    track, spots = Track(yaw=mounting.pose.theta), Spots()
     try:
-        with odometry_bag(folder / 'bag', job.parameters) as add_to_bag:
-            scans = watched(recording.scans(), recording.name, recording.count)
-            for update in track.follow(scans, Odometry(job.parameters)):
+        with odometry_bag(folder / 'bag', job.parameters, mounting) as add_to_bag:
+            scans = turned(watched(recording.scans(), recording.name, recording.count), track.yaw)
+            for update in track.follow(scans, Odometry(job.parameters.for_odometry())):
                 add_to_bag(update)
                 spots.add(update)
     finally:

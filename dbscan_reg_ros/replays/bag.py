@@ -1,8 +1,6 @@
 """What the node would have published on a recording, as a ROS 2 bag."""
 from contextlib import contextmanager
 
-from ..core.errors import ParameterError
-from ..core.se2 import SE2
 from ..message_fields import odometry_fields, segments_fields, transform_fields
 from ..node.mounting import base_state
 from ..recordings.conversion import bag_writer
@@ -13,7 +11,7 @@ TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
 
 
 @contextmanager
-def odometry_bag(path, parameters):
+def odometry_bag(path, parameters, mounting):
     """Write a bag; gives the function that adds the messages of an `OdometryUpdate`.
 
     The record times are the stamps, made to increase where they go back. When the writing is interrupted, what was
@@ -24,16 +22,11 @@ def odometry_bag(path, parameters):
     path : Path
         Of the bag's folder, which is made.
     parameters : NodeParameters
-        Name the frames and the laser's place on the base (``mounting: laser_pose``; otherwise it is the base).
-
-    Raises
-    ------
-    ParameterError
-        When the laser hangs upside down: a replay takes the scans as they are.
+        Name the frames.
+    mounting : Mounting
+        The laser's; the updates are those of a sensor at `mounting.place`.
     """
-    if parameters.mounting == 'laser_pose' and parameters.upside_down:
-        raise ParameterError('upside_down = True: a replay takes the laser as upright; set it to false')
-    origin = SE2(*parameters.laser_pose) if parameters.mounting == 'laser_pose' else SE2()
+    place = mounting.place
     frames = parameters.odom_frame, parameters.base_frame
     maker = MessageMaker()
     with bag_writer(path) as writer:
@@ -44,10 +37,10 @@ def odometry_bag(path, parameters):
         def add(update):
             nonlocal time
             time = max(update.stamp, time + 1)
-            state = base_state(update, origin, origin)
+            state = base_state(update, place, place)
             fields = {'/odom': odometry_fields(state, *frames),
                       '/tf': {'transforms': [transform_fields(state, *frames)]},
-                      '/segments': segments_fields(update, origin, parameters.odom_frame)}
+                      '/segments': segments_fields(update, place, parameters.odom_frame)}
             for topic, kind in TOPICS.items():
                 writer.write(connections[topic], time, maker.serialize(kind, fields[topic]))
 

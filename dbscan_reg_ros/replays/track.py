@@ -8,6 +8,7 @@ import numpy as np
 from ..core.errors import ScanError
 from ..core.odometry import Odometry
 from ..core.records import Status
+from ..core.se2 import SE2
 
 
 @dataclass(eq=False)
@@ -16,6 +17,8 @@ class Track:
 
     Attributes
     ----------
+    yaw : float
+        The odometry sees scans that are turned by so much [rad], as `mounted.turned` makes them.
     stamps : list of int [ns]
     poses : list of (x, y, theta) [m, m, rad]
         Of the sensor, in the frame of the first scan.
@@ -28,6 +31,7 @@ class Track:
         Why scans were not used.
     """
 
+    yaw: float = 0.0
     stamps: list = field(default_factory=list)
     poses: list = field(default_factory=list)
     statuses: list = field(default_factory=list)
@@ -37,6 +41,7 @@ class Track:
 
     def follow(self, scans, odometry):
         """Feed `scans` to `odometry`, an `Odometry` or what has a ``process`` like it, and yield each answer."""
+        turn = SE2(theta=self.yaw)
         for number, scan in enumerate(scans, 1):
             begin = perf_counter()
             try:
@@ -48,7 +53,8 @@ class Track:
             self.milliseconds.append(1e3 * (perf_counter() - begin))
             self.used.append(True)
             self.stamps.append(scan.stamp)
-            self.poses.append((update.pose.x, update.pose.y, update.pose.theta))
+            pose = turn.inverse() @ update.pose @ turn
+            self.poses.append((pose.x, pose.y, pose.theta))
             self.statuses.append(update.status)
             yield update
 
