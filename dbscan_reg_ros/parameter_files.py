@@ -1,9 +1,11 @@
-"""Parameter files in the form that ROS 2 takes with ``--params-file``.
+"""Parameter files in the form that ROS 2 takes with ``--params-file``, and the parameter reference.
 
 ``python -m dbscan_reg_ros.parameter_files`` prints the defaults as such a file, ``--write`` renews
-``config/scan_matcher.yaml`` in the source tree.
+``config/scan_matcher.yaml`` and ``doc/parameters.md`` in the source tree.
 """
 import argparse
+import inspect
+import itertools
 import re
 import sys
 import textwrap
@@ -12,9 +14,12 @@ from pathlib import Path
 import yaml
 
 from .core.errors import ParameterError
+from .core.parameters import ParameterGroup
 from .node.parameters import NodeParameters, is_ros_parameter
 
-DEFAULTS_FILE = Path(__file__).parent.parent / 'config' / 'scan_matcher.yaml'
+SOURCE = Path(__file__).parent.parent
+DEFAULTS_FILE = SOURCE / 'config' / 'scan_matcher.yaml'
+REFERENCE_FILE = SOURCE / 'doc' / 'parameters.md'
 NODE_NAME = 'scan_matcher'
 WIDTH = 120
 DEFAULTS = NodeParameters()
@@ -22,6 +27,16 @@ DEFAULTS = NodeParameters()
 HEAD = """\
 The parameters of scan_matcher with their defaults.
 Made by `python -m dbscan_reg_ros.parameter_files --write`; copy it and keep only the lines that you change."""
+
+REFERENCE_HEAD = """\
+# Parameters
+
+All parameters of `scan_matcher`, with their defaults. Those of the method are the same in every command that takes
+`--params-file`. What the steps are that they belong to: [method.md](method.md); how they are set: [node.md](node.md).
+
+Made by `python -m dbscan_reg_ros.parameter_files --write`, as is
+[config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares both with the program.
+"""
 
 
 def read_parameters(path, node=NODE_NAME) -> NodeParameters:
@@ -58,7 +73,7 @@ def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
     values = parameters.flatten()
     lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
     current = ''
-    for d in sorted(parameters.describe(), key=lambda d: '.' in d.name):
+    for d in _ordered(parameters):
         group, _, field = d.name.rpartition('.')
         if group != current:
             lines.append(f'    {group}:')
@@ -67,6 +82,17 @@ def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
         lines += _comment(d, indent)
         lines.append(f'{indent}{field}: {_scalar(values[d.name])}')
     return '\n'.join(lines) + '\n'
+
+
+def format_reference() -> str:
+    """The parameter reference as Markdown: one table for each group, the node's own parameters first."""
+    lines = [REFERENCE_HEAD]
+    for group, descriptions in itertools.groupby(_ordered(DEFAULTS), key=lambda d: d.name.rpartition('.')[0]):
+        lines += [f'## `{group}`' if group else '## The node', '', _about(group), '', '| name | default | values | meaning |',
+                  '|---|---|---|---|']
+        lines += [f'| `{d.name}` | `{_scalar(d.default)}` | {describe_limits(d)} | {d.help} |' for d in descriptions]
+        lines.append('')
+    return '\n'.join(lines[:-1]) + '\n'
 
 
 def describe_limits(description) -> str:
@@ -125,6 +151,19 @@ def _flatten(section, prefix=''):
             yield f'{prefix}{name}', value
 
 
+def _ordered(parameters):
+    """The descriptions of all parameters, those without a group first."""
+    return sorted(parameters.describe(), key=lambda d: '.' in d.name)
+
+
+def _about(group):
+    """What a group of parameters is, in the words of its class and of those that it extends."""
+    if not group:
+        return 'Frames, and where the laser sits on the base.'
+    classes = inspect.getmro(type(getattr(DEFAULTS, group)))
+    return ' '.join(c.__doc__ for c in reversed(classes[:classes.index(ParameterGroup)]))
+
+
 def _comment(description, indent):
     limits = describe_limits(description)
     text = description.help + (f' [{limits}]' if limits else '')
@@ -138,9 +177,11 @@ def _scalar(value):
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.parameter_files', description=__doc__.split('\n')[0])
-    parser.add_argument('--write', action='store_true', help=f'renew {DEFAULTS_FILE.name} in the source tree')
+    parser.add_argument('--write', action='store_true', help=f'renew {DEFAULTS_FILE.name} and {REFERENCE_FILE.name} in the '
+                        'source tree')
     if parser.parse_args(argv).write:
         write_parameters(DEFAULTS_FILE)
+        REFERENCE_FILE.write_text(format_reference(), encoding='utf-8')
     else:
         sys.stdout.write(format_parameters())
     return 0

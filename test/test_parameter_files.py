@@ -1,14 +1,18 @@
 """Parameter files: what ROS takes is what the commands take, and the file of defaults is current."""
 import math
+import re
 
 import pytest
+import yaml
 
-from dbscan_reg_ros import ParameterError
+from dbscan_reg_ros import ParameterError, parameter_files
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.parameter_files import (
     DEFAULTS_FILE,
+    REFERENCE_FILE,
     describe_limits,
     format_parameters,
+    format_reference,
     main,
     read_parameters,
     write_parameters,
@@ -37,6 +41,29 @@ def test_every_parameter_has_its_help_unit_and_bounds_in_the_file():
     for description in NodeParameters.describe():
         assert description.help in text
         assert describe_limits(description) in text
+
+
+def test_the_reference_is_current_and_has_a_line_for_every_parameter():
+    text = REFERENCE_FILE.read_text()
+    assert text == format_reference(), 'run python -m dbscan_reg_ros.parameter_files --write'
+    rows = [re.split(r' *\| *', line)[1:-1] for line in text.splitlines() if line.startswith('| `')]
+    descriptions = {f'`{d.name}`': d for d in NodeParameters.describe()}
+    assert [row[0] for row in rows] == sorted(descriptions, key=lambda name: '.' in name)
+    for name, default, limits, help in rows:
+        assert yaml.safe_load(default.strip('`')) == _plain(descriptions[name].default), name
+        assert (limits, help) == (describe_limits(descriptions[name]), descriptions[name].help)
+
+
+def _plain(value):
+    return list(value) if isinstance(value, tuple) else value
+
+
+def test_one_command_renews_the_defaults_and_the_reference(monkeypatch, tmp_path):
+    for name in ('DEFAULTS_FILE', 'REFERENCE_FILE'):
+        monkeypatch.setattr(parameter_files, name, tmp_path / name)
+    assert main(['--write']) == 0
+    assert (tmp_path / 'DEFAULTS_FILE').read_text() == DEFAULTS_FILE.read_text()
+    assert (tmp_path / 'REFERENCE_FILE').read_text() == REFERENCE_FILE.read_text()
 
 
 def test_printing_the_defaults_is_the_file_of_defaults(capsys):
