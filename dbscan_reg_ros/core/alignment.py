@@ -96,10 +96,16 @@ def polish(candidate, cloud, surface, density, refinement):
     first, candidate, scale = candidate, candidate[None].copy(), refinement.final_scale
     for _ in range(refinement.polish):
         error, weight, jx, jy, jt = residuals(candidate, cloud, surface, scale, density)
-        candidate -= solve(*normal_equations(error, weight, jx, jy, jt), refinement.damping)
+        step = solve(*normal_equations(error, weight, jx, jy, jt), refinement.damping)
+        candidate -= step
+        if np.abs(step).max() < _CONVERGED:
+            break
         scale = refinement.narrowed(scale, mean_square(error, weight) ** 0.5)
     crept = np.hypot(*(candidate[0, :2] - first[:2]))
     return candidate[0] if crept < refinement.final_scale else first
+
+
+_CONVERGED = 1e-5
 
 
 def mean_square(error, weight):

@@ -9,7 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 NOISE = -1
-_DENSE = 128
 
 
 def dbscan_line(samples, sigma, min_points, weights=None, period=None):
@@ -81,7 +80,7 @@ def _neighbour_range(x, sigma, period):
 
 
 def dbscan_plane(samples, sigma, min_points, weights=None):
-    """DBSCAN of points: neighbours by one table of distances (few samples) or a k-d tree, clusters as components.
+    """DBSCAN of points: neighbours from a k-d tree, clusters as connected components.
 
     Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
     call by a coordinate that keeps them apart.
@@ -89,40 +88,34 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     size = len(samples)
     if size == 0:
         return np.empty(0, dtype=int)
-    if size <= _DENSE:
-        distance = np.zeros((size, size))
-        for column in samples.T:
-            step = column[:, None] - column
-            step *= step
-            distance += step
-        one, two = np.divmod(np.flatnonzero(distance <= sigma * sigma), size)
-    else:
-        pairs = cKDTree(samples).query_pairs(sigma, output_type='ndarray')
-        self_pairs = np.arange(size)
-        one = np.concatenate((pairs[:, 0], pairs[:, 1], self_pairs))
-        two = np.concatenate((pairs[:, 1], pairs[:, 0], self_pairs))
-    return _label(one, two, size, min_points, weights)
-
-
-def _label(one, two, size, min_points, weights):
-    """Labels from all ordered pairs of neighbours, each sample with itself included."""
-    mass = np.bincount(one, None if weights is None else np.asarray(weights, dtype=float)[two], minlength=size)
-    core = mass >= min_points - 1e-12 * max(mass.max(), 1.0)
+    pairs = cKDTree(samples, balanced_tree=False, compact_nodes=False).query_pairs(sigma, output_type='ndarray')
+    one, two = pairs[:, 0], pairs[:, 1]
+    if min_points <= 1 and weights is None:
+        return _renumber(_components(one, two, size), np.arange(size))
+    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)
+    total = mass + np.bincount(one, mass[two], minlength=size) + np.bincount(two, mass[one], minlength=size)
+    core = total >= min_points - 1e-12 * max(total.max(), 1.0)
     labels = np.full(size, NOISE)
     at = np.flatnonzero(core)
     if not len(at):
         return labels
     linked = core[one] & core[two]
-    graph = csr_array((np.ones(np.count_nonzero(linked), dtype=np.int8), (one[linked], two[linked])), shape=(size, size))
-    component = connected_components(graph, directed=False)[1][at]
-    labels[at] = _renumber(component, at)
-    reached = core[two] & ~core[one]
-    if reached.any():
-        best = np.full(size, size)
-        np.minimum.at(best, one[reached], labels[two[reached]])
-        border = best < size
-        labels[border] = best[border]
+    labels[at] = _renumber(_components(one[linked], two[linked], size)[at], at)
+    best = np.full(size, size)
+    for border, neighbour in ((one, two), (two, one)):
+        reached = core[neighbour] & ~core[border]
+        np.minimum.at(best, border[reached], labels[neighbour[reached]])
+    border = best < size
+    labels[border] = best[border]
     return labels
+
+
+def _components(one, two, size):
+    """Connected component of each of `size` nodes, from the edges ``one - two``."""
+    order = np.argsort(one, kind='stable')
+    rows = np.concatenate(([0], np.cumsum(np.bincount(one, minlength=size))))
+    graph = csr_array((np.ones(len(one)), two[order], rows), shape=(size, size))
+    return connected_components(graph, directed=False)[1]
 
 
 def _renumber(component, index):

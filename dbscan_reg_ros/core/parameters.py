@@ -297,7 +297,9 @@ class RefinementParameters(ParameterGroup):
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
     polish: int = parameter(8, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
-    window_scale: float = parameter(0.015, 'kernel of the last iteration against the window; at least the range noise', 'm',
+    window: int = parameter(6, 'iterations against the window', '', 0, 100)
+    window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
+    window_scale: float = parameter(0.01, 'kernel of the last of them; at least the range noise', 'm',
                                     0.001, 10.0)
     score_scale: float = parameter(0.05, 'kernel of the score', 'm', 0.001, 10.0)
     damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 1e-6, 1.0)
@@ -312,7 +314,7 @@ class RefinementParameters(ParameterGroup):
 
     def window_scales(self, noise):
         """Kernel [m] of each iteration against the window, for a range noise [m]."""
-        return _geometric(self.fine_scale, max(self.window_scale, noise), self.fine)
+        return _geometric(self.window_first_scale, max(self.window_scale, noise), self.window)
 
     def narrowed(self, scale, spread):
         """The next kernel [m] of the last iterations, after one of `scale` [m] that left a `spread` [m] of the errors."""
@@ -380,7 +382,7 @@ class OdometryParameters(ParameterGroup):
                                choices=('previous', 'keyframe', 'window'))
     prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
                            '', choices=('none', 'constant_velocity'))
-    window: int = parameter(10, 'key frames of the window', '', 1, 1000)
+    window: int = parameter(15, 'key frames of the window', '', 1, 1000)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

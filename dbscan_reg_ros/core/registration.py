@@ -52,7 +52,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):
     """Refine all hypotheses together and score them; best first."""
     candidates = refine(candidates, current.cloud, reference.surface, scales, p.density, p.refinement.damping)
-    value, overlap = score(candidates, reference, current, p.refinement.score_scale, p.density)
+    value, overlap = score(candidates, reference, current.cloud, p.refinement.score_scale, p.density)
     if both_ways:
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:

@@ -9,6 +9,7 @@ from . import alignment
 from .parameters import DensityParameters, SelectionParameters
 from .records import Features
 from .se2 import SE2, wrap
+from .surface import Cloud
 
 
 def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
@@ -30,8 +31,8 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     return candidates[np.argsort(-value, kind='stable')[:parameters.refined]]
 
 
-def score(candidates, reference: Features, current: Features, scale, parameters: DensityParameters):
-    """How well each hypothesis ``(H, 3)`` explains the current scan.
+def score(candidates, reference: Features, cloud: Cloud, scale, parameters: DensityParameters):
+    """How well each hypothesis ``(H, 3)`` explains the points of the current scan.
 
     Returns
     -------
@@ -40,7 +41,6 @@ def score(candidates, reference: Features, current: Features, scale, parameters:
     overlap : (H,) array
         Plain share of the points on the reference's surfaces.
     """
-    cloud = current.cloud
     _, weight, _, _, _ = alignment.residuals(candidates, cloud, reference.surface, scale, parameters)
     px, py, _, _ = alignment.transform_points(candidates, cloud.x, cloud.y)
     near = reference.view.near.take(reference.view.bins(px, py))
