@@ -1,0 +1,193 @@
+"""The odometry: tracking, priors, time, faults."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import Odometry, Parameters, Prior, SE2, Scan, ScanError, ScanGeometry, Status
+from dbscan_reg_ros.core.deskew import deskew
+from dbscan_reg_ros.core.parameters import TimeParameters
+from dbscan_reg_ros.core.timing import Intervals
+
+ROOM = outline(L_ROOM)
+SECOND = 1_000_000_000
+TENTH = SECOND // 10
+
+
+def drive(steps, speed=0.3, turn=0.3):
+    """Poses [m, rad] ten times a second on an arc, from the origin."""
+    pose, poses = SE2(), []
+    for _ in range(steps):
+        poses.append(pose)
+        pose = pose @ SE2(0.1 * speed, 0.0, 0.1 * turn)
+    return poses
+
+
+def scan_at(pose, index, geometry=FULL, noise=0.01):
+    return dataclasses.replace(look(ROOM, pose, geometry, noise, index), stamp=index * TENTH)
+
+
+def error(update, truth):
+    e = truth.inverse() @ update.pose
+    return math.hypot(e.x, e.y), abs(e.theta)
+
+
+def run(odometry, poses, first=0):
+    return [odometry.process(scan_at(pose, first + i)) for i, pose in enumerate(poses)]
+
+
+@pytest.mark.parametrize('reference', ['previous', 'keyframe', 'window'])
+def test_an_arc_is_followed(reference):
+    poses = drive(60)
+    updates = run(Odometry(Parameters().replace({'odometry.reference': reference})), poses)
+    assert [u.status for u in updates] == [Status.OK] * 60
+    distance, angle = error(updates[-1], poses[-1])
+    assert distance < 0.03
+    assert angle < 0.01
+
+
+def test_the_twist_is_that_of_the_sensor():
+    update = run(Odometry(), drive(30))[-1]
+    assert update.twist == pytest.approx([0.3, 0.0, 0.3], abs=0.08)
+    assert update.interval == pytest.approx(0.1)
+
+
+def test_standing_still_is_still():
+    updates = run(Odometry(), [SE2()] * 100)
+    assert max(error(u, SE2())[0] for u in updates) < 0.004
+    assert max(error(u, SE2())[1] for u in updates) < 0.003
+    late = np.array([u.pose.as_array() for u in updates[50:]]).mean(axis=0)
+    early = np.array([u.pose.as_array() for u in updates[1:50]]).mean(axis=0)
+    assert late == pytest.approx(early, abs=5e-4)
+
+
+def test_the_pose_covariance_grows_along_the_path():
+    updates = run(Odometry(), drive(60))
+    size = [np.trace(u.covariance[:2, :2]) for u in updates]
+    assert size[59] > 2.0 * size[5] > 0.0
+    assert all((np.linalg.eigvalsh(u.covariance) > 0.0).all() for u in updates)
+    assert all((np.linalg.eigvalsh(u.twist_covariance) > 0.0).all() for u in updates)
+
+
+def test_a_prior_from_elsewhere_that_lies_does_not_beat_the_scans():
+    odometry, poses = Odometry(), drive(40)
+    for i, pose in enumerate(poses):
+        lie = Prior(SE2(0.4, 0.2, -0.3), np.diag([0.01, 0.01, 0.01]) ** 2) if i else None
+        update = odometry.process(scan_at(pose, i), lie)
+    distance, angle = error(update, poses[-1])
+    assert distance < 0.03
+    assert angle < 0.02
+
+
+def test_a_scan_of_noise_is_coasted_over():
+    odometry, poses = Odometry(), drive(40)
+    rng = np.random.default_rng(5)
+    for i, pose in enumerate(poses):
+        wild = i in (15, 25)
+        scan = Scan(i * TENTH, rng.uniform(0.3, 8.0, FULL.size), FULL) if wild else scan_at(pose, i)
+        update = odometry.process(scan)
+        if wild:
+            assert update.status is not Status.OK
+            assert not update.reference_changed
+            assert error(update, pose)[0] < 0.03
+    assert update.status is Status.OK
+    assert error(update, poses[-1])[0] < 0.03
+
+
+def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
+    odometry = Odometry()
+    run(odometry, drive(20))
+    rng = np.random.default_rng(6)
+    updates = [odometry.process(Scan((20 + i) * TENTH, rng.uniform(0.3, 8.0, FULL.size), FULL)) for i in range(60)]
+    moving = [math.hypot(u.increment.x, u.increment.y) > 0.015 for u in updates]
+    assert all(moving[:8])
+    assert not any(moving[12:45])
+    started = [i for i, u in enumerate(updates) if u.restarted]
+    assert started[0] == pytest.approx(50, abs=2)
+    assert np.trace(updates[40].covariance) > 10.0 * np.trace(updates[0].covariance)
+
+
+def test_a_bad_scan_changes_nothing():
+    poses = drive(20)
+    clean, disturbed = Odometry(), Odometry()
+    expected = run(clean, poses)
+    for i, pose in enumerate(poses):
+        if i == 10:
+            with pytest.raises(ScanError):
+                disturbed.process(Scan(i * TENTH, np.full(FULL.size, np.nan), FULL))
+        update = disturbed.process(scan_at(pose, i))
+        assert update.pose == expected[i].pose
+
+
+def test_stamps_that_go_back_a_long_way_start_anew_and_keep_the_pose():
+    odometry, poses = Odometry(), drive(30)
+    last = run(odometry, poses)[-1]
+    update = odometry.process(dataclasses.replace(scan_at(poses[0], 0), stamp=-10 * SECOND))
+    assert update.restarted.startswith('stamps went back by')
+    assert update.pose == last.pose
+
+
+def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
+    odometry, poses = Odometry(), drive(31)
+    run(odometry, poses[:30])
+    update = odometry.process(dataclasses.replace(scan_at(poses[30], 30), stamp=40 * SECOND))
+    assert error(update, poses[30])[0] < 0.03
+
+
+def test_jitter_of_the_stamps_does_not_make_speed():
+    intervals = Intervals()
+    stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]
+    found = [intervals.next(s * 1_000_000, TimeParameters()) for s in stamps]
+    assert all(not jump for _, jump in found)
+    assert [round(i, 3) for i, _ in found[2:]] == pytest.approx([0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
+
+
+def test_a_changed_number_of_beams_goes_on():
+    odometry, poses = Odometry(), drive(40)
+    coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)
+    for i, pose in enumerate(poses):
+        update = odometry.process(scan_at(pose, i, coarse if i >= 20 else FULL))
+    assert update.status is Status.OK
+    assert error(update, poses[-1])[0] < 0.03
+
+
+def test_deskewing_takes_the_motion_out_of_a_scan():
+    twist, increment = np.array([1.0, 0.0, 1.5]), 0.1 / FULL.size
+    start = SE2(0.2, 0.1, 0.3)
+    ranges = [look(ROOM, start @ SE2(twist[0] * t, 0.0, twist[2] * t), FULL).ranges[i]
+              for i, t in enumerate(np.arange(FULL.size) * increment)]
+    skewed = Scan(0, ranges, FULL, increment)
+    still = look(ROOM, start, FULL)
+    points = start.apply(deskew(skewed, twist).points)
+    off = np.minimum.reduce([np.abs(points[:, 1] + 1.5), np.abs(points[:, 0] - 4.0), np.abs(points[:, 1] - 1.0),
+                             np.abs(points[:, 0] - 1.5), np.abs(points[:, 1] - 3.0), np.abs(points[:, 0] + 2.0)])
+    before = start.apply(skewed.points)
+    assert np.percentile(off, 95) < 0.01
+    assert np.abs(before - start.apply(still.points)).max() > 0.05
+    assert deskew(dataclasses.replace(skewed, time_increment=0.0), twist).geometry is FULL
+
+
+def test_a_reset_starts_at_the_pose_given():
+    odometry = Odometry()
+    run(odometry, drive(10))
+    odometry.reset(SE2(3.0, 2.0, 1.0))
+    update = odometry.process(scan_at(SE2(), 50))
+    assert update.pose == SE2(3.0, 2.0, 1.0)
+    assert update.registration is None
+    assert update.reference_changed
+
+
+def test_the_window_is_bounded():
+    odometry = Odometry(Parameters().replace({'odometry.window': 4, 'odometry.keyframe_distance': 0.02}))
+    run(odometry, drive(30))
+    assert len(odometry._window.frames) == 4
+
+
+def test_parameters_count_from_the_next_scan_on():
+    odometry, poses = Odometry(), drive(10)
+    run(odometry, poses[:5])
+    odometry.parameters = odometry.parameters.replace({'scan.min_returns': 1000})
+    with pytest.raises(ScanError, match='scan.min_returns'):
+        odometry.process(scan_at(poses[5], 5))

@@ -1,0 +1,122 @@
+"""The registration as a whole: what it finds, and what it says of it."""
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, HALF, L_ROOM, look, outline
+
+from dbscan_reg_ros import Parameters, Prior, SE2, Scan, ScanError, ScanGeometry, Status, register
+from dbscan_reg_ros.core.features import extract_features
+
+ROOM = outline(L_ROOM)
+
+
+def features(pose, geometry=FULL, noise=0.0, seed=0, walls=ROOM):
+    return extract_features(look(walls, pose, geometry, noise, seed))
+
+
+def off(registration, truth):
+    error = truth.inverse() @ registration.transform
+    return math.hypot(error.x, error.y), abs(error.theta)
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.5, 1.5, 3.0, -2.2])
+def test_any_turn_is_found_without_a_guess(turn):
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.3 + turn)
+    found = register(features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2))
+    distance, angle = off(found, start.inverse() @ end)
+    assert found.status is Status.OK
+    assert distance < 0.01
+    assert angle < 0.005
+
+
+def test_noiseless_scans_are_registered_exactly():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    distance, angle = off(register(features(start), features(end)), start.inverse() @ end)
+    assert distance < 5e-4
+    assert angle < 5e-4
+
+
+def test_swapping_the_scans_inverts_the_motion():
+    one, two = features(SE2(0.2, 0.1, 0.3), noise=0.005, seed=3), features(SE2(-0.5, 0.4, 0.9), noise=0.005, seed=4)
+    forth, back = register(one, two).transform, register(two, one).transform
+    assert (forth @ back).as_array() == pytest.approx(np.zeros(3), abs=0.005)
+
+
+def test_a_clockwise_lidar_sees_the_same_motion():
+    clockwise = ScanGeometry(math.pi, -FULL.angle_increment, FULL.size)
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    distance, angle = off(register(features(start, clockwise), features(end, clockwise)), start.inverse() @ end)
+    assert distance < 0.002
+    assert angle < 0.002
+
+
+def test_a_scan_of_noise_is_not_called_ok():
+    noise = np.random.default_rng(0).uniform(0.3, 8.0, FULL.size)
+    found = register(features(SE2()), extract_features(Scan(0, noise, FULL)))
+    assert found.status is not Status.OK
+    assert found.reason
+
+
+def test_two_bare_walls_leave_their_direction_free():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
+    found = register(features(SE2(0.0, 0.0, 0.1), geometry, 0.01, 1, walls), features(SE2(0.3, 0.1, 0.2), geometry, 0.01, 2, walls))
+    assert found.status in (Status.DEGENERATE, Status.AMBIGUOUS)
+    if found.free_direction is not None:
+        assert abs(math.sin(found.free_direction + 0.1)) < 0.05
+
+
+def test_a_square_room_is_ambiguous():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    found = register(features(SE2(), walls=square), features(SE2(0.0, 0.0, 0.4), walls=square))
+    assert found.status is Status.AMBIGUOUS
+    assert len(found.hypotheses) > 1
+
+
+def test_a_prior_decides_between_rivals():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
+    for turn in (0.4, 0.4 + 0.5 * math.pi):
+        prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
+        assert register(reference, current, prior=prior).transform.theta == pytest.approx(turn, abs=0.01)
+
+
+def test_a_prior_that_lies_does_not_beat_the_scans():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    lie = Prior(SE2(1.0, -1.0, -1.0), np.diag([0.01, 0.01, 0.01]) ** 2)
+    distance, angle = off(register(features(start), features(end), prior=lie), start.inverse() @ end)
+    assert distance < 0.002
+    assert angle < 0.002
+
+
+def test_matched_segments_lie_on_one_another():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    reference, current = features(start), features(end)
+    found = register(reference, current)
+    assert len(found.matches) >= 5
+    for i, j in found.matches:
+        middle = found.transform.apply(current.segments.midpoint[j])
+        across = np.array([-math.sin(reference.segments.direction[i]), math.cos(reference.segments.direction[i])])
+        assert abs((middle - reference.segments.midpoint[i]) @ across) < 0.02
+
+
+def test_the_covariance_is_positive_and_grows_with_the_noise():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    quiet, loud = (register(features(start, HALF, noise, 1), features(end, HALF, noise, 2)).covariance for noise in (0.005, 0.03))
+    assert (np.linalg.eigvalsh(quiet) > 0.0).all()
+    assert (np.diag(loud) > np.diag(quiet)).all()
+
+
+def test_the_same_scans_give_the_same_result_to_the_last_bit():
+    pair = features(SE2(0.2, 0.1, 0.3), noise=0.01, seed=1), features(SE2(-0.5, 0.4, 0.9), noise=0.01, seed=2)
+    one = register(*pair)
+    register(pair[1], pair[0])
+    two = register(*pair)
+    assert one.transform == two.transform
+    assert (one.covariance == two.covariance).all()
+
+
+def test_a_scan_without_returns_is_refused():
+    with pytest.raises(ScanError, match='0 of 360 beams have a return'):
+        extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())
