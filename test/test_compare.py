@@ -72,7 +72,7 @@ def test_a_set_does_not_differ_from_itself(compare):
 
 
 def test_a_worse_set_is_found_and_the_exit_status_says_so(compare, tmp_path):
-    (tmp_path / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement:\n      coarse: 0\n      fine: 0\n')
+    (tmp_path / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement:\n      coarse: 0\n      fine: 0\n      polish: 0\n      window: 0\n')
     code, printed, content = compare('defaults', tmp_path / 'bad.yaml')
     assert code == 1 and 'B is worse in translation' in printed.out
     assert content['differences']['all']['m']['low'] > 0.0

@@ -18,7 +18,7 @@ from dbscan_reg_ros.tuning.objective import cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
 
-BAD = {'refinement.final_scale': 0.5, 'refinement.fine_scale': 0.9}
+BAD = {'refinement.window_scale': 0.5, 'refinement.window_first_scale': 0.9}
 SEARCH = ('--parameters', *BAD, '--scans', '60', '--search', 'random')
 
 
@@ -27,7 +27,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
         assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--seed', str(seed)]) == 0
-    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement: {final_scale: 0.5, fine_scale: 0.9}\n')
+    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement: {window_scale: 0.5, window_first_scale: 0.9}\n')
     return folder
 
 
@@ -45,7 +45,7 @@ def trials_of(folder):
 
 
 @pytest.mark.parametrize(('text', 'axis'), [
-    ('refinement.final_scale', Axis('refinement.final_scale', float, 0.2, 5.0)),
+    ('refinement.window_scale', Axis('refinement.window_scale', float, 0.2, 5.0)),
     ('selection.finalists=2:9', Axis('selection.finalists', int, 2, 9)),
     ('rotation.directed', Axis('rotation.directed', bool, choices=(False, True))),
 ])
@@ -58,9 +58,9 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 
 @pytest.mark.parametrize(('text', 'says'), [
-    ('refinement.finalscale', "did you mean 'refinement.final_scale'"), ('rotation.sigma', 'rotation.sigma=LOW:HIGH'),
-    ('refinement.final_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.final_scale=2:1', 'lower bound below'),
-    ('refinement.final_scale=0.1:99', 'refinement.final_scale = 99'), ('rotation.directed=0:1', 'has no range'),
+    ('refinement.windowscale', "did you mean 'refinement.window_scale'"), ('rotation.sigma', 'rotation.sigma=LOW:HIGH'),
+    ('refinement.window_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.window_scale=2:1', 'lower bound below'),
+    ('refinement.window_scale=0.1:99', 'refinement.window_scale = 99'), ('rotation.directed=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run
 
-SEARCHED = ('refinement.final_scale', 'refinement.fine_scale', 'refinement.damping', 'density.reach',
+SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
             'density.violation', 'selection.sieve_tolerance')
 """Unless parameters are named."""
 
