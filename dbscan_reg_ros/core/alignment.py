@@ -98,9 +98,10 @@ def polish(candidate, cloud, surface, density, refinement):
         error, weight, jx, jy, jt = residuals(candidate, cloud, surface, scale, density)
         step = solve(*normal_equations(error, weight, jx, jy, jt), refinement.damping)
         candidate -= step
-        if np.abs(step).max() < _CONVERGED:
+        narrower = refinement.narrowed(scale, mean_square(error, weight) ** 0.5)
+        if np.abs(step).max() < _CONVERGED and narrower > 0.98 * scale:
             break
-        scale = refinement.narrowed(scale, mean_square(error, weight) ** 0.5)
+        scale = narrower
     crept = np.hypot(*(candidate[0, :2] - first[:2]))
     return candidate[0] if crept < refinement.final_scale else first
 
