@@ -85,12 +85,11 @@ def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
     assert not alive(node)
 
 
-def test_a_node_that_cannot_start_is_reported_with_what_it_said(demo, tmp_path):
+def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path):
     (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.sigma: -1.0\n')
     process = demo('--params-file', tmp_path / 'wrong.yaml')
     assert process.wait(15.0) == 2
-    assert re.fullmatch(r'demo: the node ended at once; it said: .*rotation\.sigma = -1\.0: expected .*',
-                        process.output().splitlines()[-1])
+    assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.sigma = -1\.0: expected .*', process.output().splitlines()[-1])
 
 
 def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):
