@@ -4,6 +4,7 @@ import math
 import os
 import pathlib
 
+import hypothesis
 import pytest
 
 from dbscan_reg_ros import SE2, RecordingError
@@ -18,6 +19,18 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'fastdds.xml')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
+hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=50)
+hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
+
+
+def pytest_addoption(parser):
+    parser.addoption('--long', action='store_true', help='as much of everything as doc/reliability.md says, not the bounded '
+                     'form: it takes hours')
+
+
+def pytest_configure(config):
+    hypothesis.settings.load_profile('long' if config.getoption('--long') else 'bounded')
+
 
 def pytest_ignore_collect(collection_path):
     """Without ROS, leave out the files that import it."""
@@ -27,6 +40,12 @@ def pytest_ignore_collect(collection_path):
 
 def _ros_installed():
     return importlib.util.find_spec('rclpy') is not None
+
+
+@pytest.fixture(scope='session')
+def size(request):
+    """``size(bounded, full)``: how much to try, without and with ``--long``."""
+    return lambda bounded, full: full if request.config.getoption('--long') else bounded
 
 
 @pytest.fixture(scope='session')
