@@ -1,17 +1,16 @@
 """Do the covariances tell the truth? Registrations in simulated worlds, where the error is known exactly."""
 import dataclasses
-import math
+from functools import partial
 
 import numpy as np
 
 from ..core.records import Status
-from ..core.se2 import SE2
-from ..simulation import LIDARS, Lidar, corridor, follow, hall, rooms
-from ..simulation import measure as view
-from ..simulation.worlds import clearance
+from ..simulation import LIDARS, Lidar, corridor, hall, rooms
 from .bounds import Bound
 from .methods import method
 from .report import Report
+from .synthetic import random_motion
+from .views import two_views
 
 REGISTRATIONS = 1000
 WORLDS = {'rooms': rooms, 'corridors': corridor, 'halls': hall}
@@ -20,22 +19,9 @@ SENSORS = {'plain': Lidar(), **{name: dataclasses.replace(LIDARS[name], duration
                                 for name in ('lms200', 'utm30lx', 'rplidar_a2')}}
 TRANSLATION, ROTATION = 0.4, 0.3
 """Largest motion between the two scans along each axis [m] and turn [rad]."""
-MARGIN = 0.2
 LIMIT = 7.815
 """95 % of the squared errors, in units of their covariance, are below this with three degrees of freedom."""
 WITHIN = Bound(0.90, 0.98)
-
-
-def views(world, lidar, rng):
-    """Two scans near the tour of a world and the true motion between them."""
-    path = follow(world.tour)
-    while True:
-        x, y, _ = path.poses_at(rng.uniform(0.0, path.duration, 1))[0]
-        first = SE2(x, y, rng.uniform(-math.pi, math.pi))
-        truth = SE2(*rng.uniform(-TRANSLATION, TRANSLATION, 2), rng.uniform(-ROTATION, ROTATION))
-        poses = [first.as_array(), (first @ truth).as_array()]
-        if clearance(np.array(poses)[:, :2], world.segments, world.circles).min() > MARGIN:
-            return *(view(world, [pose], lidar, rng) for pose in poses), truth
 
 
 def judged(registration, truth):
@@ -71,13 +57,14 @@ def measure(args) -> Report:
     from tqdm import tqdm
     report = Report()
     ours = method('dbscan')
+    motion = partial(random_motion, translation=TRANSLATION, rotation=ROTATION)
     for kind, make in WORLDS.items():
         rng = np.random.default_rng(0)
         worlds = [make(seed=seed) for seed in range(SEEDS)]
         results = {name: [] for name in SENSORS}
         names = list(SENSORS)
         for k in tqdm(range(args.limit or REGISTRATIONS), kind, unit=' registrations', leave=False, disable=None):
-            reference, current, truth = views(worlds[k % SEEDS], SENSORS[names[k % len(names)]], rng)
+            reference, current, truth = two_views(worlds[k % SEEDS], SENSORS[names[k % len(names)]], rng, motion)
             results[names[k % len(names)]].append(judged(ours(reference, current), truth))
         rows = {'dbscan': calibration([result for some in results.values() for result in some])}
         rows |= {f'dbscan, {name}': calibration(some) for name, some in results.items() if some}
