@@ -32,10 +32,6 @@ def pytest_configure(config):
     hypothesis.settings.load_profile('long' if config.getoption('--long') else 'bounded')
 
 
-def pytest_addoption(parser):
-    parser.addoption('--long', action='store_true', help='in full size what is otherwise tried on a few cases only')
-
-
 def pytest_ignore_collect(collection_path):
     """Without ROS, leave out the files that import it."""
     if collection_path.suffix == '.py' and not _ros_installed():
@@ -50,12 +46,6 @@ def _ros_installed():
 def size(request):
     """``size(bounded, full)``: how much to try, without and with ``--long``."""
     return lambda bounded, full: full if request.config.getoption('--long') else bounded
-
-
-@pytest.fixture(scope='session')
-def long(request):
-    """Whether the full sizes are asked for (``scripts/test --long``)."""
-    return request.config.getoption('long')
 
 
 @pytest.fixture(scope='session')
