@@ -27,6 +27,7 @@ setup(
         f'demo = {PACKAGE}.commands.demo:main',
         f'dump = {PACKAGE}.commands.dump:main',
         f'play = {PACKAGE}.commands.play:main',
+        f'register = {PACKAGE}.commands.register:main',
         f'replay = {PACKAGE}.commands.replay:main',
         f'simulate = {PACKAGE}.commands.simulate:main',
         f'scan_matcher = {PACKAGE}.node.scan_matcher:main',

@@ -1,8 +1,10 @@
 """Pictures: metres on both axes to the same scale, legible without colour."""
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from .recordings.files import replacing
 from .recordings.poses import compose
 
 MOST_POINTS = 3_000_000
@@ -29,6 +31,12 @@ def density_map(scans, poses) -> DensityMap:
     """The returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
     return _density(_laid_out(scans, poses), poses)
+
+
+def save(figure, path, dpi):
+    """Write a matplotlib `figure`, whole or not at all; the ending of `path` chooses the format."""
+    with replacing(path, binary=True) as file:
+        figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None)
 
 
 def plot_map(path, scans, poses, title='', truth=None):
@@ -70,8 +78,8 @@ def draw_map(path, density, poses, title='', truth=None):
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.grid(linewidth=0.3, alpha=0.5)
-    axes.legend(loc='upper left', bbox_to_anchor=(0.0, -0.06), ncols=4, frameon=False, borderaxespad=0.0)
-    figure.savefig(path, dpi=150)
+    _legend(axes)
+    save(figure, path, 150)
 
 
 def plot_world(path, segments, circles, way, routes=(), title=''):
@@ -108,8 +116,8 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     _ends(axes, way)
     axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=(low[0], high[0]),
              ylim=(low[1], high[1]))
-    _legend(figure, axes)
-    figure.savefig(path, dpi=110, bbox_inches='tight')
+    _legend(axes)
+    save(figure, path, 110)
 
 
 def plot_differences(path, table, a, b):
@@ -140,7 +148,7 @@ def plot_differences(path, table, a, b):
         axes.set_yticks(range(len(table)), table)
         axes.grid(axis='x', linewidth=0.3)
     figure.suptitle(f'A: {a}, B: {b}; filled: surely different, square: B worse')
-    figure.savefig(path, dpi=110)
+    save(figure, path, 110)
 
 
 def _ends(axes, way):
@@ -148,8 +156,12 @@ def _ends(axes, way):
     axes.plot(*way[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')
 
 
-def _legend(figure, axes):
-    figure.legend(*axes.get_legend_handles_labels(), loc='outside lower center', ncols=4, frameon=False)
+def _legend(axes):
+    from matplotlib.transforms import offset_copy
+
+    below = offset_copy(axes.transAxes, axes.figure, y=-40.0, units='points')
+    axes.legend(loc='upper left', bbox_to_anchor=(0.0, 0.0), bbox_transform=below, ncol=4, frameon=False,
+                borderaxespad=0.0)
 
 
 def _laid_out(scans, poses):

@@ -4,6 +4,7 @@ COMMANDS = {
     'scan_matcher': ('node.scan_matcher', 'laser odometry as a ROS 2 node'),
     'scan_matcher_lifecycle': ('node.scan_matcher_lifecycle', 'the same as a managed node'),
     'replay': ('commands.replay', 'odometry of recordings, offline, with a report of each'),
+    'register': ('commands.register', 'one scan onto another, in numbers and in the figures of the paper'),
     'play': ('commands.play', 'publish a recording to a running node'),
     'demo': ('commands.demo', 'the node on a simulated building or a recording, with its error'),
     'compare': ('commands.compare', 'two parameter sets or methods on the same recordings: is B worse?'),

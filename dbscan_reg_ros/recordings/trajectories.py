@@ -1,13 +1,12 @@
 """Trajectories as files: TUM (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
 import math
-import os
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from ..core.errors import RecordingError
 from .decimals import nanoseconds, seconds
+from .files import replacing
 
 
 def write_tum(path, stamps, poses):
@@ -20,7 +19,7 @@ def write_tum(path, stamps, poses):
     poses : array_like (N, 3)
         x, y [m], theta [rad].
     """
-    with _replacing(path) as file:
+    with replacing(path) as file:
         for stamp, (x, y, theta) in zip(stamps, np.asarray(poses, dtype=float).reshape(-1, 3), strict=True):
             file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n')
 
@@ -56,7 +55,7 @@ def write_csv(path, poses, indices=None, ms=None):
         Time spent on each scan [ms].
     """
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
-    with _replacing(path) as file:
+    with replacing(path) as file:
         file.write('index,x,y,theta' + (',ms' if ms is not None else '') + '\n')
         for row, (index, pose) in enumerate(zip(range(len(poses)) if indices is None else indices, poses, strict=True)):
             x, y, theta = pose.tolist()
@@ -102,16 +101,3 @@ def numbered_lines(path):
         raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
     return ((number, line.strip()) for number, line in enumerate(lines, 1)
             if line.strip() and not line.startswith('#'))
-
-
-@contextmanager
-def _replacing(path):
-    """A text file that takes the place of `path` once it is complete."""
-    path = Path(path)
-    unfinished = path.with_name(path.name + '.part')
-    try:
-        with open(unfinished, 'w', encoding='utf-8') as file:
-            yield file
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ import numpy as np
 from ..core.records import Status
 from ..plots import DensityMap
 from ..recordings import KnownMotion, interpolate
+from ..recordings.files import replacing
 from ..recordings.metrics import align, apart, errors, path_lengths, related
 from ..recordings.poses import compose, relative
 
@@ -52,7 +53,8 @@ def write_report(path, title, summary, known: KnownMotion, track, density: Densi
     }
     page = resources.files(__package__).joinpath('report.html').read_text(encoding='utf-8')
     text = json.dumps(data, separators=(',', ':'), allow_nan=False).replace('</', '<\\/')
-    path.write_text(page.replace('{{data}}', text), encoding='utf-8')
+    with replacing(path) as file:
+        file.write(page.replace('{{data}}', text))
 
 
 def _picture(ink):

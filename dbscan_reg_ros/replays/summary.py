@@ -2,12 +2,14 @@
 import json
 
 from ..core.records import Status
+from ..recordings.files import replacing
 
 
 def write_metrics(path, recording, measures):
     """Write ``metrics.json``: the recording's name and file, and every measure by its name."""
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic, **measures}
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+    with replacing(path) as file:
+        file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
 
 
 def summarise(measures) -> list:

@@ -1,0 +1,114 @@
+"""``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: one scan onto another, in numbers and in figures."""
+import math
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from .command_line import CommandError, add_data, make_parser, run
+
+
+def main(argv=None) -> int:
+    parser = make_parser('register', 'Register one scan onto another, without a guess; of a snapshot, tell what the node '
+                         'thought. Prints the motion, its covariance and status, and the hypotheses, and draws what each '
+                         'step of the method made of the two: one picture each, and all of them on sheet.png.')
+    parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
+                        '(.npz) of the node; looked for below the data folder as well')
+    parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='of a recording two: the numbers of the '
+                        'reference and of the current scan, from 0; of a snapshot that of the scan (default: the last)')
+    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+    add_data(parser)
+    parser.add_argument('--params-file', metavar='YAML', help='parameters in the form of ROS 2 (default: the defaults; for '
+                        'a snapshot its own: with others it is registered anew, without what was known of the motion)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='the pictures go to DIR/NAME_N_N/DATE, with a link '
+                        'DIR/NAME_N_N/latest (default: results)')
+    return run(parser, register, argv)
+
+
+class Pair(NamedTuple):
+    """Two scans, and what was made of them where that is known already."""
+
+    name: str
+    reference: object
+    current: object
+    parameters: object
+    registration: object = None
+
+
+def register(args):
+    """Register the pair, print what came of it and draw how."""
+    from ..figures.sheet import draw_figures
+    from ..figures.steps import Steps
+    from ..parameter_files import read_parameters
+    from ..recordings import find_recording
+    from ..replays.folder import new_folder, point_latest
+
+    path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
+    if path.suffix == '.npz':
+        pair = _of_snapshot(path, args.numbers, parameters)
+    else:
+        pair = _of_recording(path, args.topic, args.numbers, parameters)
+    steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration)
+    print('\n'.join(describe(steps.registration)), flush=True)
+    folder = new_folder(Path(args.out) / pair.name)
+    transform, status = steps.registration.transform, steps.registration.status
+    draw_figures(folder, steps, f'{pair.name}: x {transform.x:.3f} m, y {transform.y:.3f} m, '
+                                f'theta {math.degrees(transform.theta):.2f} deg, {status.value}')
+    point_latest(folder)
+    print(f'figures     {folder}')
+
+
+def describe(registration) -> list:
+    """A `Registration` in lines of words and numbers."""
+    import numpy as np
+
+    spread = np.sqrt(np.diag(registration.covariance))
+    lines = [f'status      {registration.status.value}' + (f': {registration.reason}' if registration.reason else ''),
+             f'transform   {_motion(registration.transform)}',
+             f'sigma       x {spread[0]:.4f} m  y {spread[1]:.4f} m  theta {math.degrees(spread[2]):.3f} deg',
+             'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
+             *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
+             f'overlap     {registration.overlap:.3f}']
+    if registration.free_direction is not None:
+        lines.append(f'free        along {math.degrees(registration.free_direction):.1f} deg of the reference')
+    lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
+    lines += [f'            score {h.score:.3f}  {_motion(h.transform)}' for h in registration.hypotheses]
+    return lines
+
+
+def _motion(transform):
+    return f'x {transform.x:.4f} m  y {transform.y:.4f} m  theta {math.degrees(transform.theta):.3f} deg'
+
+
+def _of_recording(path, topic, numbers, parameters):
+    from ..core.parameters import Parameters
+    from ..recordings import open_recording
+
+    if len(numbers) != 2 or min(numbers) < 0:
+        raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
+    recording = open_recording(path, topic)
+    last, scans, count = max(numbers), {}, 0
+    for count, scan in enumerate(islice(recording.scans(), last + 1), 1):
+        if count - 1 in numbers:
+            scans[count - 1] = scan
+    if last >= count:
+        raise CommandError(f'{path}: no scan {last}; it holds {count}, numbered from 0')
+    reference, current = numbers
+    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current], parameters or Parameters())
+
+
+def _of_snapshot(path, numbers, parameters):
+    from ..node.parameters import NodeParameters
+    from ..recordings.snapshots import read_snapshot
+
+    if len(numbers) > 1:
+        raise CommandError(f'{path}: expected the number of one scan of the snapshot; got {numbers}')
+    snapshot = read_snapshot(path)
+    registered = [number for number, update in enumerate(snapshot.updates) if update.registration and update.reference]
+    number = numbers[0] if numbers else max(registered, default=-1)
+    if number not in registered:
+        numbers = ', '.join(map(str, registered)) or 'none'
+        raise CommandError(f'{path}: scan {number} was not registered; those of the snapshot that were: {numbers}')
+    update = snapshot.updates[number]
+    own = NodeParameters().replace(snapshot.parameters)
+    return Pair(f'{path.stem}_{number}', update.reference, update.scan, parameters or own,
+                None if parameters else update.registration)

@@ -1,0 +1,1 @@
+"""The figures of the paper for one pair of scans: what each step of the method made of them."""

@@ -1,0 +1,66 @@
+"""What is clustered: angle differences (Figure 6) and translations (Figure 8)."""
+import numpy as np
+
+from .style import CLUSTERS, RESULT, REST, grid, legend, panels, plane
+
+CLOSE_ANGLE = 8.0
+"""Half the width of the close look at the angle differences [deg]."""
+CLOSE = 0.4
+"""Half the side of the close look at the translations [m]."""
+
+
+def draw_rotation(figure, steps):
+    """The angle differences of all pairs of segments with their clusters, and the k-dist graph with sigma."""
+    rotations, result = steps.rotations, np.degrees(steps.registration.transform.theta)
+    axes = panels(figure, ['all', 'all'], ['close', 'graph'])
+    row = np.broadcast_to(np.arange(len(rotations.difference))[:, None], rotations.difference.shape)
+    for panel in (axes['all'], axes['close']):
+        for label, members, style in _clusters(rotations.labels, range(len(rotations.phi))):
+            panel.plot(np.degrees(rotations.difference[members]), row[members], label=label, **style)
+        panel.axvline(result, label='result', **RESULT)
+        panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
+        grid(panel)
+    axes['all'].set(title=f'{rotations.difference.size} angle differences; clusters followed: {len(rotations.phi)}',
+                    xlim=(-185.0, 185.0))
+    axes['close'].set(title='close to the result', xlim=(result - CLOSE_ANGLE, result + CLOSE_ANGLE))
+    _k_distances(axes['graph'], steps)
+    legend(axes['legend'], axes['all'], 6)
+
+
+def _k_distances(axes, steps):
+    distances, k = steps.rotation_distances()
+    sigma = np.degrees(steps.rotations.sigma)
+    axes.plot(np.arange(1, len(distances) + 1), np.degrees(distances), color='black', linewidth=1.2)
+    axes.axhline(sigma, **RESULT)
+    origin = 'as given' if steps.parameters.rotation.sigma else 'from the knee, within its bounds'
+    axes.set(title=f'sigma {sigma:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
+             ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * sigma, 0.1)))
+    grid(axes)
+
+
+def draw_translation(figure, steps):
+    """The translations that pairs of matched lines and ends ask for, at the rotation nearest to the result."""
+    samples, result = steps.translations, steps.registration.transform
+    axes = panels(figure, ['all', 'close'])
+    own = samples.rotation == steps.rotation
+    ranked = np.unique(samples.labels[own & (samples.labels >= 0)])
+    for panel in axes['all'], axes['close']:
+        panel.plot(*samples.samples[~own].T, label='with another rotation', **REST | {'color': '#cccccc'})
+        for label, members, style in _clusters(np.where(own, samples.labels, -2), ranked):
+            panel.plot(*samples.samples[members].T, label=label, **style)
+        panel.axvline(result.x, label='result', **RESULT)
+        panel.axhline(result.y, **RESULT)
+    place = np.array([(result.x, result.y)])
+    shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
+    middle, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.5 * np.ptp(shown, axis=0).max() + CLOSE
+    plane(axes['all'], f'{np.count_nonzero(own)} translations; clusters: {len(ranked)}', middle - half, middle + half)
+    plane(axes['close'], f'close to the result; sigma {samples.sigma:.3f} m', place[0] - CLOSE, place[0] + CLOSE)
+    legend(axes['legend'], axes['all'], 4)
+
+
+def _clusters(labels, ranked):
+    """(name, which samples, style) of the rest and of the heaviest clusters, whose numbers `ranked` begins with."""
+    leading = list(ranked)[:len(CLUSTERS)]
+    yield 'lighter clusters', (labels >= -1) & ~np.isin(labels, leading), REST
+    for rank, (number, style) in enumerate(zip(leading, CLUSTERS), 1):
+        yield f'cluster {rank}', labels == number, style

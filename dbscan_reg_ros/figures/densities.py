@@ -1,0 +1,36 @@
+"""The densities of x and y, before and after, and how far apart they are (Figures 9 to 12)."""
+import numpy as np
+
+from ..core.divergence import log_density, shifted_divergences, silverman
+from ..core.se2 import SE2
+from .style import BLUE, GREY, grid, legend, panels
+
+PLACES = 400
+
+
+def draw_densities(figure, steps):
+    """Kernel densities of both scans' coordinates without any motion and with the result's."""
+    axes = panels(figure, ['before x', 'after x'], ['before y', 'after y'])
+    parameters = steps.parameters.divergence
+    for state, motion in (('before', SE2()), ('after', steps.registration.transform)):
+        moved = motion.apply(steps.current.features.points)
+        for name, reference, current in zip('xy', steps.reference.features.points.T, moved.T):
+            panel, bandwidth = axes[f'{state} {name}'], parameters.bandwidth or silverman(reference)
+            divergence, = shifted_divergences(reference, current, np.zeros(1), bandwidth, parameters)
+            _draw(panel, reference, current, bandwidth, parameters.margin)
+            panel.set(title=f'{state}: K-L divergence of {name} {divergence:.3f}', xlabel=f'{name} [m]',
+                      ylabel='density [1/m]')
+            grid(panel)
+    legend(axes['legend'], axes['before x'], 2)
+
+
+def _draw(axes, reference, current, bandwidth, margin):
+    both = np.concatenate((reference, current))
+    at = np.linspace(both.min() - margin * bandwidth, both.max() + margin * bandwidth, PLACES)
+    curves = [np.exp(log_density(samples, bandwidth, at)) for samples in (reference, current)]
+    step = 0.07 * max(curve.max() for curve in curves)
+    for row, (name, samples, curve, style) in enumerate((
+            ('reference', reference, curves[0], {'color': GREY, 'linewidth': 3.5}),
+            ('current', current, curves[1], {'color': BLUE, 'linewidth': 1.4, 'linestyle': '--'})), 1):
+        axes.plot(at, curve, label=f'{name}: density, and below it the points', **style)
+        axes.plot(samples, np.full(len(samples), -row * step), '|', color=style['color'], markersize=6.0)

@@ -1,0 +1,54 @@
+"""The two scans on one another, before and after, and how sure the result is (Figures 14 to 16)."""
+import math
+
+import numpy as np
+
+from ..core.se2 import SE2
+from .style import CURRENT, CURRENT_POINTS, REFERENCE, REFERENCE_POINTS, draw_segments, legend, panels, plane
+
+CONFIDENCE = 0.95
+THIN = {'linewidth': 0.9}
+
+
+def draw_overlay(figure, steps):
+    """Both scans before and after, with the segments that came to lie on one another, and the covariance ellipse."""
+    registration = steps.registration
+    axes = panels(figure, ['before', 'after', 'ellipse'], widths=[1.2, 1.2, 1.0])
+    matched = registration.matches
+    _draw_scans(axes['before'], steps, SE2(), matched)
+    _draw_scans(axes['after'], steps, registration.transform, matched)
+    plane(axes['before'], 'before')
+    plane(axes['after'], f'after: {100.0 * registration.overlap:.0f} % of the points fit,\n'
+                         f'{len(matched)} pairs of segments fit (thick)')
+    _draw_ellipse(axes['ellipse'], registration)
+    legend(axes['legend'], axes['after'], 4)
+
+
+def _draw_scans(axes, steps, moved, matched):
+    for column, (name, points, lines, motion) in enumerate((
+            ('reference', REFERENCE_POINTS, REFERENCE, SE2()), ('current', CURRENT_POINTS, CURRENT, moved))):
+        features = dict(steps.scans)[name].features
+        axes.plot(*motion.apply(features.points).T, label=f'{name}: points', **points)
+        own = np.isin(np.arange(len(features.segments)), matched[:, column])
+        draw_segments(axes, features.segments, lines | THIN, None, ~own, motion)
+        draw_segments(axes, features.segments, lines, f'{name}: segments', own, motion)
+
+
+def _draw_ellipse(axes, registration):
+    """Where the sensor is with 95 % confidence, about the result, along the reference's axes."""
+    covariance, transform = registration.covariance, registration.transform
+    turn = transform.rotation()
+    edge = ellipse(turn @ covariance[:2, :2] @ turn.T)
+    heading = math.degrees(1.96 * math.sqrt(covariance[2, 2]))
+    axes.plot(*edge.T, color='black')
+    axes.plot(0.0, 0.0, '+', color='black', markersize=12.0)
+    reach = np.full(2, 1.2 * np.abs(edge).max())
+    plane(axes, f'about the result, {CONFIDENCE:.0%};\nheading \u00b1{heading:.2g} deg', -reach, reach)
+
+
+def ellipse(covariance):
+    """``(N, 2)`` points on the ellipse that holds the confidence of a centred normal of `covariance` ``(2, 2)``."""
+    variance, axes = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * math.pi, 121)
+    circle = np.stack((np.cos(angle), np.sin(angle)), axis=1) * math.sqrt(-2.0 * math.log(1.0 - CONFIDENCE))
+    return circle * np.sqrt(np.maximum(variance, 0.0)) @ axes.T

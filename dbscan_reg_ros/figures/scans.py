@@ -1,0 +1,50 @@
+"""What a scan is made of: its points (Figure 2), its segments, breakpoints and ends (Figures 3 and 5)."""
+import numpy as np
+
+from ..core.records import EndKind
+from ..core.ring_band import Outcome
+from .style import BLUE, POINTS, REST, draw_segments, legend, panels, plane
+
+OUTCOMES = {
+    Outcome.KEPT: ('kept', POINTS),
+    Outcome.SMOOTHED: ('smoothed', {'color': '#007a5a', 'marker': 'o'}),
+    Outcome.CORNER: ('corner, kept', {'color': '#0b5fa5', 'marker': 's'}),
+    Outcome.REMOVED: ('removed', {'color': '#d55e00', 'marker': 'x'}),
+}
+ENDS = {
+    EndKind.CORNER: ('corner', {'color': '#d55e00', 'marker': 's'}),
+    EndKind.FREE: ('free end', {'color': '#007a5a', 'marker': 'o'}),
+    EndKind.OCCLUSION: ('end by occlusion', {'color': '#8a3d7a', 'marker': 'v'}),
+}
+OPEN = {'linestyle': 'none', 'markersize': 7.0, 'markerfacecolor': 'none', 'markeredgewidth': 1.3}
+
+
+def draw_points(figure, steps):
+    """Both scans as measured, with what the ring band filter made of each point, and as filtered."""
+    axes = panels(figure, [f'{name} {state}' for name, _ in steps.scans for state in ('measured', 'filtered')])
+    for name, scan in steps.scans:
+        before, after = axes[f'{name} measured'], axes[f'{name} filtered']
+        for outcome, (label, style) in OUTCOMES.items():
+            before.plot(*scan.measured[scan.outcome == outcome].T, label=label, **OPEN | style)
+        after.plot(*scan.filtered.T, **POINTS)
+        after.update_datalim(scan.measured[np.isfinite(scan.measured[:, 0])])
+        counts = [np.count_nonzero(scan.outcome == outcome) for outcome in OUTCOMES][1:]
+        plane(before, f'{name} as measured')
+        plane(after, '{}: {} smoothed,\n{} corners kept, {} removed'.format(name, *counts))
+    legend(axes['legend'], axes['reference measured'], 4)
+
+
+def draw_scan_segments(figure, steps):
+    """The segments of both scans, the breakpoints between surfaces, and what ends each segment."""
+    axes = panels(figure, [name for name, _ in steps.scans])
+    for name, scan in steps.scans:
+        panel, segments, points = axes[name], scan.features.segments, scan.features.points
+        panel.plot(*points.T, label='point', **REST)
+        draw_segments(panel, segments, {'color': BLUE, 'linewidth': 2.0}, 'segment')
+        torn = np.union1d(np.flatnonzero(scan.breaks), np.flatnonzero(scan.breaks) + 1)
+        panel.plot(*points[torn].T, label='breakpoint', **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
+        ends = np.concatenate((segments.start, segments.end))
+        for kind, (label, style) in ENDS.items():
+            panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)
+        plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breaks')
+    legend(axes['legend'], axes['reference'], 6)

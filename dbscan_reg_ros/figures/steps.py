@@ -1,0 +1,112 @@
+"""The registration of two scans, step by step, with what each step hands on."""
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.clustering import k_distances
+from ..core.features import extract_features
+from ..core.parameters import Parameters
+from ..core.records import Features, Registration
+from ..core.registration import register
+from ..core.ring_band import ring_band_filter
+from ..core.rotation import Rotations, estimate_rotations, pair_weights
+from ..core.scan import Scan
+from ..core.se2 import wrap
+from ..core.segments import find_breaks
+from ..core.translation import Translations, estimate_translations
+
+
+@dataclass(frozen=True, eq=False)
+class ScanSteps:
+    """What became of one scan.
+
+    Attributes
+    ----------
+    features : Features
+    measured, filtered : (N, 2) float [m]
+        Points before and after the ring band filter; not finite without a return or when removed.
+    outcome : (N,) int
+        What the filter did with each beam, an `Outcome`.
+    breaks : (P - 1,) bool
+        Between which of the features' points a breakpoint lies.
+    """
+
+    features: Features
+    measured: np.ndarray
+    filtered: np.ndarray
+    outcome: np.ndarray
+    breaks: np.ndarray
+
+    @classmethod
+    def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
+        """Raises ScanError when the scan has too few returns."""
+        features = extract_features(scan, parameters)
+        measured = _within_limits(scan, parameters.scan).points
+        filtered, outcome = ring_band_filter(measured, features.noise, parameters.filter)
+        radius = np.hypot(*features.points.T)
+        breaks = find_breaks(features.points, radius, features.beams, scan.geometry, features.noise, parameters.segments)
+        return cls(features, measured, filtered, outcome, breaks)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """What became of a pair of scans.
+
+    Attributes
+    ----------
+    reference, current : ScanSteps
+    rotations : Rotations
+    translations : Translations
+    registration : Registration
+    parameters : Parameters
+    """
+
+    reference: ScanSteps
+    current: ScanSteps
+    rotations: Rotations
+    translations: Translations
+    registration: Registration
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, reference: Scan, current: Scan, parameters: Parameters, registration: Registration | None = None) -> 'Steps':
+        """The steps that lead from two scans to their `registration`; without one they are registered anew.
+
+        Raises
+        ------
+        ScanError
+            When one of the scans has too few returns.
+        """
+        p = parameters
+        reference, current = ScanSteps.of(reference, p), ScanSteps.of(current, p)
+        lines = reference.features.segments, current.features.segments
+        weights = pair_weights(*lines, p.rotation)
+        rotations = estimate_rotations(*lines, weights, p.rotation)
+        translations = estimate_translations(*lines, rotations, weights, p.translation)
+        return cls(reference, current, rotations, translations,
+                   registration or register(reference.features, current.features, p), p)
+
+    @property
+    def scans(self) -> tuple:
+        """(name, `ScanSteps`) of both."""
+        return ('reference', self.reference), ('current', self.current)
+
+    @property
+    def rotation(self) -> int | None:
+        """The rotation hypothesis nearest to the result; None where there is none."""
+        off = np.abs(wrap(self.rotations.phi - self.registration.transform.theta))
+        return int(np.argmin(off)) if len(off) else None
+
+    def rotation_distances(self):
+        """The k-dist graph of the angle differences [rad], and its k."""
+        k = max(self.parameters.rotation.min_points - 1, 1)
+        return k_distances(self.rotations.difference.ravel(), k), k
+
+
+def _within_limits(scan, limits):
+    """`scan` with the range limits of the parameters, where they are narrower than the sensor's."""
+    geometry = scan.geometry
+    nearest, farthest = max(geometry.range_min, limits.range_min), min(geometry.range_max, limits.range_max or np.inf)
+    if (nearest, farthest) == (geometry.range_min, geometry.range_max):
+        return scan
+    return replace(scan, geometry=replace(geometry, range_min=nearest, range_max=farthest))

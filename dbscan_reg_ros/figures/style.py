@@ -1,0 +1,53 @@
+"""What all figures share. Things differ in marker or line style, never in colour alone."""
+import numpy as np
+
+from ..core.se2 import SE2
+
+GREY, BLUE = '#999999', '#0b3d66'
+REFERENCE = {'color': GREY, 'linewidth': 5.0, 'alpha': 0.6, 'solid_capstyle': 'butt'}
+CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
+"""Lines of the two scans: the second lies visibly on the first."""
+REFERENCE_POINTS = {'color': GREY, 'marker': 'o', 'markersize': 3.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
+CURRENT_POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+CLUSTERS = tuple({'color': color, 'marker': marker, 'markersize': 6.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
+                 for color, marker in (('#d55e00', 'o'), (BLUE, 's'), ('#007a5a', '^'), ('#8a3d7a', 'D')))
+"""The heaviest clusters, in this order."""
+REST = {'color': '#777777', 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+RESULT = {'color': 'black', 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
+
+
+def panels(figure, *rows, widths=None) -> dict:
+    """Axes by name, laid out in `rows` of names, and below them a strip called ``legend``."""
+    heights = [1.0] * len(rows) + [0.1 * len(rows)]
+    return figure.subplot_mosaic([*map(list, rows), ['legend'] * len(rows[0])],
+                                 gridspec_kw={'height_ratios': heights, 'width_ratios': widths})
+
+
+def legend(axes, source, columns):
+    """The legend of the axes `source`, in a strip of its own."""
+    axes.axis('off')
+    axes.legend(*source.get_legend_handles_labels(), loc='center', ncol=columns, frameon=False)
+
+
+def plane(axes, title, low=None, high=None):
+    """Make `axes` a plan to scale, of all that is drawn or from the corner `low` to the corner `high` [m]."""
+    axes.set(title=title, xlabel='x [m]', ylabel='y [m]')
+    if low is None:
+        axes.set_aspect('equal', adjustable='datalim')
+    else:
+        axes.set_aspect('equal', adjustable='box')
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    grid(axes)
+
+
+def grid(axes):
+    axes.grid(linewidth=0.3, alpha=0.6)
+    axes.locator_params(axis='x', nbins=5)
+
+
+def draw_segments(axes, segments, style, label, chosen=slice(None), moved=SE2()):
+    """The `chosen` line segments, moved by the motion `moved`, as one entry of the legend."""
+    start, end = segments.start[chosen], segments.end[chosen]
+    ends = moved.apply(np.stack((start, end, np.full_like(end, np.nan)), axis=1))
+    axes.plot(*ends.reshape(-1, 2).T, label=label, **style)
