@@ -115,10 +115,8 @@ def test_a_replay_is_what_the_node_answers_however_the_laser_sits(start_node, sc
     from rosbags.highlevel import AnyReader
 
     from dbscan_reg_ros.node.player import Player
-    maker, laser = MessageMaker(), SE2(0.3, -0.1, 2.0)
-    bag = write_bag(tmp_path / 'drive', [
-        ('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
-        for scan in scans[:40]])
+    laser = SE2(0.3, -0.1, 2.0)
+    bag = scan_bag(tmp_path / 'drive', scans[:40])
     file = tmp_path / 'a.yaml'
     file.write_text('/**: {ros__parameters: {mounting: laser_pose, laser_pose: [0.3, -0.1, 2.0], prior.source: none}}')
     start_node('--params-file', str(file), '-p', 'mounting:=laser_pose')
@@ -213,7 +211,7 @@ def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp
     assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert 'a.log:10: damaged FLASER skipped' in printed
-    assert re.search(r'^scan 18 not used: ', printed, re.MULTILINE)
+    assert re.search(r'^scan 17 not used: ', printed, re.MULTILINE)
     assert re.search(r'^scans +28 lost 1 ', printed, re.MULTILINE)
     assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
 

@@ -40,7 +40,7 @@ def page(replayed, simulation, tmp_path):
         track, spots = replayed
         path = tmp_path / 'report.html'
         write_report(path, 'a </script> <b>name</b>', [('scans', '100')], known, track,
-                     density_map(simulation.scans[20:120], track.poses), spots, parameters)
+                     density_map(simulation.scans[20:120], track.poses), spots, parameters, 'show a.log')
         return path
     return page
 
@@ -71,6 +71,19 @@ def test_a_spot_shows_the_scan_where_the_odometry_lays_it(simulation):
     for spot in spots.found():
         gaps = np.linalg.norm(spot.current[:, None] - spot.reference, axis=-1).min(axis=1)
         assert isinstance(spot, Spot) and np.median(gaps) < 0.05
+        current, reference = (lines[:, 1] - lines[:, 0] for lines in (spot.current_lines, spot.reference_lines))
+        cosines = (current * reference).sum(axis=1) / np.hypot(*current.T) / np.hypot(*reference.T)
+        assert len(cosines) > 3 and np.abs(cosines).min() > 0.99
+
+
+def test_a_spot_knows_the_scan_that_was_its_reference(simulation):
+    odometry, spots, numbers = Odometry(), Spots(), {}
+    for number, scan in enumerate(simulation.scans[20:80]):
+        update = odometry.process(scan)
+        spots.add(update)
+        numbers[number] = update.reference and simulation.scans[20:80].index(update.reference.scan)
+    assert len({spot.reference_number for spot in spots.found()}) > 1
+    assert all(numbers[spot.number] == spot.reference_number for spot in spots.found())
 
 
 def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page, simulation):
@@ -99,21 +112,24 @@ def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page,
 
 def test_a_click_on_a_spot_shows_its_pair(browser, page):
     browser.open(page().as_uri())
-    spots = json.loads(browser.value('JSON.stringify(data.spots.map(spot => [spot.scan, spot.status]))'))
+    spots = json.loads(browser.value('JSON.stringify(data.spots.map(spot => [spot.scan, spot.on, spot.status]))'))
     for section in ('#statuses', '#map'):
-        for index, (scan, status) in enumerate(spots):
+        for index, (scan, reference, status) in enumerate(spots):
             browser.click(f'{section} .spot[data-spot="{index}"]')
             chosen = browser.value('[...document.querySelectorAll(".chosen")].map(x => x.dataset.spot)')
             if section == '#statuses':
                 assert chosen == [str(index)] * 2
                 assert browser.value('document.getElementById("which").textContent').startswith(
-                    f'{index + 1} of {len(spots)}: scan {scan}, after ')
+                    f'{index + 1} of {len(spots)}: scan {scan} on scan {reference}, after ')
+                assert browser.value('document.getElementById("register").textContent') == f'show a.log {reference} {scan}'
                 assert status in browser.value('document.getElementById("which").textContent')
             else:
                 assert len(chosen) == 2
             dots = browser.value('[...document.querySelectorAll("#overlay .dots")]'
                                  '.map(x => x.getAttribute("d").length)')
             assert len(dots) == 2 and min(dots) > 500
+            walls = browser.value('[...document.querySelectorAll("#overlay .wall")].map(x => x.getAttribute("d"))')
+            assert len(walls) == 2 and walls[0].count('M') == walls[1].count('M') > 1
     browser.click('#next')
     assert browser.complaints == []
 

@@ -66,7 +66,7 @@ def run(parser, work, argv=None) -> int:
     int
         What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
     """
-    args = parser.parse_args(argv)
+    args = parser.parse_intermixed_args(argv)
     try:
         return work(args) or 0
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line

@@ -99,5 +99,13 @@ def write_results(folder, recording, track, spots, parameters) -> list:
     draw_map(folder / 'map.png', density, poses, title)
     summary = summarise(measures)
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
-                 spots.found(), parameters)
+                 spots.found(), parameters, register_command(folder, recording))
     return [*recording.problems, *track.problems, *(f'{name:11} {value}' for name, value in summary)]
+
+
+def register_command(folder, recording) -> str:
+    """What shows a pair of the recording with the parameters of the replay in `folder`, once the numbers are added."""
+    import shlex
+    parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
+    return shlex.join(['python', '-m', 'dbscan_reg_ros', 'register', '--params-file', str(parameters),
+                       '--topic', recording.topic, str(path)])

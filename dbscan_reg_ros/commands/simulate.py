@@ -2,7 +2,7 @@
 from .command_line import CommandError, make_parser, run
 
 WORLDS = ('rooms', 'corridor', 'hall')
-PRESETS = ('lms200', 'lms511', 'urg04lx', 'utm30lx', 'rplidar_a2')
+PRESETS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'rplidar_a', 'rplidar_s', 'sick_lms200', 'sick_lms5xx')
 LIDAR = (
     ('--beams', int, 'N', 'beams'),
     ('--angle-min', float, 'DEG', 'bearing of the first beam'),
@@ -11,14 +11,15 @@ LIDAR = (
     ('--range-max', float, 'M', 'farthest return'),
     ('--rate', float, 'HZ', 'scans a second'),
     ('--duration', float, 'S', 'from the first beam to the last; 0: at once'),
-    ('--noise', float, 'M', 'standard deviation of a range'),
+    ('--noise', float, 'M', 'least standard deviation of a range'),
+    ('--noise-share', float, 'SHARE', 'the same as a share of the range, where that is more'),
     ('--resolution', float, 'M', 'ranges are multiples of it'),
     ('--dropouts', float, 'SHARE', 'beams without a return, 0..1'),
     ('--outliers', float, 'SHARE', 'random ranges, 0..1'),
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
-    'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'resolution': (0.0, 10.0), 'dropouts': (0.0, 1.0),
+    'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0), 'dropouts': (0.0, 1.0),
     'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
 }
 
@@ -38,7 +39,9 @@ def main(argv=None) -> int:
     world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='limit (default: 0.8)')
     world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='limit (default: 0.9)')
     lidar = parser.add_argument_group('the lidar')
-    lidar.add_argument('--lidar', choices=PRESETS, default='lms200', help='what the others change (default: lms200)')
+    lidar.add_argument('--lidar', choices=PRESETS, default='sick_lms200',
+                       help='what the others change, called as the file of parameters that suits it in config '
+                       '(default: sick_lms200)')
     for option, kind, unit, words in LIDAR:
         lidar.add_argument(option, type=kind, metavar=unit, help=words)
     lidar.add_argument('--mounting', type=float, nargs=3, metavar=('X', 'Y', 'DEG'),

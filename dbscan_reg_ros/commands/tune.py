@@ -1,5 +1,4 @@
 """``tune FILE...``: search the parameters that suit recordings."""
-from concurrent.futures import as_completed
 from pathlib import Path
 
 from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run
@@ -84,17 +83,11 @@ def evaluated(executor, trials, start, paths, topic, objective, limit):
     """(number, cost) of the `trials`, number -> values, as they are done: the mean over the recordings."""
     from ..tuning.objective import cost_of
 
-    futures = {}
-    for number, values in trials.items():
-        parameters = start.replace(values)
-        for path in paths:
-            futures[executor.submit(cost_of, path, topic, parameters, objective, limit)] = number
-    costs = {number: [] for number in trials}
-    for future in as_completed(futures):
-        number = futures[future]
-        costs[number].append(future.result())
-        if len(costs[number]) == len(paths):
-            yield number, sum(sorted(costs[number])) / len(paths)
+    candidates = [start.replace(values) for values in trials.values()]
+    costs = executor.map(cost_of, *zip(*((path, topic, candidate, objective, limit)
+                                         for candidate in candidates for path in paths), strict=True))
+    for number in trials:
+        yield number, sum(next(costs) for _ in paths) / len(paths)
 
 
 def progress(total):

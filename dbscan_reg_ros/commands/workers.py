@@ -59,7 +59,7 @@ def processors() -> int:
 
 
 class _Here(Executor):
-    """Does at once what is submitted, in this process."""
+    """Does at once what is submitted, in this process; what is mapped when its result is asked for."""
 
     def submit(self, function, /, *args, **kwargs):
         future = Future()
@@ -68,6 +68,9 @@ class _Here(Executor):
         except Exception as error:  # noqa: BLE001 - whoever asks for the result gets it
             future.set_exception(error)
         return future
+
+    def map(self, function, *iterables, **_):
+        return map(function, *iterables)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """What is clustered: angle differences (Figure 6) and translations (Figure 8)."""
 import numpy as np
 
-from .style import CLUSTERS, RESULT, REST, grid, legend, panels, plane
+from .style import CLUSTERS, REST, RESULT, grid, legend, panels, plane
 
 CLOSE_ANGLE = 8.0
 """Half the width of the close look at the angle differences [deg]."""

@@ -17,7 +17,7 @@ BARS = 40
 LEVELS = [status.value for status in Status]
 
 
-def write_report(path, title, summary, known: KnownMotion, track, density: DensityMap, spots, parameters):
+def write_report(path, title, summary, known: KnownMotion, track, density: DensityMap, spots, parameters, register=''):
     """Write the page.
 
     Parameters
@@ -33,6 +33,8 @@ def write_report(path, title, summary, known: KnownMotion, track, density: Densi
         Of the track.
     spots : list of Spot
     parameters : Parameters
+    register : str
+        The command that shows a pair once the numbers of its scans are added.
     """
     poses = track.pose_array()
     distance = path_lengths(poses) if len(poses) else np.zeros(0)
@@ -45,9 +47,12 @@ def write_report(path, title, summary, known: KnownMotion, track, density: Densi
         'statusNames': LEVELS,
         'others': list(_others(known, track.stamps, poses)),
         'errors': _errors(known, track.stamps, poses, distance),
-        'spots': [{'number': spot.number, 'scan': int(scans[spot.number]) + 1, 'status': spot.status.value,
-                   'reason': spot.reason, 'overlap': round(float(spot.overlap), 3),
-                   'reference': _rounded(spot.reference.T), 'current': _rounded(spot.current.T)} for spot in spots],
+        'spots': [{'number': spot.number, 'scan': int(scans[spot.number]), 'on': int(scans[spot.reference_number]),
+                   'status': spot.status.value, 'reason': spot.reason, 'overlap': round(float(spot.overlap), 3),
+                   'reference': _rounded(spot.reference.T), 'current': _rounded(spot.current.T),
+                   'lines': [_rounded(lines.reshape(-1, 4)) for lines in (spot.reference_lines, spot.current_lines)]}
+                  for spot in spots],
+        'register': register,
         'times': _times(np.array(track.milliseconds)),
         'parameters': list(_parameters(parameters)),
     }

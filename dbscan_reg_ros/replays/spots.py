@@ -1,5 +1,6 @@
 """The scans of a replay that deserve a look, each with the scan that it was registered to."""
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,22 +20,27 @@ class Spot:
 
     Attributes
     ----------
-    number : int
-        Of the scan among those used, from 0.
+    number, reference_number : int
+        Of the scan and of its reference among those used, from 0.
     status : Status
     overlap : float
         Share of the scan's returns on the reference's surfaces, 0..1.
     reason : str
     reference, current : (P, 2) float [m]
         Returns of the reference, and of the scan where the odometry lays them, in the reference's frame.
+    reference_lines, current_lines : (K, 2, 2) float [m]
+        Start and end of the segments that are matched, likewise.
     """
 
     number: int
+    reference_number: int
     status: Status
     overlap: float
     reason: str
     reference: np.ndarray
     current: np.ndarray
+    reference_lines: np.ndarray
+    current_lines: np.ndarray
 
 
 class Spots:
@@ -42,32 +48,40 @@ class Spots:
 
     def __init__(self):
         self._bad, self._least_sure, self._count, self._last = [], {}, 0, Status.OK
+        self._references = WeakKeyDictionary()
 
     def add(self, update):
         """Look at the `OdometryUpdate` of the next scan."""
         number, self._count = self._count, self._count + 1
+        if update.reference_changed:
+            self._references[update.features] = number
         changed, self._last = update.status is not self._last, update.status
         if update.registration is None or update.reference is None:
             return
         if update.status is not Status.OK:
             if changed and len(self._bad) < MOST_BAD:
-                self._bad.append(_spot(number, update))
+                self._bad.append(self._spot(number, update))
             return
         block = number // BLOCK
         if block not in self._least_sure or update.registration.overlap < self._least_sure[block].overlap:
-            self._least_sure[block] = _spot(number, update)
+            self._least_sure[block] = self._spot(number, update)
 
     def found(self) -> list:
         """Every `Spot`, in the order of the scans."""
         least = sorted(self._least_sure.values(), key=lambda spot: spot.overlap)[:LEAST_SURE]
         return sorted([*self._bad, *least], key=lambda spot: spot.number)
 
+    def _spot(self, number, update):
+        moved = update.reference_pose.inverse() @ update.pose
+        registration, reference, current = update.registration, update.reference, update.features
+        matched, matching = registration.matches.T
+        return Spot(number, self._references[reference], update.status, registration.overlap, registration.reason,
+                    _thinned(reference.points), moved.apply(_thinned(current.points)),
+                    _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
 
-def _spot(number, update):
-    moved = update.reference_pose.inverse() @ update.pose
-    registration = update.registration
-    return Spot(number, update.status, registration.overlap, registration.reason,
-                _thinned(update.reference.points), moved.apply(_thinned(update.features.points)))
+
+def _lines(segments, chosen):
+    return np.stack((segments.start[chosen], segments.end[chosen]), axis=1)
 
 
 def _thinned(points):

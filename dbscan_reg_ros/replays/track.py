@@ -28,7 +28,7 @@ class Track:
     used : list of bool
         For every scan of the recording.
     problems : list of str
-        Why scans were not used.
+        Why scans were not used; they are numbered from 0.
     """
 
     yaw: float = 0.0
@@ -42,7 +42,7 @@ class Track:
     def follow(self, scans, odometry):
         """Feed `scans` to `odometry`, an `Odometry` or what has a ``process`` like it, and yield each answer."""
         turn = SE2(theta=self.yaw)
-        for number, scan in enumerate(scans, 1):
+        for number, scan in enumerate(scans):
             begin = perf_counter()
             try:
                 update = odometry.process(scan)
