@@ -4,7 +4,7 @@ import pytest
 from matplotlib.image import imread
 from rosbags.highlevel import AnyReader
 
-from dbscan_reg_ros.commands.simulate import main
+from dbscan_reg_ros.commands.simulate import PRESETS, main
 from dbscan_reg_ros.core.se2 import wrap
 from dbscan_reg_ros.recordings import interpolate, open_recording
 from dbscan_reg_ros.recordings.poses import relative
@@ -30,12 +30,12 @@ def messages(bag, topic):
 
 
 def test_a_bag_holds_scans_wheels_gyroscope_and_truth(simulated, capsys):
-    bag = simulated('bag', '--lidar', 'urg04lx', '--mounting', 0.2, -0.1, 90)
+    bag = simulated('bag', '--lidar', 'hokuyo_urg04lx', '--mounting', 0.2, -0.1, 90)
     printed = capsys.readouterr().out
     recording = open_recording(bag)
     scans = list(recording.scans())
     assert recording.topic == '/scan' and f'{len(scans)} /scan, ' in printed
-    assert scans[0].geometry == LIDARS['urg04lx'].geometry
+    assert scans[0].geometry == LIDARS['hokuyo_urg04lx'].geometry
     assert np.diff(recording.stamps()).tolist() == [10**8] * (len(scans) - 1)
     stamps, truth = recording.truth()
     assert stamps.tolist() == recording.stamps()
@@ -56,6 +56,12 @@ def test_a_log_holds_the_same_scans_and_the_same_truth(simulated):
     np.testing.assert_allclose(bag.truth()[1], log.truth()[1], atol=1e-8)
     np.testing.assert_allclose(interpolate(*bag.wheel_odometry(), log.stamps()[:-1]), log.wheel_odometry()[1][:-1],
                                atol=1e-8)
+
+
+def test_there_is_a_lidar_for_every_file_of_a_sensor(root):
+    assert set(PRESETS) == set(LIDARS)
+    sensors = {path.stem for path in (root / 'config').glob('*.yaml')} - {'scan_matcher', 'paper', 'ekf'}
+    assert set(PRESETS) - sensors == {'sick_lms200'} and sensors <= set(PRESETS)
 
 
 def test_one_seed_gives_one_recording_and_another_another(simulated):

@@ -5,7 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.se2 import SE2
+from dbscan_reg_ros import SE2, Parameters, register
+from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.parameter_files import read_parameters
+from dbscan_reg_ros.recordings.metrics import apart, errors
+from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.replays.track import track_of
 from dbscan_reg_ros.simulation import (LIDARS, Lidar, Path, Person, World, corridor, demo, follow, hall, measure, rooms,
                                        simulate, wheel_odometry, yaw_rates)
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -15,6 +20,11 @@ EXACT = Lidar(noise=0.0)
 NO_CIRCLES = np.empty((0, 3))
 NO_SEGMENTS = np.empty((0, 2, 2))
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
+
+
+def exact(name):
+    """A lidar that measures at once and without any error."""
+    return dataclasses.replace(LIDARS[name], noise=0.0, noise_share=0.0, resolution=0.0, dropouts=0.0, duration=0.0)
 
 
 def directions(angles):
@@ -84,7 +94,7 @@ def test_ranges_agree_with_shapely_over_10000_random_beams():
 @pytest.mark.parametrize('lidar', [
     EXACT,
     Lidar(noise=0.0, mounting=SE2(0.2, -0.1, 0.7)),
-    dataclasses.replace(LIDARS['rplidar_a2'], noise=0.0, dropouts=0.0, duration=0.0),
+    exact('rplidar_a'),
 ], ids=['plain', 'mounted', 'clockwise'])
 def test_truth_lays_every_return_on_a_surface(lidar):
     world = rooms(1)
@@ -96,7 +106,7 @@ def test_truth_lays_every_return_on_a_surface(lidar):
 
 def test_motion_within_a_scan_shows_in_the_ranges_and_is_undone_by_the_path():
     world = rooms(1)
-    lidar = dataclasses.replace(LIDARS['urg04lx'], noise=0.0, resolution=0.0)
+    lidar = dataclasses.replace(exact('hokuyo_urg04lx'), duration=LIDARS['hokuyo_urg04lx'].duration)
     result = simulate(world, follow(world.tour[:3]), lidar)
     straight = 0.0
     for stamp, scan, pose in zip(result.stamps, result.scans, result.truth, strict=True):
@@ -123,6 +133,13 @@ def test_noise_dropouts_and_outliers_are_those_asked_for():
     assert (~near).sum() / len(truth.ranges) == pytest.approx(0.1, abs=0.005)
     assert error[near].std() == pytest.approx(0.02, rel=0.05)
     assert error[near].mean() == pytest.approx(0.0, abs=5e-4)
+
+
+def test_the_noise_grows_with_the_range_where_a_share_is_asked_for():
+    lidar = Lidar(beams=50_000, noise=0.01, noise_share=0.02)
+    near, far = (lidar.measured(np.full(lidar.beams, distance), rng()) - distance for distance in (0.3, 4.0))
+    assert near.std() == pytest.approx(0.01, rel=0.03) and far.std() == pytest.approx(0.08, rel=0.03)
+    assert lidar.measured(np.array([math.inf]), rng()) == [math.inf]
 
 
 def test_ranges_beyond_the_limits_are_missing_and_others_are_rounded():
@@ -171,6 +188,33 @@ def test_a_pause_is_stood_out():
 def test_a_path_interpolates_between_its_points_and_wraps_the_heading():
     path = Path(np.array([0.0, 2.0]), np.array([(0.0, 0.0, 3.0), (1.0, 2.0, 4.0)]))
     np.testing.assert_allclose(path.poses_at([1.0]), [(0.5, 1.0, 3.5 - 2.0 * math.pi)])
+
+
+@pytest.mark.parametrize(('make', 'name'), [
+    (rooms, 'hokuyo_utm30lx'), (rooms, 'rplidar_a'), (rooms, 'sick_lms5xx'), (hall, 'hokuyo_utm30lx'),
+    (hall, 'sick_lms5xx'),
+])
+def test_registration_of_scans_without_noise_is_exact(make, name):
+    """Off by less than 0.1 mm and 0.006 deg between places 0.3 s apart on the tour."""
+    world, lidar = make(seed=1), exact(name)
+    path = follow(world.tour)
+    for time in rng().uniform(0.0, path.duration - 1.0, 20):
+        first, second = path.poses_at([time, time + 0.3])
+        found = register(*(extract_features(measure(world, [pose], lidar, rng())) for pose in (first, second)))
+        error = (SE2.from_array(first).inverse() @ SE2.from_array(second)).inverse() @ found.transform
+        assert math.hypot(error.x, error.y) < 1e-4 and abs(error.theta) < 1e-4
+
+
+@pytest.mark.parametrize('name', LIDARS)
+def test_every_lidar_is_followed_with_the_parameters_of_its_file(root, name):
+    world, lidar = rooms(1), LIDARS[name]
+    drive = simulate(world, follow(world.tour[:4], speed=1.0), lidar, seed=1)
+    scans = drive.scans[:int(5.0 * lidar.rate)]
+    file = root / 'config' / f'{name}.yaml'
+    poses = track_of(scans, read_parameters(file) if file.exists() else Parameters()).pose_array()
+    first, later = apart(drive.truth[:len(scans)], 1.0)
+    metres, degrees = errors(relative(poses[first], poses[later]), relative(drive.truth[first], drive.truth[later]))
+    assert len(metres) >= 5 and metres.mean() < 0.05 and degrees.mean() < 2.0
 
 
 @pytest.mark.parametrize('make', WORLDS.values(), ids=WORLDS)

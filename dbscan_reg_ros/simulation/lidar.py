@@ -27,7 +27,9 @@ class Lidar:
     duration : float [s]
         From the first to the last beam; 0: all at once.
     noise : float [m]
-        Standard deviation of a range.
+        Least standard deviation of a range.
+    noise_share : float
+        The same as a share of the range, where that is more.
     dropouts, outliers : float
         Share of the beams without a return, and with a random one between `range_min` and 10 m at most.
     resolution : float [m]
@@ -44,6 +46,7 @@ class Lidar:
     rate: float = 10.0
     duration: float = 0.0
     noise: float = 0.01
+    noise_share: float = 0.0
     dropouts: float = 0.0
     outliers: float = 0.0
     resolution: float = 0.0
@@ -62,7 +65,8 @@ class Lidar:
     def measured(self, distances, rng):
         """(N,) ranges [m] that the sensor says of true `distances` (N,) [m]; `inf` without a return."""
         number = len(distances)
-        ranges = distances + rng.normal(0.0, self.noise, number) if self.noise else distances
+        spread = np.maximum(self.noise, self.noise_share * np.minimum(distances, self.range_max))
+        ranges = distances + rng.normal(0.0, spread)
         kind = rng.random(number)
         random = rng.uniform(self.range_min, min(OUTLIER_RANGE, self.range_max), number)
         ranges = np.where(kind < self.outliers, random, ranges)
@@ -73,13 +77,18 @@ class Lidar:
 
 
 LIDARS = {
-    'lms200': Lidar(180, -math.pi / 2, math.radians(1.0), 0.1, 30.0, 10.0, noise=0.01, resolution=0.01),
-    'lms511': Lidar(381, math.radians(-95.0), math.radians(0.5), 0.7, 80.0, 25.0, duration=0.021, noise=0.007,
-                    resolution=0.001),
-    'urg04lx': Lidar(682, math.radians(-120.0), math.radians(240.0) / 681, 0.06, 4.0, 10.0, duration=0.0667, noise=0.01,
-                     resolution=0.001),
-    'utm30lx': Lidar(1081, math.radians(-135.0), math.radians(0.25), 0.1, 30.0, 40.0, duration=0.019, noise=0.01,
-                     resolution=0.001),
-    'rplidar_a2': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.1, noise=0.015, dropouts=0.02),
+    'hokuyo_urg04lx': Lidar(682, math.radians(-120.0), math.radians(240.0) / 681, 0.06, 4.0, 10.0, duration=0.0667,
+                            noise=0.01, noise_share=0.01, resolution=0.001),
+    'hokuyo_utm30lx': Lidar(1081, math.radians(-135.0), math.radians(0.25), 0.1, 30.0, 40.0, duration=0.019, noise=0.01,
+                            resolution=0.001),
+    'lds': Lidar(360, 0.0, math.radians(1.0), 0.12, 3.5, 5.0, duration=0.199, noise=0.01, noise_share=0.02,
+                 resolution=0.001),
+    'rplidar_a': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.0999, noise=0.01,
+                       noise_share=0.01, dropouts=0.02),
+    'rplidar_s': Lidar(920, math.pi, -math.radians(360.0 / 920), 0.1, 30.0, 10.0, duration=0.0999, noise=0.02,
+                       resolution=0.001),
+    'sick_lms200': Lidar(180, -math.pi / 2, math.radians(1.0), 0.1, 30.0, 10.0, noise=0.01, resolution=0.01),
+    'sick_lms5xx': Lidar(381, math.radians(-95.0), math.radians(0.5), 0.7, 80.0, 25.0, duration=0.021, noise=0.007,
+                         resolution=0.001),
 }
-"""Lidars by name, after their data sheets."""
+"""Lidars by name, after their data sheets; where `config` has a file for one, it is called the same."""
