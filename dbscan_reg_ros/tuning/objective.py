@@ -2,6 +2,7 @@
 import dataclasses
 import itertools
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..recordings import KnownMotion, open_recording
 from ..recordings.metrics import apart, errors, path_lengths
 from ..recordings.poses import relative
 from ..replays.comparison import METRES, paired
-from ..replays.track import Track
+from ..replays.track import Track, track_of
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
 HOPELESS = 1e3
@@ -34,26 +35,24 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
     RecordingError
         When the recording cannot be read, or `objective` is ``truth`` and nothing is known of it.
     """
-    recording = open_recording(path, topic)
-    known = KnownMotion.of(recording)
-    scans = list(itertools.islice(recording.scans(), limit))
+    known = _known(path, topic)
+    scans = list(itertools.islice(open_recording(path, topic).scans(), limit))
     if objective == 'truth' or objective == 'auto' and (known.truth or known.relations):
-        track, _ = _track(scans, parameters)
+        track = track_of(scans, parameters)
         return float(paired(known, track, track).a[0].mean()) if len(track.poses) > 1 else HOPELESS
     return _inconsistency(scans, parameters)
 
 
-def _track(scans, parameters):
-    """The `Track`, and the features of its scans."""
-    track = Track()
-    features = [update.features for update in track.follow(scans, Odometry(parameters))]
-    return track, features
+@lru_cache
+def _known(path, topic):
+    """Read once, not for every trial."""
+    return KnownMotion.of(open_recording(path, topic))
 
 
 def _inconsistency(scans, parameters):
-    forward, features = _track(scans, parameters)
-    ends = scans[0].stamp + scans[-1].stamp
-    backward, _ = _track([dataclasses.replace(scan, stamp=ends - scan.stamp) for scan in reversed(scans)], parameters)
+    forward = Track()
+    features = [update.features for update in forward.follow(scans, Odometry(parameters))]
+    backward = track_of(_backward(scans), parameters)
     there, back = forward.pose_array(), backward.pose_array()[::-1]
     if len(there) != len(back) or len(there) < 2:
         return HOPELESS
@@ -62,6 +61,13 @@ def _inconsistency(scans, parameters):
         return HOPELESS
     disagreement = errors(relative(back[first], back[later]), relative(there[first], there[later]))[0].mean()
     return float(disagreement + _open_loops(there, features))
+
+
+def _backward(scans):
+    """The same scans as time runs back, within each scan too."""
+    ends = scans[0].stamp + scans[-1].stamp
+    return [dataclasses.replace(scan, stamp=ends - scan.stamp, time_increment=-scan.time_increment)
+            for scan in reversed(scans)]
 
 
 def _open_loops(poses, features):

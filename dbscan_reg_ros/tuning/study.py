@@ -58,7 +58,8 @@ class Study:
             asked = [*first, *search.ask(count - len(first))]
             numbered = dict(enumerate(asked, done))
             costs = {number: self._known[number] for number in numbered if number in self._known}
-            for number, cost in evaluate({n: values for n, values in numbered.items() if n not in costs}):
+            new = {number: values for number, values in numbered.items() if number not in costs}
+            for number, cost in evaluate(new) if new else ():
                 costs[number] = cost
                 self._append(number, numbered[number], cost)
                 watch(done + len(costs), min([*costs.values(), *([best[0]] if best else [])]))
