@@ -7,7 +7,8 @@ import numpy as np
 
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
-from .poses import corrected
+from .decompression import limit_decompression
+from .poses import FARTHEST, corrected, possible
 from .recording import Record, Recording
 from .truth import interpolate
 
@@ -76,7 +77,14 @@ class Bag(Recording):
     def _odometry(self, topic):
         if topic is None:
             return None
-        rows = [(_stamp(message), *_planar(message.pose.pose)) for _, message in self._messages(topic)]
+        rows = []
+        for number, message in self._messages(topic):
+            pose = _planar(message.pose.pose)
+            if possible(pose):
+                rows.append((_stamp(message), *pose))
+            else:
+                self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers below '
+                             f'{FARTHEST:g}')
         if not rows:
             return None
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
@@ -84,10 +92,11 @@ class Bag(Recording):
     def _messages(self, topic):
         """Number in the topic, counted from 1, and message."""
         with open_reader(self.path) as reader:
+            deserialize = _deserializer(reader)
             connections = [connection for connection in reader.connections if connection.topic == topic]
             for number, (connection, _, raw) in enumerate(safely(reader, connections, self._report), 1):
                 try:
-                    message = reader.deserialize(raw, connection.msgtype)
+                    message = deserialize(raw, connection.msgtype)
                 except Exception as error:  # noqa: BLE001 - a damaged message makes rosbags raise nearly anything
                     self._report(f'{self.path.name}: damaged message {number} on {topic} skipped: {describe(error)}')
                     continue
@@ -105,6 +114,7 @@ def open_reader(path):
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
+    limit_decompression()
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
@@ -114,6 +124,14 @@ def open_reader(path):
         yield reader
     finally:
         reader.close()
+
+
+def _deserializer(reader):
+    """The function from bytes and type to a message, as the type is known to us: a file may describe it in any way."""
+    from rosbags.typesys import Stores, get_typestore
+    if reader.is2:
+        return get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
+    return get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
 
 
 def safely(reader, connections, report, **window):

@@ -4,6 +4,7 @@ import math
 import re
 import zlib
 from collections import Counter
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..core.scan import Scan, ScanGeometry
 from .decimals import nanoseconds, seconds
 from .poses import corrected
 from .recording import Record, Recording
+from .trajectories import finite_numbers
 
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
 """``PARAM`` lines that we write and read, with what holds without them [m, s]."""
@@ -21,6 +23,8 @@ FLASER_NO_RETURN = 81.83
 """What a missing return is written as [m]."""
 UNLIMITED = 1e6
 """The maximum range [m] that is written for a sensor that names none."""
+LONGEST_LINE = 2**22
+"""Characters from which on a line is none, but something else that goes on without an end."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -80,7 +84,11 @@ class CarmenLog(Recording):
         open_text = gzip.open if _is_gzip(self.path) else open
         with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
             try:
-                for number, line in enumerate(file, 1):
+                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ''), 1):
+                    if len(line) == LONGEST_LINE:
+                        self._report(f'{self.path.name}:{number}: cannot be read from here on: '
+                                     f'the line has {LONGEST_LINE} characters or more')
+                        return
                     kind, _, words = line.strip().partition(' ')
                     if kind in _READERS or kind == 'PARAM':
                         yield number, kind, words
@@ -176,10 +184,10 @@ def _floats(words):
 
 
 def _pose(words):
-    pose = [float(word) for word in words]
-    if not all(map(math.isfinite, pose)):
-        raise ValueError(f'pose {" ".join(words)} is not finite')
-    return pose
+    try:
+        return finite_numbers(words)
+    except ValueError as error:
+        raise ValueError(f'pose {" ".join(words)}: {error}') from None
 
 
 def _is_gzip(path):

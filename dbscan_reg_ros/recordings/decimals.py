@@ -1,5 +1,5 @@
 """Stamps between decimal text and whole nanoseconds, without the detour through binary fractions."""
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 END_OF_TIME = 2**31 * 1_000_000_000
 """The first stamp that a ROS message cannot hold [ns]."""
@@ -14,12 +14,13 @@ def nanoseconds(text) -> int:
         When `text` is not a number, or a message cannot hold it.
     """
     try:
-        stamp = int((Decimal(text) * 1_000_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError):
+        stamp = (Decimal(text) * 1_000_000_000).to_integral_value()
+        possible = 0 <= stamp < END_OF_TIME
+    except (ArithmeticError, ValueError):
         raise ValueError(f'stamp {text!r} is no number of seconds') from None
-    if not 0 <= stamp < END_OF_TIME:
+    if not possible:
         raise ValueError(f'stamp {text} s is outside 0 to 2^31 s')
-    return stamp
+    return int(stamp)
 
 
 def seconds(stamp) -> str:

@@ -3,6 +3,14 @@ import numpy as np
 
 from ..core.se2 import wrap
 
+FARTHEST = 1e9
+"""No pose has a number beyond this [m, rad]."""
+
+
+def possible(pose) -> bool:
+    """Whether x [m], y [m], theta [rad] can be a pose."""
+    return all(abs(value) <= FARTHEST for value in pose)
+
 
 def relative(a, b):
     """Poses `b` in the frames of the poses `a`, both ``(N, 3)``: ``a^-1 b``."""

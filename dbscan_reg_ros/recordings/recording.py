@@ -7,6 +7,11 @@ from typing import NamedTuple
 from ..core.errors import RecordingError
 from ..core.scan import Scan
 
+MOST_PROBLEMS = 1000
+"""So many damaged parts of a recording are named."""
+LONGEST_PROBLEM = 300
+"""In so many characters each: damaged parts may be large."""
+
 
 def open_recording(path, topic=None) -> 'Recording':
     """The recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
@@ -91,7 +96,7 @@ class Recording:
 
     @property
     def problems(self) -> list:
-        """One line for each damaged part met so far and skipped."""
+        """One line for each damaged part met so far and skipped, up to `MOST_PROBLEMS`."""
         return list(self._problems)
 
     def scans(self):
@@ -116,7 +121,9 @@ class Recording:
         """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
     def _report(self, problem):
-        self._problems[problem] = None
+        if len(self._problems) >= MOST_PROBLEMS:
+            problem = 'there are more problems than these'
+        self._problems[problem if len(problem) <= LONGEST_PROBLEM else f'{problem[:LONGEST_PROBLEM]}...'] = None
 
     def _choose(self, counts, topic):
         """Set `topic` and `count` from how many scans each topic holds."""

@@ -7,6 +7,7 @@ import numpy as np
 from ..core.errors import RecordingError
 from .decimals import nanoseconds, seconds
 from .files import replacing
+from .poses import FARTHEST, possible
 
 
 def write_tum(path, stamps, poses):
@@ -36,7 +37,7 @@ def read_tum(path):
     for number, line in numbered_lines(path):
         try:
             stamp, *values = line.split()
-            x, y, _, qx, qy, qz, qw = (float(value) for value in values)
+            x, y, _, qx, qy, qz, qw = finite_numbers(values)
             stamps.append(nanoseconds(stamp))
         except ValueError:
             raise RecordingError(f'{path}:{number}: expected timestamp x y z qx qy qz qw') from None
@@ -80,11 +81,19 @@ def read_csv(path):
     for number, line in lines:
         words = line.split(',')
         try:
-            rows.append([float(words[column]) for column in columns])
+            rows.append(finite_numbers(words[column] for column in columns))
         except (ValueError, IndexError):
             raise RecordingError(f'{path}:{number}: expected {len(header)} numbers') from None
     rows = np.array(rows, dtype=float).reshape(-1, 4)
     return rows[:, 0].astype(int), rows[:, 1:]
+
+
+def finite_numbers(words) -> list:
+    """The numbers that `words` say; ValueError where one is none, not finite or far beyond what a pose can be."""
+    numbers = [float(word) for word in words]
+    if not possible(numbers):
+        raise ValueError(f'expected finite numbers below {FARTHEST:g}')
+    return numbers
 
 
 def numbered_lines(path):

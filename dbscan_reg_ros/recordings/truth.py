@@ -9,7 +9,7 @@ from ..core.errors import RecordingError
 from ..core.se2 import wrap
 from .decimals import nanoseconds
 from .metrics import evaluate, final_error
-from .trajectories import numbered_lines, read_csv
+from .trajectories import finite_numbers, numbered_lines, read_csv
 
 DATA_VARIABLE = 'DBSCAN_REG_DATA'
 
@@ -78,7 +78,7 @@ def load_relations(path) -> Relations:
     for number, line in numbered_lines(path):
         try:
             first, second, *values = line.split()
-            x, y, _, _, _, yaw = (float(value) for value in values)
+            x, y, _, _, _, yaw = finite_numbers(values)
             stamps.append((nanoseconds(first), nanoseconds(second)))
         except ValueError:
             raise RecordingError(f'{path}:{number}: expected t1 t2 x y z roll pitch yaw') from None
