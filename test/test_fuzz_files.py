@@ -191,12 +191,13 @@ def test_a_compressed_bomb_is_refused_in_bounded_memory(tmp_path, name):
 
 def test_only_so_many_problems_are_named_and_in_so_many_characters(tmp_path):
     path = tmp_path / 'a.log'
-    path.write_text('FLASER 2 1.0 2.0 1 2 0.5 1 2 0.5 12.5 host 0.1\n' + 1500 * '?\n' + f'FLASER {5000 * "x"}\n')
+    good, wide = (f'FLASER 2 1.0 {word} 1 2 0.5 1 2 0.5 12.5 host 0.1\n' for word in ('2.0', 5000 * 'x'))
+    path.write_text(good + 1500 * '?\n')
     recording = open_recording(path)
     assert recording.stamps() == [12_500_000_000]
     assert len(recording.problems) == 1001
     assert recording.problems[-1] == 'there are more problems than these'
-    path.write_text(f'FLASER 2 1.0 2.0 1 2 0.5 1 2 0.5 12.5 host 0.1\nFLASER {5000 * "x"}\n')
+    path.write_text(good + wide)
     recording = open_recording(path)
     assert recording.stamps() == [12_500_000_000]
     [problem] = recording.problems
