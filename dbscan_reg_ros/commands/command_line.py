@@ -14,9 +14,16 @@ class CommandError(DbscanRegError):
     """An argument of a command makes no sense."""
 
 
+class CommandParser(argparse.ArgumentParser):
+    """Options may stand between the positional arguments."""
+
+    def parse_args(self, args=None, namespace=None):
+        return self.parse_intermixed_args(args, namespace)
+
+
 def make_parser(command, description) -> argparse.ArgumentParser:
     """A parser with the options that every command takes."""
-    parser = argparse.ArgumentParser(prog=command, description=description)
+    parser = CommandParser(prog=command, description=description)
     parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
     return parser
 
@@ -66,7 +73,7 @@ def run(parser, work, argv=None) -> int:
     int
         What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
     """
-    args = parser.parse_intermixed_args(argv)
+    args = parser.parse_args(argv)
     try:
         return work(args) or 0
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
