@@ -20,6 +20,15 @@ def write_bag(path, messages, storage='mcap'):
     return path
 
 
+def scan_bag(path, scans):
+    """A ROS 2 bag of `scans` on /scan, each recorded at its stamp."""
+    from dbscan_reg_ros.message_fields import scan_fields
+    from dbscan_reg_ros.recordings.messages import MessageMaker
+    maker = MessageMaker()
+    return write_bag(path, [('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
+                            for scan in scans])
+
+
 def laser_scan(stamp=5 * SECOND + 7, n=5, angle_min=-0.5, increment=0.25):
     from rosbags.typesys import Stores, get_typestore
     types = get_typestore(Stores.ROS2_JAZZY).types

@@ -15,11 +15,13 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.messages import scan_to_message, stamp_to_message
 
 TIMEOUT = 20.0
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 needs_tf2_msgs = pytest.mark.skipif(importlib.util.find_spec('tf2_msgs') is None,
                                     reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
@@ -110,16 +112,17 @@ class Parameters:
 
     def set(self, **values):
         """One result for each, set one by one; two underlines in a name stand for the dot."""
-        request = SetParameters.Request(parameters=_messages(values))
+        request = SetParameters.Request(parameters=parameter_messages(values))
         return self._peer.call(SetParameters, f'{self._node}/set_parameters', request).results
 
     def set_together(self, **values):
         """The one result of setting all or none."""
-        request = SetParametersAtomically.Request(parameters=_messages(values))
+        request = SetParametersAtomically.Request(parameters=parameter_messages(values))
         return self._peer.call(SetParametersAtomically, f'{self._node}/set_parameters_atomically', request).result
 
 
-def _messages(values) -> list[ParameterMessage]:
+def parameter_messages(values) -> list[ParameterMessage]:
+    """Messages of name -> value; two underlines in a name stand for the dot."""
     return [Parameter(name.replace('__', '.'), value=value).to_parameter_msg() for name, value in values.items()]
 
 

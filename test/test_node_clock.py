@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, diagnosis, distances, played, pose_of, said
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, changed, diagnosis, distances, played, pose_of, said
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.node.messages import stamp_from_message, stamp_to_message
@@ -52,20 +53,41 @@ def test_a_bag_in_a_loop_starts_anew_each_time_round(node, player, peer, scans, 
     peer.until(lambda: len(heard) == 100)
 
 
-def test_a_clock_that_goes_back_starts_the_odometry_anew(start_node, player, peer, scans):
+def test_a_clock_that_goes_far_back_starts_the_odometry_anew(start_node, player, peer, scans):
     node = start_node('-p', 'use_sim_time:=true')
     player.wait_for_node(TIMEOUT)
     heard = peer.listen(DiagnosticArray, '/diagnostics')
     clock = Loudspeaker(peer, Clock, '/clock', 1)
-    ahead, back = (Clock(clock=stamp_to_message(scans[k].stamp)) for k in (20, 15))
+    ahead, back = (Clock(clock=stamp_to_message(scans[k].stamp)) for k in (40, 15))
     assert player.play(scans[15:20]).lost == 0
     clock.until(lambda: heard and heard[-1].header.stamp == ahead.clock, ahead)
-    clock.until(lambda: 'the clock went back by 0.5 s' in node.output(), back)
+    clock.until(lambda: 'the clock went back by 2.5 s' in node.output(), back)
     assert pose_of(player.play(scans[20:21]).messages[0]) == SE2()
 
 
-def test_the_twist_goes_by_the_stamps_and_not_by_the_clock_on_the_wall(node, player, scans, truth):
-    """Played five times as fast, with the jitter of a real driver's stamps."""
+@pytest.mark.parametrize('stamp', [0, 2_100_000_000 * SECOND])
+def test_a_single_scan_with_a_wrong_stamp_does_not_start_the_odometry_anew(node, player, scans, truth, stamp):
+    assert played(player, scans[:30]).lost == 0
+    assert player.play(restamped(scans[30:31], [stamp])).lost == 0
+    answers = player.play(scans[31:40])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[31:40]).max() < 0.3
+
+
+def test_the_stamp_of_a_scan_that_cannot_be_used_does_not_count(node, player, peer, scans, truth):
+    assert played(player, scans[:10]).lost == 0
+    bad = Loudspeaker(peer, LaserScan, 'scan')
+    message = changed(scans[10], angle_increment=0.0)
+    message.header.stamp = stamp_to_message(scans[10].stamp + 1000 * SECOND)
+    bad.until(lambda: 'scan skipped' in node.output(), message)
+    answers = player.play(scans[10:20])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[10:20]).max() < 0.05
+
+
+def test_the_twist_goes_by_the_stamps_and_not_by_the_clock_on_the_wall(start_node, player, scans, truth):
+    """Played five times as fast."""
+    start_node('-p', 'input.queue:=50')
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:60], rate=5.0)
     assert answers.lost == 0

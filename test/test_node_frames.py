@@ -3,8 +3,8 @@ import math
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_helpers import (
+    LATCHED,
     TIMEOUT,
     Loudspeaker,
     Parameters,
@@ -19,8 +19,6 @@ from ros_helpers import (
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.messages import stamp_from_message
-
-LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture

@@ -13,17 +13,15 @@ import zipfile
 
 import numpy as np
 import pytest
-from bags import write_bag
+from bags import scan_bag
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.replay import main
-from dbscan_reg_ros.message_fields import scan_fields
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.plots import plot_map
 from dbscan_reg_ros.recordings import open_recording, read_csv, read_tum, true_poses, write_tum
 from dbscan_reg_ros.recordings.carmen import CarmenLog
-from dbscan_reg_ros.recordings.messages import MessageMaker
 from dbscan_reg_ros.recordings.metrics import evaluate
 
 

@@ -11,7 +11,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import LaserScan
 
 from ..core.scan import SECOND, Scan
-from .messages import angles_disagree, stamp_from_message
+from .messages import angles_disagree
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
@@ -124,7 +124,6 @@ class ScanReader:
         self._notices = notices
         self._geometry = None
         self._mask = None
-        self._stamp = None
 
     def read(self, message, mounting, parameters) -> Scan:
         """The scan in a LaserScan message as a sensor at `mounting.place` sees it, without the returns that the parameters
@@ -140,16 +139,6 @@ class ScanReader:
             self._look_at_geometry(message, scan.geometry)
         self._look_at_stamp(scan.stamp)
         return self._masked(scan, mounting, parameters)
-
-    def leaps_back(self, message, parameters) -> bool:
-        """Whether the stamps start again with this message: it is a recording in a loop, and no jitter."""
-        stamp = stamp_from_message(message.header.stamp)
-        before, self._stamp = self._stamp, stamp
-        return before is not None and stamp < before - parameters.time.jump * SECOND
-
-    def restart(self):
-        """Take any stamp next: time has started anew."""
-        self._stamp = None
 
     def _look_at_geometry(self, message, geometry):
         if self._geometry is not None and geometry.size != self._geometry.size:
@@ -182,6 +171,25 @@ class ScanReader:
         hidden = self._mask[1] & (scan.ranges < limit) if limit > 0.0 else self._mask[1]
         return Scan(scan.stamp, np.where(hidden, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
                     scan.frame_id)
+
+
+class Stamps:
+    """Tells a recording that starts again from jitter, and from a single scan with a wrong stamp."""
+
+    def __init__(self):
+        self._used = deque(maxlen=2)
+
+    def used(self, stamp):
+        """The scan at `stamp` [ns] was used."""
+        self._used.append(stamp)
+
+    def start_again(self, stamp, jump) -> bool:
+        """Whether `stamp` [ns] lies more than `jump` [s] before those of the last two scans; 0 is no time."""
+        return bool(stamp and self._used) and stamp < min(self._used) - jump * SECOND
+
+    def restart(self):
+        """Take any stamp next: time has started anew."""
+        self._used.clear()
 
 
 def within(bearings, sectors):

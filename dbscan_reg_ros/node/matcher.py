@@ -8,10 +8,11 @@ from rclpy.node import Node
 from ..core.errors import DbscanRegError
 from ..core.odometry import Odometry
 from ..core.records import Status
+from ..core.scan import SECOND
 from .diagnostics import Diagnostics
 from .entities import Entities
 from .health import Health
-from .inputs import ScanInbox, ScanReader
+from .inputs import ScanInbox, ScanReader, Stamps
 from .live_parameters import LiveParameters
 from .messages import stamp_from_message
 from .mounting import Start, base_state
@@ -53,9 +54,10 @@ class ScanMatcher:
         self._listener = TransformListener(
             node, self._on_transform, keep='tf' in (parameters.mounting, parameters.prior.source)
         ) if transform_type() else None
-        self._mountings = Mountings(parameters, self._listener)
+        self._mountings = Mountings(parameters, self._listener, self._notices)
         self._priors = Priors(node, parameters, self._listener, self._notices, self._look_again)
         self._reader = ScanReader(node.get_clock(), self._notices)
+        self._stamps = Stamps()
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._notices, self._start_anew)
         self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender, lambda: self._services.paused)
@@ -101,11 +103,11 @@ class ScanMatcher:
         if self._services.paused:
             return
         began = time.perf_counter()
-        if self._reader.leaps_back(message, self._live.value):
-            self._start_anew('the stamps of the scans start again', Start())
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
             scan = self._reader.read(message, mounting, self._live.value)
+            if self._stamps.start_again(scan.stamp, self._live.value.time.jump):
+                self._start_anew('the stamps of the scans start again', Start())
             prior = self._priors.find(scan.frame_id, scan.stamp, mounting)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
@@ -114,6 +116,7 @@ class ScanMatcher:
             return
         if self._origin is None:
             self._origin = self._start.pose @ mounting.place
+        self._stamps.used(scan.stamp)
         self._priors.processed(scan.stamp, mounting, update)
         self._services.keep(update, prior)
         self._report(update)
@@ -138,7 +141,7 @@ class ScanMatcher:
         self._origin = None
         for part in (self._odometry, self._outputs):
             part.reset()
-        for part in (self._priors, self._reader, self._sender):
+        for part in (self._priors, self._stamps, self._sender):
             part.restart()
 
     def _look_again(self):
@@ -150,8 +153,8 @@ class ScanMatcher:
         self._look_again()
 
     def _on_time_jump(self, jump):
-        """Start anew when the clock goes back, as it does when a bag is played in a loop."""
-        if jump.delta.nanoseconds >= 0:
+        """Start anew when the clock goes back, as it does when a bag is played in a loop; a little back is jitter."""
+        if jump.delta.nanoseconds >= -self._live.value.time.jump * SECOND:
             return
         if self._listener:
             self._listener.restart()

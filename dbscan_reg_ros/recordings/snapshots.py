@@ -116,9 +116,12 @@ def write_snapshot(path, snapshot: Snapshot):
                        'scans': scans, 'updates': updates}, allow_nan=False)
     arrays['snapshot'] = np.frombuffer(text.encode(), dtype=np.uint8)
     unfinished = Path(f'{path}.part')
-    with open(unfinished, 'wb') as file:
-        np.savez_compressed(file, **arrays)
-    os.replace(unfinished, path)
+    try:
+        with open(unfinished, 'wb') as file:
+            np.savez_compressed(file, **arrays)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
 
 
 def read_snapshot(path) -> Snapshot:
