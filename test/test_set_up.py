@@ -138,3 +138,33 @@ def test_an_interrupted_addition_is_repaired_from_the_ground_up(make):
     assert make(more=True) == ['install more.txt']
     assert make(more=True) == ['venv', 'install wanted.txt', 'install more.txt']
     assert make(more=True) == []
+
+
+@pytest.fixture
+def add_browser(shell, tmp_path):
+    """``add_browser(...)``: its output, and what it asked of an apt-get that only writes that down."""
+    def add_browser(system='debian', user=0, works=True, **others):
+        (tmp_path / 'os-release').write_text(f'NAME=a\nID={system}\n')
+        asked = tmp_path / 'asked'
+        asked.write_text('')
+        scripts = {'id': f'#!/bin/sh\necho {user}\n', 'timeout': '#!/bin/sh\nshift\nexec "$@"\n',
+                   'grep': f'#!/bin/sh\nexec {shutil.which("grep")} "$@"\n',
+                   'apt-get': f'#!/bin/sh\necho "$@" >> {asked}\necho noise\n{"true" if works else "false"}\n'}
+        result = shell(f'os_release={tmp_path}/os-release; add_browser', scripts | others)
+        assert result.returncode == 0 and result.stdout == ''
+        return result.stderr, asked.read_text().splitlines()
+    return add_browser
+
+
+def test_chromium_is_installed_on_debian_where_there_is_none(add_browser):
+    assert add_browser() == ('Installing chromium ...\n', ['update', 'install -y chromium'])
+
+
+@pytest.mark.parametrize('case', [{'system': 'ubuntu'}, {'user': 1000}, {'chromium': GOOD}], ids=lambda case: [*case][0])
+def test_no_browser_is_installed_where_it_may_not_or_need_not_be(add_browser, case):
+    assert add_browser(**case) == ('', [])
+
+
+def test_a_browser_that_cannot_be_installed_stops_nothing(add_browser):
+    output, asked = add_browser(works=False)
+    assert asked == ['update'] and output.endswith('chromium could not be installed.\n')
