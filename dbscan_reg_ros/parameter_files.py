@@ -22,6 +22,8 @@ DEFAULTS_FILE = SOURCE / 'config' / 'scan_matcher.yaml'
 REFERENCE_FILE = SOURCE / 'doc' / 'parameters.md'
 NODE_NAME = 'scan_matcher'
 WIDTH = 120
+LARGEST = 2**20
+"""Characters that a parameter file may have."""
 DEFAULTS = NodeParameters()
 
 HEAD = """\
@@ -102,7 +104,13 @@ def describe_limits(description) -> str:
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads YAML as ROS does."""
+    """Reads YAML as ROS does, which knows no aliases; a few lines of them could stand for any amount."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(problem='an alias is used; expected the value itself',
+                                       problem_mark=self.peek_event().start_mark)
+        return super().compose_node(parent, index)
 
 
 class _Dumper(yaml.SafeDumper):
@@ -117,13 +125,19 @@ for _yaml in (_Loader, _Dumper):
 
 def _load(path):
     try:
-        return yaml.load(Path(path).read_text(encoding='utf-8'), _Loader)
+        with open(path, encoding='utf-8') as file:
+            text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ParameterError(f'{path}: more than {LARGEST} characters; expected a file of parameters')
+        return yaml.load(text, _Loader)
     except OSError as error:
         raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         where = getattr(error, 'problem_mark', None)
         line = f', line {where.line + 1}' if where else ''
         raise ParameterError(f'{path}{line}: no valid YAML: {getattr(error, "problem", error)}') from None
+    except (RecursionError, ValueError) as error:
+        raise ParameterError(f'{path}: no valid YAML: {error}') from None
 
 
 def _sections(tree, path, prefix=''):

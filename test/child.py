@@ -1,7 +1,7 @@
 """Functions run in a process of their own, where time and memory can be measured and a hang can be ended."""
-import resource
 import warnings
 from multiprocessing import get_context
+from pathlib import Path
 
 
 def in_child(function, *arguments, timeout):
@@ -12,4 +12,10 @@ def in_child(function, *arguments, timeout):
 
 def _measured(function, arguments):
     result = function(*arguments)
-    return result, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return result, most_memory('self')
+
+
+def most_memory(process):
+    """The most memory [bytes] that a process with this number ever had resident."""
+    status = Path(f'/proc/{process}/status').read_text()
+    return int(status.partition('VmHWM:')[2].split()[0]) * 1024

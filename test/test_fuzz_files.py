@@ -2,6 +2,7 @@
 import bz2
 import gzip
 import shutil
+import zipfile
 from collections import Counter
 
 import numpy as np
@@ -10,7 +11,7 @@ from bags import laser_scan, write_bag
 from child import in_child
 from damage import damaged_bytes, damaged_text
 
-from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros import Odometry, Parameters, RecordingError
 from dbscan_reg_ros.recordings import (
     load_relations,
     open_recording,
@@ -21,6 +22,12 @@ from dbscan_reg_ros.recordings import (
 )
 from dbscan_reg_ros.recordings.conversion import convert, write_log
 from dbscan_reg_ros.recordings.recording import Record
+from dbscan_reg_ros.recordings.snapshots import (
+    Snapshot,
+    SnapshotUpdate,
+    read_snapshot,
+    write_snapshot,
+)
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 MEMORY = 512 * 2**20
@@ -242,3 +249,63 @@ def test_damaged_trajectories_are_refused_or_finite(tmp_path, size, kind):
             assert np.isfinite(values).all()
             outcomes['read'] += 1
     assert len(outcomes) == 2
+
+
+# Snapshots
+
+
+@pytest.fixture(scope='module')
+def snapshot(drive, tmp_path_factory):
+    """The arrays of a snapshot of three scans, and its file."""
+    path = tmp_path_factory.mktemp('snapshot') / 'snapshot.npz'
+    odometry = Odometry()
+    write_snapshot(path, Snapshot(Parameters().flatten(), [SnapshotUpdate.of(odometry.process(s)) for s in drive.scans[:3]]))
+    with np.load(path) as arrays:
+        return dict(arrays), path.read_bytes()
+
+
+def test_a_damaged_snapshot_is_refused_or_read(snapshot, tmp_path, size):
+    arrays, content = snapshot
+    path, outcomes = tmp_path / 'damaged.npz', Counter()
+    for seed in range(size(150, 5000)):
+        rng = np.random.default_rng(seed)
+        if seed % 2:
+            path.write_bytes(damaged_bytes(content, rng))
+        else:
+            text = damaged_text(arrays['snapshot'].tobytes().decode(), rng)
+            name = str(rng.choice(list(arrays)))
+            np.savez(path, **(arrays | {name: WRONG[rng.integers(len(WRONG))], 'snapshot': np.frombuffer(text.encode(), np.uint8)}))
+        try:
+            assert all(isinstance(update, SnapshotUpdate) for update in read_snapshot(path).updates), seed
+            outcomes['read'] += 1
+        except RecordingError as error:
+            assert path.name in str(error), seed
+            outcomes['refused'] += 1
+    assert outcomes['refused']
+
+
+WRONG = [np.zeros(0), np.full(3, np.nan), np.zeros((3, 3), dtype=np.int8), np.array('text'), np.zeros(10**4)]
+
+
+def refused_snapshot(path):
+    try:
+        read_snapshot(path)
+    except RecordingError as error:
+        return str(error)
+    return ''
+
+
+@pytest.mark.parametrize('shape', ['true', 'claimed'])
+def test_a_snapshot_that_unpacks_to_too_much_is_refused_in_bounded_memory(tmp_path, shape):
+    path = tmp_path / 'bomb.npz'
+    if shape == 'true':
+        with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1) as archive, archive.open('snapshot.npy', 'w') as part:
+            np.lib.format.write_array_header_1_0(part, {'descr': '|u1', 'fortran_order': False, 'shape': (TOO_MUCH * MIB,)})
+            for _ in range(TOO_MUCH):
+                part.write(bytes(MIB))
+    else:
+        np.savez(path, snapshot=np.zeros(10, np.uint8))
+        path.write_bytes(path.read_bytes().replace(b"'shape': (10,), }         ", b"'shape': (9999999999,), } "))
+    said, memory = in_child(refused_snapshot, path, timeout=60)
+    assert 'bomb.npz' in said
+    assert memory < MEMORY

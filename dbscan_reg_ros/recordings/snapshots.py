@@ -37,13 +37,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import DbscanRegError, RecordingError
+from ..core.errors import RecordingError
 from ..core.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan, ScanGeometry
 from ..core.se2 import SE2
+from .trajectories import finite_numbers
 
 FORMAT = 'dbscan_reg_ros snapshot'
 VERSION = 1
+LARGEST = 128 * 2**20
+"""Bytes that a snapshot may unpack to; 1000 scans of 4000 beams have 16 MB of ranges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +136,7 @@ def read_snapshot(path) -> Snapshot:
         When the file cannot be read or is no snapshot.
     """
     try:
-        with open(path, 'rb') as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = _arrays(path)
         described = json.loads(arrays['snapshot'].tobytes().decode())
         if (described['format'], described['version']) != (FORMAT, VERSION):
             raise RecordingError(f'{path}: {described["format"]!r} version {described["version"]}: expected {FORMAT!r} '
@@ -146,9 +148,18 @@ def read_snapshot(path) -> Snapshot:
         raise RecordingError(f'{path}: cannot be read: {error.strerror or error}') from None
     except RecordingError:
         raise
-    except (AttributeError, DbscanRegError, EOFError, IndexError, KeyError, TypeError, ValueError,
-            zipfile.BadZipFile) as error:
+    except Exception as error:  # noqa: BLE001 - a damaged archive makes numpy raise nearly anything
         raise RecordingError(f'{path}: no snapshot ({error}); expected a file that ~/snapshot wrote') from None
+
+
+def _arrays(path):
+    """Name -> array of all that the file holds, unless that is too much."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > LARGEST:
+        raise RecordingError(f'{path}: holds {size} bytes; expected at most {LARGEST}')
+    with np.load(path, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
 
 
 def _scan_fields(scan):
@@ -192,17 +203,22 @@ def _registration_fields(registration, k, arrays):
 def _update(fields, k, scans, arrays):
     prior = registration = None
     if fields['prior'] is not None:
-        prior = Prior(SE2(*fields['prior']), arrays[f'prior_covariance_{k}'])
+        prior = Prior(_pose(fields['prior']), arrays[f'prior_covariance_{k}'])
     if (told := fields['registration']) is not None:
         hypotheses = tuple(Hypothesis(SE2(x, y, theta), score)
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
-            SE2(*told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
+            _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
             told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'])
     reference = None if fields['reference'] is None else scans[fields['reference']]
-    return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], SE2(*fields['pose']),
-                          arrays[f'covariance_{k}'], arrays[f'twist_{k}'], SE2(*fields['reference_pose']),
+    return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
+                          arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),
                           Status(fields['status']), registration, prior, fields['restarted'])
+
+
+def _pose(numbers):
+    x, y, theta = finite_numbers(numbers)
+    return SE2(x, y, theta)
 
 
 def _numbers(pose):
