@@ -33,10 +33,10 @@ def density_map(scans, poses) -> DensityMap:
     return _density(_laid_out(scans, poses), poses)
 
 
-def save(figure, path, dpi):
+def save(figure, path, dpi, **options):
     """Write a matplotlib `figure`, whole or not at all; the ending of `path` chooses the format."""
     with replacing(path, binary=True) as file:
-        figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None)
+        figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
 
 
 def plot_map(path, scans, poses, title='', truth=None):
@@ -117,7 +117,7 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=(low[0], high[0]),
              ylim=(low[1], high[1]))
     _legend(axes)
-    save(figure, path, 110)
+    save(figure, path, 110, bbox_inches='tight')
 
 
 def plot_differences(path, table, a, b):
