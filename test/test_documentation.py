@@ -6,7 +6,7 @@ import pytest
 from dbscan_reg_ros.node.parameters import NodeParameters
 
 DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/faq.md', 'doc/method.md', 'doc/node.md',
-             'doc/parameters.md', '.github/CONTRIBUTING.md')
+             'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', '.github/CONTRIBUTING.md')
 
 
 def anchors(text):

@@ -8,9 +8,6 @@ from dbscan_reg_ros.benchmarks.methods import method
 from dbscan_reg_ros.benchmarks.trials import attempt
 from dbscan_reg_ros.core.se2 import SE2
 
-NAMED = 2152
-"""A scan of the Intel log that the paper's own parameters solve."""
-
 
 @pytest.fixture(scope='module')
 def scans(data):
@@ -29,7 +26,7 @@ def test_the_other_scans_are_200_and_none_of_the_50(scans):
 
 
 def test_the_reference_is_the_moved_scan_with_one_bearing_for_each_point(scans):
-    trial = figure4.trial(scans[NAMED])
+    trial = figure4.trial(scans[figure4.EXAMPLE])
     assert trial.truth == SE2(-1.5, 0.8, 0.3)
     there = trial.current.valid
     np.testing.assert_array_equal(trial.reference.valid, there)
@@ -37,8 +34,8 @@ def test_the_reference_is_the_moved_scan_with_one_bearing_for_each_point(scans):
 
 
 def test_the_papers_parameters_solve_a_named_scan(scans):
-    assert NAMED in figure4.SCANS
-    assert figure4.exact(attempt(method('paper'), figure4.trial(scans[NAMED])))
+    assert figure4.EXAMPLE in figure4.SCANS
+    assert figure4.exact(attempt(method('paper'), figure4.trial(scans[figure4.EXAMPLE])))
 
 
 def test_the_defaults_solve_all_50_scans(scans):

@@ -13,6 +13,8 @@ SCANS = (
     3955, 4130, 4432, 4535, 4714, 4719, 4769, 4805, 5032, 5151, 5324,
 )
 """Which scans of the Intel log: 50 drawn by `draw`. The open values of ``config/paper.yaml`` were chosen on them."""
+EXAMPLE = 2152
+"""The one of them that is shown step by step: ``config/paper.yaml`` solves it."""
 OTHERS = 200
 """So many more scans, on which nothing was chosen: what the parameters are worth elsewhere."""
 TRANSLATION_LIMIT = 0.001

@@ -97,9 +97,13 @@ def _dbscan(name):
 
 
 def _paper(name):
+    return _ours(paper_parameters(), name)
+
+
+def paper_parameters() -> Parameters:
+    """The method to the letter, from ``config/paper.yaml``."""
     from ..parameter_files import read_parameters
-    path = Path(__file__).resolve().parents[2] / 'config' / 'paper.yaml'
-    return _ours(read_parameters(path), name)
+    return read_parameters(Path(__file__).resolve().parents[2] / 'config' / 'paper.yaml')
 
 
 def _baseline(module):
