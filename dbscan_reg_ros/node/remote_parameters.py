@@ -45,23 +45,17 @@ def read_remote(name, timeout, arguments=()) -> NodeParameters:
 
 
 def write_remote(name, values, timeout, arguments=()):
-    """Set parameters of the running node called `name`, all or none.
+    """Set parameters of a running node, all or none; arguments and errors are those of `read_remote`.
 
     Parameters
     ----------
-    name : str
-        Full name.
     values : dict
         Name -> value.
-    timeout : float
-        [s]
-    arguments : list of str
-        ROS arguments.
 
     Raises
     ------
     RemoteError
-        When it does not answer in time, or refuses a value.
+        Also when it refuses a value.
     """
     request = SetParametersAtomically.Request(
         parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()])
