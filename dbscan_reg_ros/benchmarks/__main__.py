@@ -15,6 +15,8 @@ BENCHMARKS = {
     'speed': 'features of one scan plus registration, ours and GICP in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
     'node': 'the running node: latency, share of a core, memory, time to start',
+    'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
+    'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
 }
 

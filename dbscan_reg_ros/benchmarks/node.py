@@ -3,6 +3,7 @@ import os
 import tempfile
 import time
 from contextlib import contextmanager, suppress
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +51,9 @@ def start_up() -> dict:
 def _start_up():
     from ..node.player import Player, PlayerError
     scans = _scans(181, 180.0, 10.0, 1)
-    with _graph() as folder, Player() as player:
+    with graph() as folder, Player() as player:
         began = time.monotonic()
-        with _node(folder):
+        with running_node(folder):
             while (waited := time.monotonic() - began) < PATIENCE:
                 with suppress(PlayerError):
                     if not player.play(scans, patience=0.05).lost:
@@ -64,7 +65,7 @@ def run(beams, fov, rate, count, seconds=None) -> dict:
     """What a stream of `count` scans costs."""
     from ..node.player import Player
     scans = _scans(beams, fov, rate, count)
-    with _graph() as folder, _node(folder) as node, Player() as player:
+    with graph() as folder, running_node(folder) as node, Player() as player:
         player.wait_for_node(PATIENCE)
         usage = _Usage(node.pid, SETTLED * rate)
         answers = player.play(usage.watched(scans, WARM_UP * rate), rate=1.0)
@@ -87,39 +88,44 @@ class _Usage:
     def watched(self, scans, warm_up):
         for k, scan in enumerate(scans):
             if k == int(min(warm_up, len(scans) // 2)):
-                self._begin = time.monotonic(), _cpu_seconds(self._pid)
+                self._begin = time.monotonic(), cpu_seconds(self._pid)
             if k == int(min(self._settled, len(scans) // 2)):
-                self._memory = _memory_mb(self._pid)
+                self._memory = memory_mb(self._pid)
             yield scan
 
     def result(self):
         """(share of a core, growth of the memory [MB])"""
         began, spent = self._begin
-        return ((_cpu_seconds(self._pid) - spent) / (time.monotonic() - began), _memory_mb(self._pid) - self._memory)
+        return ((cpu_seconds(self._pid) - spent) / (time.monotonic() - began), memory_mb(self._pid) - self._memory)
 
 
 def _scans(beams, fov, rate, count):
-    """A drive there and back again through a building, so often that there are `count` scans."""
+    """A drive to and fro through a building, so often that there are `count` scans."""
     from ..simulation import Lidar, follow, rooms, simulate
     step = np.radians(fov) / (beams - 1)
     world = rooms(seed=1)
     lidar = Lidar(beams=beams, angle_min=-0.5 * np.radians(fov), angle_increment=step, rate=rate)
     drive = simulate(world, follow(world.tour[:4], speed=1.0), lidar, seed=1).scans[:min(count, int(10.0 * rate))]
-    there_and_back = [*drive, *drive[-2:0:-1]] or drive
-    start, period = drive[0].stamp, round(1e9 / rate)
-    return [Scan(start + k * period, scan.ranges, scan.geometry, 0.0, scan.frame_id)
-            for k, scan in enumerate(there_and_back[i % len(there_and_back)] for i in range(count))]
+    return list(islice(to_and_fro(drive, rate), count))
+
+
+def to_and_fro(drive, rate):
+    """The scans of a drive, backwards, and so on for ever, with stamps that go on at `rate` [Hz]."""
+    period = round(1e9 / rate)
+    for k, scan in enumerate(cycle([*drive, *drive[-2:0:-1]])):
+        yield Scan(drive[0].stamp + k * period, scan.ranges, scan.geometry, 0.0, scan.frame_id)
 
 
 @contextmanager
-def _graph():
+def graph():
     """A ROS graph of its own, and a folder for the node's log."""
     from ..commands.private_graph import private_graph
     with private_graph(), tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
 
-def _node(folder):
+def running_node(folder):
+    """A `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`."""
     from ..commands.processes import Process, package_command
     root = os.fspath(Path(__file__).resolve().parents[2])
     environment = {'ROS_LOG_DIR': os.fspath(folder),
@@ -127,12 +133,13 @@ def _node(folder):
     return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log', environment)
 
 
-def _cpu_seconds(pid):
+def cpu_seconds(pid):
+    """Time that a process has spent on any core [s]."""
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def _memory_mb(pid):
-    """Resident memory [MB]."""
+def memory_mb(pid):
+    """Resident memory of a process [MB]."""
     line = next(line for line in Path(f'/proc/{pid}/status').read_text().splitlines() if line.startswith('VmRSS:'))
     return int(line.split()[1]) / 1024.0
