@@ -141,6 +141,14 @@ def without_tf2_msgs(tmp_path, ros_environment):
     return {'PYTHONPATH': os.pathsep.join([str(package.parent), os.environ['PYTHONPATH']])}
 
 
+@pytest.fixture(scope='module')
+def cluster():
+    """A Dask cluster of two local workers."""
+    distributed = pytest.importorskip('distributed', reason='needs Dask (distributed)')
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster
+
+
 @pytest.fixture(scope='session')
 def drive():
     """Eight seconds through a room's door and along its furniture, at 10 Hz."""

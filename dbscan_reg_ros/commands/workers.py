@@ -101,7 +101,7 @@ def _cluster(address):
     from distributed import Client
 
     try:
-        client = Client(address, timeout='10s')
+        client = Client(address)
     except (OSError, ValueError) as error:
         raise SchedulerError(f'{address}: no Dask scheduler answers: {error}') from error
     with client, client.get_executor(pure=False) as executor:
