@@ -15,6 +15,10 @@ class NoFreeDomain(DbscanRegError):
     """Every ROS domain is in use."""
 
 
+class ForeignFolder(DbscanRegError):
+    """Somebody else would decide what is written where."""
+
+
 @contextmanager
 def private_graph():
     """A ROS domain on this machine alone that no other caller has, for this process and its children.
@@ -26,7 +30,7 @@ def private_graph():
 
     Raises
     ------
-    NoFreeDomain
+    NoFreeDomain, ForeignFolder
     """
     with _free_domain() as domain:
         variables = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -46,7 +50,9 @@ def private_graph():
 def _free_domain():
     """The first domain after the last one taken here that nobody holds the lock of."""
     folder = Path(tempfile.gettempdir(), f'dbscan_reg_ros-domains-{os.getuid()}')
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.is_symlink() or folder.stat().st_uid != os.getuid():
+        raise ForeignFolder(f'{folder}: belongs to somebody else; remove it, or set TMPDIR to a folder of your own')
     last = folder / 'last'
     start = int(last.read_text() or 0) if last.exists() else os.getpid()
     for offset in DOMAINS:

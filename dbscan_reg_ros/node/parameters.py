@@ -54,7 +54,7 @@ class SnapshotParameters(ParameterGroup):
     """The service ~/snapshot."""
 
     scans: int = parameter(20, 'so many of the last scans are written', 'scans', 1, 1000)
-    folder: str = parameter('~/.ros', 'folder that the files are written to')
+    folder: str = parameter('~/.ros', 'folder that the files are written to', read_only=True)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ class Bag(Recording):
 
     def __init__(self, path, topic=None):
         super().__init__(path)
-        self.name = self.path.stem if self.path.is_file() else self.path.resolve().name
         with open_reader(self.path) as reader:
             counts = {kind: Counter() for kind in (LASER_SCAN, ODOMETRY)}
             for connection in reader.connections:

@@ -76,7 +76,7 @@ class Recording:
     ----------
     path : Path
     name : str
-        The file's name without its endings.
+        The file's name without its endings, nor dots around it: a folder of that name lies where it is made.
     topic : str
         Where the scans are taken from.
     frame_id : str
@@ -91,7 +91,9 @@ class Recording:
 
     def __init__(self, path):
         self.path = Path(path)
-        self.name = self.path.name.removesuffix('.gz').rpartition('.')[0] or self.path.name
+        whole = self.path.resolve().name if self.path.is_dir() else self.path.name
+        stem = whole if self.path.is_dir() else whole.removesuffix('.gz').rpartition('.')[0] or whole
+        self.name = stem.strip('.') or 'recording'
         self._problems = {}
 
     @property

@@ -57,7 +57,7 @@ def write_report(path, title, summary, known: KnownMotion, track, density: Densi
         'parameters': list(_parameters(parameters)),
     }
     page = resources.files(__package__).joinpath('report.html').read_text(encoding='utf-8')
-    text = json.dumps(data, separators=(',', ':'), allow_nan=False).replace('</', '<\\/')
+    text = json.dumps(data, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
     with replacing(path) as file:
         file.write(page.replace('{{data}}', text))
 
