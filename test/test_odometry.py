@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rooms import FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros import Odometry, Parameters, Prior, SE2, Scan, ScanError, ScanGeometry, Status
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.timing import Intervals

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rooms import FULL, HALF, L_ROOM, look, outline
 
-from dbscan_reg_ros import Parameters, Prior, SE2, Scan, ScanError, ScanGeometry, Status, register
+from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
 from dbscan_reg_ros.core.features import extract_features
 
 ROOM = outline(L_ROOM)

@@ -36,8 +36,8 @@ class Course:
     """
 
     scans: list
-    judged: np.ndarray = None
-    indices: np.ndarray = None
+    judged: np.ndarray | None = None
+    indices: np.ndarray | None = None
     reference: np.ndarray | None = None
     relations: object = None
     wheels: np.ndarray | None = None
@@ -60,7 +60,7 @@ class Course:
             return None if values is None else values[chosen]
         picked = np.arange(len(self.scans))[chosen]
         return dataclasses.replace(
-            self, scans=[self.scans[i] for i in picked], judged=self.judged[chosen], indices=self.indices[chosen],
+            self, scans=[self.scans[i] for i in picked], judged=rows(self.judged), indices=rows(self.indices),
             reference=rows(self.reference), wheels=rows(self.wheels))
 
 

@@ -1,5 +1,6 @@
 """Do the covariances tell the truth? Registrations in simulated worlds, where the error is known exactly."""
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -13,10 +14,10 @@ from .synthetic import random_motion
 from .views import two_views
 
 REGISTRATIONS = 1000
-WORLDS = {'rooms': rooms, 'corridors': corridor, 'halls': hall}
+WORLDS: dict[str, Callable] = {'rooms': rooms, 'corridors': corridor, 'halls': hall}
 SEEDS = 5
 SENSORS = {'plain': Lidar(), **{name: dataclasses.replace(LIDARS[name], duration=0.0)
-                                for name in ('lms200', 'utm30lx', 'rplidar_a2')}}
+                                for name in ('sick_lms200', 'hokuyo_utm30lx', 'rplidar_a')}}
 TRANSLATION, ROTATION = 0.4, 0.3
 """Largest motion between the two scans along each axis [m] and turn [rad]."""
 LIMIT = 7.815

@@ -71,7 +71,7 @@ def drive(name, course, title, wheels=False) -> Drive:
     """A fresh tracker, by its name, over a course; with `wheels` they say what they believe of each motion."""
     from tqdm import tqdm
     track, result = tracker(name), Drive(course)
-    priors = [None] * len(course.scans)
+    priors: list = [None] * len(course.scans)
     if wheels and course.wheels is not None:
         priors[1:] = [wheel_prior(SE2.from_array(motion)) for motion in relative(course.wheels[:-1], course.wheels[1:])]
     for scan, prior in zip(tqdm(course.scans, title, unit=' scans', leave=False, disable=None), priors, strict=True):

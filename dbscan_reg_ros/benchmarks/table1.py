@@ -62,8 +62,8 @@ def add(report, methods, limit=None):
 def summarise(outcomes) -> dict:
     """Group -> success rate; then the median errors of the group."""
     metrics = {}
-    for group, some in itertools.groupby(outcomes, lambda outcome: outcome.trial.group):
-        some = list(some)
+    for group, items in itertools.groupby(outcomes, lambda outcome: outcome.trial.group):
+        some = list(items)
         metrics[group] = float(np.mean([outcome.success for outcome in some]))
         metrics[f'{group}_median_m'] = float(np.median([outcome.translation_error for outcome in some]))
         metrics[f'{group}_median_deg'] = math.degrees(np.median([outcome.rotation_error for outcome in some]))

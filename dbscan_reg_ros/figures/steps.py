@@ -78,13 +78,13 @@ class Steps:
             When one of the scans has too few returns.
         """
         p = parameters
-        reference, current = ScanSteps.of(reference, p), ScanSteps.of(current, p)
-        lines = reference.features.segments, current.features.segments
+        earlier, later = ScanSteps.of(reference, p), ScanSteps.of(current, p)
+        lines = earlier.features.segments, later.features.segments
         weights = pair_weights(*lines, p.rotation)
         rotations = estimate_rotations(*lines, weights, p.rotation)
         translations = estimate_translations(*lines, rotations, weights, p.translation)
-        return cls(reference, current, rotations, translations,
-                   registration or register(reference.features, current.features, p), p)
+        return cls(earlier, later, rotations, translations,
+                   registration or register(earlier.features, later.features, p), p)
 
     @property
     def scans(self) -> tuple:

@@ -1,5 +1,6 @@
 """The node's parameters on the ROS side: declared with descriptors, checked and applied as one."""
 import math
+from collections.abc import Callable
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
@@ -36,7 +37,7 @@ class LiveParameters:
 
     def __init__(self, node: Node):
         self._node = node
-        self.changed = None
+        self.changed: Callable | None = None
         self._descriptions = {d.name: d for d in NodeParameters.describe()}
         self.value = NodeParameters().replace(self._given())
         for name, value in self.value.flatten().items():

@@ -1,5 +1,6 @@
 """What is believed of the sensor's motion before the scans are looked at."""
 import math
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -45,12 +46,12 @@ class Priors:
         if name == 'tf' and transforms is None:
             raise ParameterError("prior.source = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
                                  'another source')
-        self._source = {
+        self._source: Any = {
             'odometry': lambda: _Wheels(node, notices, heard),
             'imu': lambda: _Gyroscope(node, heard),
             'tf': lambda: _Frame(transforms, parameters.prior.frame),
         }.get(name, lambda: None)()
-        self._last = None
+        self._last: tuple | None = None
 
     def restart(self):
         """Forget the last scan and what the source said: time or pose have started anew."""

@@ -69,7 +69,7 @@ class Track:
     def measures(self) -> dict:
         """How many scans there were and came to what, and how long they took."""
         counts = Counter(self.statuses)
-        measures = {'scans': len(self.used), 'lost': self.used.count(False)}
+        measures: dict[str, float] = {'scans': len(self.used), 'lost': self.used.count(False)}
         measures |= {status.value: counts[status] for status in Status}
         if self.milliseconds:
             measures |= {f'ms_p{q}': float(np.percentile(self.milliseconds, q)) for q in (50, 95, 99)}
