@@ -77,6 +77,16 @@ class Peer:
         self.until(lambda: self.node.count_publishers(topic))
         return messages
 
+    def hear(self, kind, topic):
+        """As `listen`, and scan_matcher knows of it."""
+        messages = self.listen(kind, topic)
+        self.greet()
+        return messages
+
+    def greet(self, node='/scan_matcher'):
+        """Wait until a node knows all that this one publishes and hears: it does when it has answered a call."""
+        self.call(GetParameters, f'{node}/get_parameters', GetParameters.Request())
+
     def call(self, kind, service, request):
         """The response of a service; repeated, for it is lost while the other side does not know the caller yet."""
         client = self.node.create_client(kind, service)
@@ -126,10 +136,10 @@ def parameter_messages(values) -> list[ParameterMessage]:
     return [Parameter(name.replace('__', '.'), value=value).to_parameter_msg() for name, value in values.items()]
 
 
-def played(player, scans):
+def played(player, scans, rate=None):
     """What a running node answers to `scans`."""
     player.wait_for_node(TIMEOUT)
-    return player.play(scans)
+    return player.play(scans, rate)
 
 
 def said(process, text, peer):
@@ -181,6 +191,26 @@ def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
     else:
         rotation.y, rotation.w = qy, 0.0
     return message
+
+
+def shown(player, peer, scans, kind, topic):
+    """What is last published on `topic` when a running node has answered `scans`."""
+    player.wait_for_node(TIMEOUT)
+    messages = peer.hear(kind, topic)
+    with peer.spinning():
+        assert player.play(scans).lost == 0
+    last = stamp_to_message(scans[-1].stamp)
+    return peer.until(lambda: messages and messages[-1].header.stamp == last and messages[-1])
+
+
+def mounted(laser):
+    """Parameters of a node whose laser sits at `laser` on the base."""
+    return ['-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{laser.x}, {laser.y}, {laser.theta}]']
+
+
+def of_base(truth, laser):
+    """The base's pose at each scan, in the frame of its first, from the poses `truth` of the laser."""
+    return [laser @ pose @ laser.inverse() for pose in truth]
 
 
 class Loudspeaker:

@@ -6,6 +6,8 @@ import math
 import re
 import signal
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from ros_helpers import (
     distances,
     inverted,
     needs_tf2_msgs,
+    of_base,
     played,
     pose_of,
     said,
@@ -98,8 +101,7 @@ def test_a_namespace_takes_all_topics_along(start_node, peer, scans, ros_environ
 
 def test_segments_show_reference_and_scan_with_matched_ones_apart(node, player, peer, scans):
     player.wait_for_node(TIMEOUT)
-    arrays = peer.listen(MarkerArray, 'segments')
-    Parameters(peer).names()
+    arrays = peer.hear(MarkerArray, 'segments')
     player.play(scans[:3])
     peer.until(lambda: len(arrays) == 3)
     for scan, message in zip(scans, arrays, strict=False):
@@ -146,8 +148,7 @@ def test_the_transform_is_that_of_the_odometry_and_can_be_switched_off(node, pla
 def test_no_transform_is_sent_for_a_stamp_that_is_not_newer(node, player, peer, scans):
     from tf2_msgs.msg import TFMessage
     player.wait_for_node(TIMEOUT)
-    transforms = peer.listen(TFMessage, '/tf')
-    Parameters(peer).names()
+    transforms = peer.hear(TFMessage, '/tf')
     order = [scans[k] for k in (0, 2, 1, 2, 3)]
     assert player.play(order).lost == 0
     peer.until(lambda: len(transforms) == 3)
@@ -178,33 +179,6 @@ PLACE = SE2(0.3, -0.1, 0.0)
 """Of the laser on the base."""
 
 
-def base_truth(truth):
-    """The base's pose at each scan, in the frame of its first."""
-    return [PLACE @ pose @ PLACE.inverse() for pose in truth]
-
-
-def test_a_lidar_ahead_of_the_base_gives_the_pose_and_twist_of_the_base(start_node, player, scans, truth):
-    start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, {PLACE.theta}]')
-    answers = played(player, scans)
-    assert answers.lost == 0
-    assert distances(answers.messages, base_truth(truth)).max() < 0.06
-    steps = [(a.inverse() @ b).as_array() / 0.1 for a, b in itertools.pairwise(base_truth(truth))]
-    twists = [(t.linear.x, t.linear.y, t.angular.z) for t in (m.twist.twist for m in answers.messages[1:])]
-    assert (np.abs(np.subtract(twists, steps)).mean(axis=0) < 0.12).all()
-
-
-def test_a_lidar_upside_down_and_turned_round_gives_the_trajectory_of_an_upright_one(start_node, player, scans):
-    upright = start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, 0.0]')
-    expected = played(player, scans)
-    upright.stop()
-    start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{PLACE.x}, {PLACE.y}, {math.pi}]',
-               '-p', 'upside_down:=true')
-    with Player() as second:
-        answers = played(second, list(inverted(scans)))
-    assert expected.lost == answers.lost == 0
-    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.02
-
-
 @needs_tf2_msgs
 def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(start_node, player, peer, scans, truth):
     from tf2_msgs.msg import TFMessage
@@ -222,7 +196,7 @@ def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(sta
     answers = player.play(turned[1:])
     assert answers.lost == 0
     assert answers.messages[-1].child_frame_id == 'base_footprint'
-    assert distances(answers.messages, base_truth(truth[1:])).max() < 0.06
+    assert distances(answers.messages, of_base(truth[1:], PLACE)).max() < 0.06
 
 
 # Parameters
@@ -405,6 +379,22 @@ def test_stamps_that_go_back_are_answered_with_their_own(node, player, scans):
 def test_a_signal_ends_an_idle_node_quietly(node, peer, number):
     said(node, 'ready', peer)
     assert_stops(node, number)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_quietly_while_it_starts(start_node, peer, size, number):
+    for delay in np.linspace(0.0, 1.0, size(3, 20)):
+        node = start_node()
+        peer.until(lambda node=node: handles_signals(node))
+        due = time.monotonic() + delay
+        peer.until(lambda due=due: time.monotonic() > due)
+        assert_stops(node, number)
+
+
+def handles_signals(process):
+    """Whether a process has got as far as to say what a signal means to it; Python itself does so for SIGINT only."""
+    caught = int(re.search('SigCgt:\t(.*)', Path(f'/proc/{process.pid}/status').read_text())[1], 16)
+    return caught >> (signal.SIGTERM - 1) & 1
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

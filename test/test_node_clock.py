@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, changed, diagnosis, distances, played, pose_of, said
+from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, distances, played, pose_of, said
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
@@ -42,8 +42,7 @@ def test_a_bag_in_a_loop_starts_anew_each_time_round(node, player, peer, scans, 
     """Stamps that go back by seconds are a recording that starts again."""
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     player.wait_for_node(TIMEOUT)
-    heard = peer.listen(tf_type, '/tf')
-    Parameters(peer).names()
+    heard = peer.hear(tf_type, '/tf')
     for _ in range(2):
         answers = player.play(scans[:50])
         assert answers.lost == 0

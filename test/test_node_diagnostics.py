@@ -7,7 +7,7 @@ import pytest
 import rclpy
 import rclpy.qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, changed, diagnosis, played, said, transform
+from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, played, said, transform
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool
 
@@ -44,7 +44,7 @@ def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, 
 def test_tracking_is_ok_with_rates_timing_and_counts(node, player, peer, reports, scans):
     player.wait_for_node(TIMEOUT)
     heard = reports()
-    Parameters(peer).names()
+    peer.greet()
     with peer.spinning():
         answers = player.play(scans[:40], rate=1.0)
     assert answers.lost == 0
@@ -84,7 +84,7 @@ def walls(count):
 def test_between_two_walls_the_direction_that_is_not_known_is_told(node, player, peer, reports):
     player.wait_for_node(TIMEOUT)
     heard = reports()
-    Parameters(peer).names()
+    peer.greet()
     with peer.spinning():
         assert player.play(walls(30), rate=1.0).lost == 0
     told = [s for m in heard for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
@@ -97,7 +97,7 @@ def test_between_two_walls_the_direction_that_is_not_known_is_told(node, player,
 def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):
     player.wait_for_node(TIMEOUT)
     heard = reports()
-    Parameters(peer).names()
+    peer.greet()
     rng = np.random.default_rng(1)
     assert player.play(scans[:3]).lost == 0
     noise = [type(s)(s.stamp, rng.uniform(0.5, 20.0, s.geometry.size), s.geometry, 0.0, 'laser') for s in scans[3:23]]

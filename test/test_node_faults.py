@@ -20,7 +20,6 @@ from ros_helpers import (
     LATCHED,
     TIMEOUT,
     Loudspeaker,
-    Parameters,
     Peer,
     needs_tf2_msgs,
     parameter_messages,
@@ -183,7 +182,7 @@ def answered(player, scan):
 def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, moment, steady):
     client = peer.node.create_client(SetParameters, '/scan_matcher/set_parameters')
     before = begun(player, scans[:moment])
-    Parameters(peer).names()
+    peer.greet()
     values = itertools.cycle([28.0, 29.0])
     asked = []
 
@@ -246,7 +245,7 @@ def test_the_transform_of_the_laser_comes_late(start_node, player, peer, scans, 
     said(node, "no transform from 'base_link' to 'laser'", peer)
     Loudspeaker(peer, TFMessage, '/tf_static', LATCHED).publisher.publish(
         TFMessage(transforms=[transform('base_link', 'laser')]))
-    Parameters(peer).names()
+    peer.greet()
     steady(resumed(player, scans[moment:]))
 
 
@@ -257,7 +256,7 @@ def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, mo
     player.wait_for_node(TIMEOUT)
     frames = Loudspeaker(peer, TFMessage, '/tf')
     frames.publisher.publish(TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))
-    Parameters(peer).names()
+    peer.greet()
     before = begun(player, scans[:moment])
     answers = player.play(scans[moment:], patience=RESUMED)
     assert answers.lost == 0

@@ -77,8 +77,7 @@ def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, 
 def test_the_inverse_transform_is_sent_where_asked_for(start_node, player, peer, scans, tf_type):
     start_node('-p', 'invert_tf:=true', '-p', 'odom_frame:=laser_odom')
     player.wait_for_node(TIMEOUT)
-    heard = peer.listen(tf_type, '/tf')
-    Parameters(peer).names()
+    heard = peer.hear(tf_type, '/tf')
     answers = player.play(scans[:10])
     peer.until(lambda: len(heard) == 10)
     for message, answer in zip(heard, answers.messages, strict=True):

@@ -7,7 +7,7 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, changed, distances, played
+from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
@@ -62,8 +62,7 @@ def test_only_one_scan_in_so_many_is_used(start_node, player, scans, truth):
 def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(node, peer, scans):
     publisher = Loudspeaker(peer, LaserScan, 'scan').publisher
     answers = peer.listen(Odometry, 'odom')
-    reports = peer.listen(DiagnosticArray, '/diagnostics')
-    Parameters(peer).names()
+    reports = peer.hear(DiagnosticArray, '/diagnostics')
     messages = [scan_to_message(scan) for scan in scans]
     for message in messages:
         publisher.publish(message)

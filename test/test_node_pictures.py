@@ -2,7 +2,7 @@
 import numpy as np
 import rclpy  # noqa: F401 - needs ROS
 from nav_msgs.msg import Path
-from ros_helpers import TIMEOUT, Parameters
+from ros_helpers import TIMEOUT, shown
 from sensor_msgs.msg import PointCloud2, PointField
 
 from dbscan_reg_ros import SE2
@@ -11,14 +11,7 @@ from dbscan_reg_ros.node.messages import stamp_from_message
 
 def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, truth):
     start_node('-p', 'path.step:=0.2')
-    player.wait_for_node(TIMEOUT)
-    paths = peer.listen(Path, 'path')
-    Parameters(peer).names()
-    with peer.spinning():
-        assert player.play(scans[:60]).lost == 0
-        last = scans[59].stamp
-    peer.until(lambda: paths and stamp_from_message(paths[-1].header.stamp) == last)
-    path = paths[-1]
+    path = shown(player, peer, scans[:60], Path, 'path')
     assert path.header.frame_id == 'odom'
     assert {pose.header.frame_id for pose in path.poses} == {'odom'}
     stamps = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
@@ -32,14 +25,9 @@ def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, tr
 
 def test_the_path_forgets_its_oldest_poses(start_node, player, peer, scans):
     start_node('-p', 'path.step:=0.0', '-p', 'path.size:=10')
-    player.wait_for_node(TIMEOUT)
-    paths = peer.listen(Path, 'path')
-    Parameters(peer).names()
-    with peer.spinning():
-        assert player.play(scans[:40]).lost == 0
-    peer.until(lambda: paths and stamp_from_message(paths[-1].header.stamp) == scans[39].stamp)
-    assert len(paths[-1].poses) <= 11
-    assert stamp_from_message(paths[-1].poses[0].header.stamp) == scans[30].stamp
+    path = shown(player, peer, scans[:40], Path, 'path')
+    assert len(path.poses) <= 11
+    assert stamp_from_message(path.poses[0].header.stamp) == scans[30].stamp
 
 
 def points_of(message):
@@ -51,14 +39,9 @@ def points_of(message):
 
 
 def test_the_local_map_lies_on_the_walls(node, player, peer, drive, scans):
-    player.wait_for_node(TIMEOUT)
-    maps = peer.listen(PointCloud2, 'local_map')
-    Parameters(peer).names()
-    with peer.spinning():
-        assert player.play(scans[:30]).lost == 0
-    peer.until(lambda: maps and stamp_from_message(maps[-1].header.stamp) == scans[29].stamp)
-    points = points_of(maps[-1])
-    assert maps[-1].header.frame_id == 'odom'
+    cloud = shown(player, peer, scans[:30], PointCloud2, 'local_map')
+    points = points_of(cloud)
+    assert cloud.header.frame_id == 'odom'
     assert len(points) > 100
     assert (points[:, 2] == 0.0).all()
     start = SE2.from_array(drive.truth[0]).inverse()
@@ -74,8 +57,7 @@ def test_pictures_are_made_only_while_somebody_looks(node, player, peer, scans):
     assert player.play(scans[:10]).lost == 0
     for topic in ('/path', '/local_map', '/segments'):
         assert peer.until(lambda topic=topic: peer.node.get_publishers_info_by_topic(topic))
-    maps = peer.listen(PointCloud2, 'local_map')
-    Parameters(peer).names()
+    maps = peer.hear(PointCloud2, 'local_map')
     with peer.spinning():
         assert player.play(scans[10:20]).lost == 0
     peer.until(lambda: maps)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, Loudspeaker, distances, said, transform
+from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base, said, transform
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
@@ -16,7 +16,7 @@ from dbscan_reg_ros.recordings.snapshots import read_snapshot
 
 LASER = SE2(0.2, 0.1, 0.5)
 """On the base."""
-PLACE = ['-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{LASER.x}, {LASER.y}, {LASER.theta}]']
+PLACE = mounted(LASER)
 WAIT = ['-p', 'input.wait:=5.0']
 
 
@@ -105,8 +105,7 @@ def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, pl
         error = along_base(before.inverse() @ now).inverse() @ update.prior.transform
         assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
         assert np.linalg.eigvalsh(update.prior.covariance).min() > 0.0
-    bases = [LASER @ pose @ LASER.inverse() for pose in truth[:20]]
-    assert distances(answers, bases).max() < 0.05
+    assert distances(answers, of_base(truth[:20], LASER)).max() < 0.05
 
 
 def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, peer, scans, truth, tmp_path):
@@ -117,7 +116,7 @@ def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, pe
     play_slowly(player, peer, wheels, scans[:10], messages[:-1])
     answers = player.play(scans[10:60])
     assert answers.lost == 0
-    assert distances(answers.messages, [LASER @ pose @ LASER.inverse() for pose in truth[10:60]]).max() < 0.05
+    assert distances(answers.messages, of_base(truth[10:60], LASER)).max() < 0.05
     said(node, "prior.source is 'odometry', but /wheel_odom says nothing of the time of the scan", peer)
     assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
 
@@ -176,7 +175,7 @@ def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer,
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:20])
     assert answers.lost == 0
-    assert distances(answers.messages, [LASER @ pose @ LASER.inverse() for pose in truth[:20]]).max() < 0.05
+    assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
     assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
 
 

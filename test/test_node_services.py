@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, distances, played, pose_of, said
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, distances, mounted, played, pose_of, said
 from std_srvs.srv import SetBool, Trigger
 
 from dbscan_reg_ros import SE2, register
@@ -57,7 +57,7 @@ def given(pose, frame='odom', variance=0.04):
 
 def test_a_pose_that_is_set_is_that_of_the_next_scan(start_node, player, peer, scans, truth):
     laser = SE2(0.3, 0.1, 1.0)
-    node = start_node('-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{laser.x}, {laser.y}, {laser.theta}]')
+    node = start_node(*mounted(laser))
     assert played(player, scans[:10]).lost == 0
     place = SE2(12.0, -7.0, 2.0)
     poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
