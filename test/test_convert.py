@@ -7,8 +7,7 @@ from bags import SECOND, laser_scan, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
-from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.recordings.carmen import CarmenLog
+from dbscan_reg_ros.recordings import conversion, open_recording
 from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.poses import relative
 
@@ -65,6 +64,7 @@ def test_a_bag_becomes_a_log_and_a_bag_again(data, tmp_path, bag):
     convert(tmp_path / 'a.log', tmp_path / 'back')
     for recording in (open_recording(tmp_path / 'a.log'), open_recording(tmp_path / 'back')):
         assert_same_scans(original, recording)
+        assert (original.wheel_odometry() is None) == (recording.wheel_odometry() is None)
         if original.wheel_odometry():
             stamps, poses = recording.wheel_odometry()
             assert (stamps == original.wheel_odometry()[0]).all()
@@ -163,29 +163,29 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
 
 @pytest.mark.parametrize('target', ['bag', 'a.bag', 'a.log.gz'])
 def test_ctrl_c_leaves_a_valid_recording(data, tmp_path, monkeypatch, capsys, target):
-    def interrupted(self):
-        yield from itertools.islice(records(self), 100)
-        raise KeyboardInterrupt
-
-    records = CarmenLog.records
     with monkeypatch.context() as patch:
-        patch.setattr(CarmenLog, 'records', interrupted)
+        break_off(patch, 100, KeyboardInterrupt())
         assert main(['intel/intel.log.gz', str(tmp_path / target), '--data', str(data)]) == 130
     assert capsys.readouterr().err == 'convert: interrupted\n'
     assert open_recording(tmp_path / target).stamps() == open_recording(data / 'intel' / 'intel.log.gz').stamps()[:100]
 
 
 def test_a_conversion_that_fails_leaves_nothing(data, tmp_path, monkeypatch):
-    def failing(self):
-        yield from itertools.islice(records(self), 3)
-        raise OSError(28, 'No space left on device')
-
-    records = CarmenLog.records
-    monkeypatch.setattr(CarmenLog, 'records', failing)
+    break_off(monkeypatch, 3, OSError(28, 'No space left on device'))
     for target in ('bag', 'a.bag', 'a.log'):
         with pytest.raises(OSError, match='No space left'):
-            convert(data / 'intel' / 'intel.log.gz', tmp_path / target)
+            convert(data / 'aces' / 'aces.log.gz', tmp_path / target)
     assert list(tmp_path.iterdir()) == []
+
+
+def break_off(patch, count, error):
+    """Let the conversion of a log end with `error` after `count` of its records."""
+    def ending(*arguments):
+        yield from itertools.islice(timed(*arguments), count)
+        raise error
+
+    timed = conversion._timed
+    patch.setattr(conversion, '_timed', ending)
 
 
 @pytest.mark.parametrize(('source', 'target', 'options', 'reason'), [
@@ -195,6 +195,8 @@ def test_a_conversion_that_fails_leaves_nothing(data, tmp_path, monkeypatch):
     ('lms511/static', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /scan'),
     ('intel/intel.log.gz', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /laser_pose, /scan, /wheel_odom'),
     ('lms511/static', 'a.log', {'topic': '/odom'}, "no scans on '/odom'"),
+    ('lms511/static', 'a.log', {'topics': ['/scan']}, 'topics to keep \\(/scan\\) are for bags'),
+    ('lms511/static', 'b', {'topic': '/scan'}, 'one topic of scans \\(/scan\\) is for logs'),
     ('intel/absent.log', 'b', {}, 'cannot be read'),
     ('intel/pairs.csv', 'b', {}, 'holds no laser scan'),
 ])
@@ -214,11 +216,16 @@ def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
     assert capsys.readouterr().err == f'convert: {target}: exists already; choose another name, or remove it\n'
 
 
-def test_the_reference_reader_opens_our_mcap(data, tmp_path):
+@pytest.mark.parametrize('source', ['intel/intel.log.gz', 'aces/aces.log.gz', *BAGS])
+def test_the_reference_reader_opens_our_mcap(data, tmp_path, source):
     reader = pytest.importorskip('mcap.reader', reason='needs the Python package mcap')
-    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'bag')
+    counts, _ = convert(data / source, tmp_path / 'bag')
     (path,) = (tmp_path / 'bag').glob('*.mcap')
     with open(path, 'rb') as file:
-        summary = reader.make_reader(file).get_summary()
-    assert summary.statistics.message_count == 3 * 5505
-    assert {channel.topic for channel in summary.channels.values()} == {'/scan', '/wheel_odom', '/laser_pose'}
+        opened = reader.make_reader(file)
+        channels = opened.get_summary().channels.values()
+        times = [(channel.topic, message.log_time) for _, channel, message in opened.iter_messages(log_time_order=False)]
+    assert {channel.message_encoding for channel in channels} == {'cdr'}
+    assert {channel.topic: sum(topic == channel.topic for topic, _ in times) for channel in channels} == counts
+    assert times == [(topic, time) for topic, time, _ in messages(tmp_path / 'bag')]
+    assert counts['/scan'] == open_recording(data / source).count

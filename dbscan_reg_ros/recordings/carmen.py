@@ -65,8 +65,9 @@ class CarmenLog(Recording):
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
 
     def wheel_odometry(self):
+        """The robot's poses; None where all of them are zero, as in the log of a sensor alone."""
         stamps, _, robot = self._poses()
-        return stamps, robot
+        return (stamps, robot) if robot.any() else None
 
     def truth(self):
         """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""

@@ -17,7 +17,7 @@ from .recording import is_bag, open_recording
 SECOND = 1_000_000_000
 STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/scan': LASER_SCAN}
-"""What a CARMEN log becomes in a bag."""
+"""What a CARMEN log becomes in a bag; one without odometry only has scans."""
 
 
 def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, storage='mcap', progress=None):
@@ -59,11 +59,19 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     progress = progress or (lambda items, total: items)
     check_target(target)
     from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
+    if to_log and topics:
+        raise RecordingError(f'{target}: topics to keep ({", ".join(topics)}) are for bags; a log takes the scans of one topic')
     if from_bag and not to_log:
+        if topic:
+            raise RecordingError(f'{target}: one topic of scans ({topic}) is for logs; name topics to keep for a bag')
         return _bag_to_bag(source, target, topics, start, end, storage, progress)
     recording = open_recording(source, topic)
     records = _timed(progress(recording.records(), recording.count), start, end)
-    counts = write_log(target, (record for _, record in records)) if to_log else _log_to_bag(records, target, topics, storage)
+    if to_log:
+        counts = write_log(target, (record for _, record in records))
+    else:
+        held = LOG_TOPICS if recording.wheel_odometry() else {'/scan': LASER_SCAN}
+        counts = _log_to_bag(records, target, topics, storage, held)
     return counts, recording.problems
 
 
@@ -104,10 +112,10 @@ def write_log(target, records) -> Counter:
     return counts
 
 
-def _log_to_bag(records, target, topics, storage):
+def _log_to_bag(records, target, topics, storage, held):
     from rosbags.typesys import Stores, get_typestore
-    _check_topics(topics, LOG_TOPICS, 'the bag of a log')
-    kept = {name: kind for name, kind in LOG_TOPICS.items() if not topics or name in topics}
+    _check_topics(topics, held, 'the bag of this log')
+    kept = {name: kind for name, kind in held.items() if not topics or name in topics}
     maker = MessageMaker()
     ros1 = target.suffix == '.bag'
     counts = Counter()
