@@ -36,6 +36,12 @@ def test_the_node_says_the_same_to_the_last_bit(soaked, size):
     assert figures['growth_mb'] < 5.0
 
 
+def test_memory_that_comes_and_goes_is_not_taken_for_growth():
+    held = [100.0, 120.0, 101.0, 118.0] * 20
+    assert soak.growth(held) == 0.0
+    assert soak.growth([memory + 0.1 * k for k, memory in enumerate(held)]) == pytest.approx(7.2)
+
+
 def test_answers_that_differ_in_one_bit_are_told_apart():
     one, other = soak.Blocks(), soak.Blocks()
     for blocks, value in ((one, 1.0), (other, np.nextafter(1.0, 2.0))):

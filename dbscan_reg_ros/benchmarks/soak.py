@@ -24,7 +24,9 @@ from .report import Report
 
 SCANS = 150_000
 BLOCK = 1000
-"""So many scans are compared at a time; memory is compared with that after the first of them."""
+"""So many scans are compared at a time; what is held in memory is compared with that after the first of them."""
+STEP = 250
+"""So often is the memory looked at."""
 RUNS = 3
 TENTH = 0.1
 CONTAINERS = list, dict, set, deque
@@ -76,7 +78,7 @@ def scans():
 
 def drive(count):
     """The odometry of `count` scans: its figures, and what tells each block of its answers from others."""
-    odometry, seconds, blocks = Odometry(), np.full(count, np.nan), Blocks()
+    odometry, seconds, blocks, memory = Odometry(), np.full(count, np.nan), Blocks(), []
     for k, scan in enumerate(islice(scans(), count)):
         begin = time.thread_time()
         update = odometry.process(scan)
@@ -84,14 +86,22 @@ def drive(count):
         state = base_state(update, SE2(), SE2())
         blocks.add(_numbers(odometry_fields(state, 'odom', 'base_link')))
         if k == BLOCK - 1:
-            memory, items = memory_mb(os.getpid()), _items()
+            items = _items()
+        if k >= BLOCK - 1 and (k + 1) % STEP == 0:
+            memory.append(memory_mb(os.getpid()))
     tenth = round(TENTH * count)
     first, last = seconds[:tenth], seconds[-tenth:]
-    figures = {'scans_count': count, 'growth_mb': memory_mb(os.getpid()) - memory, 'items_count': _items() - items,
+    figures = {'scans_count': count, 'growth_mb': growth(memory), 'items_count': _items() - items,
                'ms_p50': 1e3 * float(np.median(last)), 'ms_p99': 1e3 * float(np.quantile(last, 0.99)),
                'ratio_p50': float(np.median(last) / np.median(first)),
                'ratio_p99': float(np.quantile(last, 0.99) / np.quantile(first, 0.99))}
     return figures, blocks.digests
+
+
+def growth(memory):
+    """Of the memory held: the least in the last tenth of the time over the least in the first, for it comes and goes."""
+    tenth = max(round(TENTH * len(memory)), BLOCK // STEP)
+    return min(memory[-tenth:]) - min(memory[:tenth])
 
 
 def _items():
@@ -106,16 +116,16 @@ def drive_node(count, expected):
     stream, blocks, lost, marks = scans(), Blocks(), 0, []
     with graph() as folder, running_node(folder) as node, Player() as player:
         player.wait_for_node(PATIENCE)
-        for done in range(0, count, BLOCK):
+        for done in range(0, count, STEP):
+            answers = player.play(islice(stream, min(STEP, count - done)))
             marks.append((cpu_seconds(node.pid), memory_mb(node.pid)))
-            answers = player.play(islice(stream, min(BLOCK, count - done)))
             lost += answers.lost
             for message in filter(None, answers.messages):
                 blocks.add(_numbers_of(message))
-        spent, memory = np.array([*marks, (cpu_seconds(node.pid), memory_mb(node.pid))]).T
-    tenth = max(1, round(TENTH * count / BLOCK))
-    return {'scans_count': count, 'lost_count': lost, 'growth_mb': memory[-1] - memory[1],
-            'ratio_mean': (spent[-1] - spent[-1 - tenth]) / (spent[1 + tenth] - spent[1]),
+    spent, memory = np.array(marks[BLOCK // STEP - 1:]).T
+    tenth = max(1, round(TENTH * len(spent)))
+    return {'scans_count': count, 'lost_count': lost, 'growth_mb': growth(list(memory)),
+            'ratio_mean': (spent[-1] - spent[-1 - tenth]) / (spent[tenth] - spent[0]),
             'differ_count': differing(expected, blocks.digests)}
 
 
