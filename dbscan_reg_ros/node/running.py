@@ -45,7 +45,7 @@ def run_node(name, description, make, argv=None) -> int:
         try:
             rclpy.init(args=[name, *argv])
         except RuntimeError as error:
-            return _complain(name, f'ROS arguments: {error}')
+            return _complain(name, f'ROS does not start: {error}')
         stop.leave_to_ros()
         rclpy.spin(make(name))
     except ParameterError as error:

@@ -1,4 +1,4 @@
-"""A long drive: nothing grows, and the same scans give the same odometry, in every run and in the node."""
+"""What the benchmarks soak, silent and node measure: a long drive, equal bits, wrong answers, a running node."""
 import numpy as np
 import pytest
 
@@ -88,3 +88,12 @@ def test_small_errors_and_those_that_are_admitted_are_not_counted(status, error)
 def test_counts_of_several_drives_add_up_and_the_greatest_error_counts():
     rows = [{'ok': 1.0, 'step_silent_count': 1, 'step_worst_m': 0.1}, {'ok': 0.5, 'step_silent_count': 2, 'step_worst_m': 0.4}]
     assert silent.total(rows) == {'ok': 0.75, 'step_silent_count': 3, 'step_worst_m': 0.4}
+
+
+def test_the_bench_of_the_node_measures_a_running_node():
+    pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
+    figures = node.run(beams=181, fov=180.0, rate=10.0, count=30)
+    assert figures['lost_count'] < 15
+    assert 0.0 < figures['ms_p50'] <= figures['ms_p99'] < 2000.0
+    assert 0.0 < figures['core'] < 4.0
+    assert abs(figures['growth_mb']) < 100.0
