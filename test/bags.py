@@ -29,6 +29,20 @@ def scan_bag(path, scans):
                             for scan in scans])
 
 
+def every_format(folder, scans=8):
+    """Write `log.log` and what it becomes in every other format, and `other.log` of another lidar; one drive's first scans."""
+    from dbscan_reg_ros.recordings.conversion import convert, write_log
+    from dbscan_reg_ros.recordings.recording import Record
+    from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+    world = rooms(seed=1)
+    for name, beams in (('log', 90), ('other', 121)):
+        drive = simulate(world, follow(world.tour[:3], speed=1.0), Lidar(beams=beams, angle_min=-2.0), seed=1)
+        write_log(folder / f'{name}.log', [Record(scan, tuple(pose), (0.0, 0.0, 0.0))
+                                           for scan, pose in zip(drive.scans[:scans], drive.truth, strict=False)])
+    for name, storage in (('log.log.gz', 'mcap'), ('log.bag', 'mcap'), ('mcap', 'mcap'), ('db3', 'sqlite3')):
+        convert(folder / 'log.log', folder / name, storage=storage)
+
+
 def laser_scan(stamp=5 * SECOND + 7, n=5, angle_min=-0.5, increment=0.25):
     from rosbags.typesys import Stores, get_typestore
     types = get_typestore(Stores.ROS2_JAZZY).types

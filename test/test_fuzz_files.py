@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from bags import laser_scan, write_bag
+from bags import every_format, laser_scan, write_bag
 from child import in_child
 from damage import damaged_bytes, damaged_text
 
@@ -20,33 +20,22 @@ from dbscan_reg_ros.recordings import (
     write_csv,
     write_tum,
 )
-from dbscan_reg_ros.recordings.conversion import convert, write_log
-from dbscan_reg_ros.recordings.recording import Record
 from dbscan_reg_ros.recordings.snapshots import (
     Snapshot,
     SnapshotUpdate,
     read_snapshot,
     write_snapshot,
 )
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 MEMORY = 512 * 2**20
-BAGS = {'mcap': 'mcap', 'db3': 'sqlite3'}
+BAGS = 'mcap', 'db3'
 
 
 @pytest.fixture(scope='module')
 def whole(tmp_path_factory):
-    """A folder of small recordings without fault, of every format: one drive, seen by two lidars."""
+    """A folder of small recordings without fault, of every format."""
     folder = tmp_path_factory.mktemp('whole')
-    world = rooms(seed=1)
-    for name, beams in (('log', 90), ('other', 121)):
-        drive = simulate(world, follow(world.tour[:3], speed=1.0), Lidar(beams=beams, angle_min=-2.0), seed=1)
-        records = [Record(scan, tuple(pose), (0.0, 0.0, 0.0)) for scan, pose in zip(drive.scans[:8], drive.truth, strict=False)]
-        write_log(folder / f'{name}.log', records)
-    convert(folder / 'log.log', folder / 'log.log.gz')
-    convert(folder / 'log.log', folder / 'log.bag')
-    for ending, storage in BAGS.items():
-        convert(folder / 'log.log', folder / ending, storage=storage)
+    every_format(folder)
     return folder
 
 
@@ -81,7 +70,7 @@ def write_damaged(whole, folder, seed):
     else:
         path = folder / 'damaged'
         shutil.rmtree(path, ignore_errors=True)
-        shutil.copytree(whole / str(rng.choice(list(BAGS))), path)
+        shutil.copytree(whole / str(rng.choice(BAGS)), path)
         metadata = path / 'metadata.yaml'
         metadata.write_bytes(damaged_bytes(metadata.read_bytes(), rng, b'&a [*a, *a]\n'))
     return path

@@ -47,7 +47,7 @@ def test_every_package_of_the_set_up_is_pinned_with_its_hashes(root):
     for path in sorted((root / 'scripts' / 'requirements').glob('*.txt')):
         text = re.sub(r'\s*#.*', '', path.read_text()).replace('\\\n', ' ')
         requirements = [line for line in text.splitlines() if line.strip()]
-        assert len(requirements) > 10
+        assert requirements, path
         for requirement in requirements:
             assert re.match(r'[\w.\[\],-]+==[\w.]+( ; [^#]*?)?(\s+--hash=sha256:[0-9a-f]{64})+\s*$', requirement), requirement
 
