@@ -7,7 +7,7 @@ from dbscan_reg_ros.node.parameters import NodeParameters
 
 DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/faq.md', 'doc/method.md', 'doc/node.md',
              'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/reliability.md',
-             '.github/CONTRIBUTING.md', '.github/SECURITY.md')
+             'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
 
 
 def anchors(text):

@@ -11,8 +11,22 @@ from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.recordings.metrics import apart, errors
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.track import track_of
-from dbscan_reg_ros.simulation import (LIDARS, Lidar, Path, Person, World, corridor, demo, follow, hall, measure, rooms,
-                                       simulate, wheel_odometry, yaw_rates)
+from dbscan_reg_ros.simulation import (
+    LIDARS,
+    Lidar,
+    Path,
+    Person,
+    World,
+    corridor,
+    demo,
+    follow,
+    hall,
+    measure,
+    rooms,
+    simulate,
+    wheel_odometry,
+    yaw_rates,
+)
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
