@@ -196,11 +196,11 @@ def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, 
     with peer.spinning():
         answers = player.play(scans[moment:], rate=1.0).messages
     timer.cancel()
-    peer.until(lambda: asked[-1].done())
+    peer.until(lambda: any(future.done() for future in asked[-10:]))
     results = [future.result().results[0] for future in asked if future.done()]
     assert all(result.successful for result in results)
-    assert len(results) > 0.9 * len(asked)
-    assert len(asked) > 50 * 0.1 * len(answers)
+    assert len(asked) > 5 * len(answers)
+    assert len(results) > 0.25 * len(asked), 'a service keeps ten requests at most, but not so few'
     assert any(answers[:10])
     steady([*before, *filter(None, answers)])
 
