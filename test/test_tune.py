@@ -13,7 +13,7 @@ from dbscan_reg_ros import ParameterError, Parameters
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.commands.tune import main
 from dbscan_reg_ros.node.parameters import NodeParameters
-from dbscan_reg_ros.parameter_files import read_parameters
+from dbscan_reg_ros.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.tuning.objective import cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
@@ -88,6 +88,18 @@ def test_a_bad_start_gets_better_and_the_result_is_a_parameter_file(words, recor
                      r'([+-][\d.]+) m', printed)
     assert float(held[1]) > float(held[2]) and 0.0 < float(held[3]) < float(held[4])
     assert re.search(r'by recording \+\d+\.\d %', printed)
+
+
+def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path, size):
+    """Within 10 % of their error over 1 m; with --long in 200 trials on the whole log."""
+    trials, scans = size((6, 300), (200, 5505))
+    intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
+    write_parameters(bad, NodeParameters().replace(BAD | {
+        'refinement.damping': 0.1, 'density.reach': 2.0, 'density.violation': 3.5, 'selection.sieve_tolerance': 1.25}))
+    assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
+                 'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
+    costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
+    assert min(costs) <= 1.1 * cost_of(intel, None, NodeParameters(), 'truth', scans) < 0.5 * costs[0]
 
 
 def test_a_gain_within_the_noise_is_called_that(recordings, tmp_path, capsys):

@@ -19,8 +19,8 @@ LIDAR = (
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
-    'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0), 'dropouts': (0.0, 1.0),
-    'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
+    'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0),
+    'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
 }
 
 
