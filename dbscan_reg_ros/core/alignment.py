@@ -6,26 +6,21 @@ costs a fixed number of array operations, whatever the number of candidates.
 import numpy as np
 
 
-def transform_points(candidates, x, y):
-    """Points moved by every candidate: ``(H, P)`` arrays px, py and, relative to the candidate's origin, rx, ry."""
-    c, s = np.cos(candidates[:, 2:]), np.sin(candidates[:, 2:])
-    rx = c * x
-    rx -= s * y
-    ry = s * x
-    ry += c * y
-    return rx + candidates[:, :1], ry + candidates[:, 1:2], rx, ry
+def transform_points(candidates, points):
+    """``(H, P)`` complex points moved by every candidate (Eq. 8), and the same relative to the candidate's origin."""
+    arms = np.exp(1j * candidates[:, 2:]) * points
+    return arms + (candidates[:, :1] + 1j * candidates[:, 1:2]), arms
 
 
-def free_space_violation(radius, near, tolerance):
-    """1 for a point well in front of what the other scan saw there, fading to 0 within the tolerance."""
-    front = near - radius
-    front -= tolerance
-    front *= 1.0 / tolerance
-    return np.clip(front, 0.0, 1.0, out=front)
-
-
-def residuals(candidates, cloud, surface, scale, parameters):
+def residuals(candidates, cloud, surface, scale, facing):
     """Distances of a scan's points from the surface's lines under every candidate.
+
+    Parameters
+    ----------
+    scale : float [m]
+        Of the kernel.
+    facing : float
+        Least cosine of the angle between the normals of partners.
 
     Returns
     -------
@@ -33,47 +28,37 @@ def residuals(candidates, cloud, surface, scale, parameters):
         Signed distance from the line of the nearest point.
     weight : (H, P) array
         Gaussian kernel of the distance (Eq. 18), 0 without a partner that faces the same way.
-    jx, jy, jt : (H, P) arrays
-        Derivative of the error with respect to x, y [m] and theta [rad].
+    normals : (H, P) complex array
+        Normals of the partners, conjugated.
+    arms : (H, P) complex array [m]
+        Turned points.
     """
-    px, py, rx, ry = transform_points(candidates, cloud.x, cloud.y)
-    nearest = surface.nearest(px, py)
-    nx, ny = surface.nx.take(nearest), surface.ny.take(nearest)
-    px -= surface.x.take(nearest)
-    py -= surface.y.take(nearest)
-    error = nx * px
-    error += ny * py
-    px *= ny
-    py *= nx
-    py -= px
-    c, s = np.cos(candidates[:, 2:]), np.sin(candidates[:, 2:])
-    facing = nx * (c * cloud.nx - s * cloud.ny)
-    facing += ny * (s * cloud.nx + c * cloud.ny)
+    places, arms = transform_points(candidates, cloud.points)
+    nearest = surface.nearest(places)
+    normals = surface.normals.take(nearest)
+    error = (normals * places).real
+    error -= surface.offsets.take(nearest)
     weight = error * error
     weight *= -0.5 / (scale * scale)
     np.exp(weight, out=weight)
-    weight *= facing > parameters.facing
-    weight *= np.abs(py) < parameters.reach
-    jt = ny * rx
-    jt -= nx * ry
-    return error, weight, nx, ny, jt
+    weight *= (normals * (np.exp(1j * candidates[:, 2:]) * cloud.normals)).real > facing
+    return error, weight, normals, arms
 
 
-def normal_equations(error, weight, jx, jy, jt):
-    """``(H, 3, 3)`` information matrices and ``(H, 3)`` gradients of the weighted squared errors."""
-    jacobian = np.stack((jx, jy, jt), axis=1)
-    weighted = jacobian * weight[:, None]
-    information = weighted @ jacobian.transpose(0, 2, 1)
-    gradient = (weighted @ error[:, :, None])[:, :, 0]
-    return information, gradient
+def normal_equations(error, weight, normals, arms):
+    """``(H, 4, 4)`` weighted squares of the errors' derivatives by x, y [m] and theta [rad], and of the errors.
+
+    The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
+    the sum of the squared errors.
+    """
+    rows = np.empty((len(error), 4, error.shape[1]))
+    rows[:, 0], rows[:, 1] = normals.real, normals.imag
+    rows[:, 2], rows[:, 3] = (normals * arms).imag, error
+    rows[:, 1:3] *= -1.0
+    return (rows * weight[:, None]) @ rows.transpose(0, 2, 1)
 
 
-def information(candidates, cloud, surface, scale, parameters):
-    """``(H, 3, 3)`` information matrix of each candidate, for a unit error of a point."""
-    return normal_equations(*residuals(candidates, cloud, surface, scale, parameters))[0]
-
-
-def refine(candidates, cloud, surface, scales, parameters, damping):
+def refine(candidates, cloud, surface, scales, facing, damping):
     """Robust point-to-line iterations of all candidates together, one for each of the `scales` [m].
 
     A little damping keeps a direction that the points do not determine where it is.
@@ -84,21 +69,21 @@ def refine(candidates, cloud, surface, scales, parameters, damping):
     """
     candidates = candidates.copy()
     for scale in scales:
-        candidates -= solve(*normal_equations(*residuals(candidates, cloud, surface, scale, parameters)), damping)
+        candidates -= solve(normal_equations(*residuals(candidates, cloud, surface, scale, facing)), damping)
     return candidates
 
 
-def polish(candidate, cloud, surface, density, refinement):
+def polish(candidate, cloud, surface, facing, refinement):
     """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
 
     A candidate that creeps farther than the first kernel reaches, as along a corridor, stays where it was.
     """
     first, candidate, scale = candidate, candidate[None].copy(), refinement.final_scale
     for _ in range(refinement.polish):
-        error, weight, jx, jy, jt = residuals(candidate, cloud, surface, scale, density)
-        step = solve(*normal_equations(error, weight, jx, jy, jt), refinement.damping)
+        equations = normal_equations(*residuals(candidate, cloud, surface, scale, facing))
+        step = solve(equations, refinement.damping)
         candidate -= step
-        narrower = refinement.narrowed(scale, mean_square(error, weight) ** 0.5)
+        narrower = refinement.narrowed(scale, mean_square(equations[0]) ** 0.5)
         if np.abs(step).max() < _CONVERGED and narrower > 0.98 * scale:
             break
         scale = narrower
@@ -109,14 +94,14 @@ def polish(candidate, cloud, surface, density, refinement):
 _CONVERGED = 1e-5
 
 
-def mean_square(error, weight):
-    """Weighted mean of the squared errors [m^2]."""
-    error, weight = error.ravel(), weight.ravel()
-    return float(weight @ (error * error)) / max(float(weight.sum()), 1e-9)
+def mean_square(equations):
+    """Weighted mean of the squared errors [m^2] of normal equations ``(4, 4)``: normals are of unit length."""
+    return float(equations[3, 3]) / max(float(equations[0, 0] + equations[1, 1]), 1e-9)
 
 
-def solve(information, gradient, damping):
+def solve(equations, damping):
     """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
+    information = equations[:, :3, :3].copy()
     diagonal = np.einsum('hii->hi', information)
     diagonal += damping * (diagonal[:, :2].sum(axis=1, keepdims=True) + 1e-6)
-    return np.linalg.solve(information, gradient[:, :, None])[:, :, 0]
+    return np.linalg.solve(information, equations[:, :3, 3:])[:, :, 0]

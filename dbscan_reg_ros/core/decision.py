@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 
-from .alignment import normal_equations, residuals
+from .alignment import mean_square, normal_equations, residuals
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Registration, Segments, Status
@@ -58,14 +58,13 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
-    error, weight, jx, jy, jt = residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
-                                          p.density)
-    information, _ = normal_equations(error, weight, jx, jy, jt)
-    angle, weak, _ = weakest_direction(information)
-    variance = float((weight * error * error).sum() / max(weight.sum(), 1e-9)) + max(reference.noise, current.noise) ** 2
+    equations = normal_equations(*residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
+                                            p.density.facing))
+    angle, weak, _ = weakest_direction(equations)
+    variance = mean_square(equations[0]) + max(reference.noise, current.noise) ** 2
     c, s = math.cos(candidate[2]), math.sin(candidate[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    match = turn.T @ information[0] @ turn * (1.0 / (variance * p.decision.covariance_scale))
+    match = turn.T @ equations[0, :3, :3] @ turn * (1.0 / (variance * p.decision.covariance_scale))
     return np.linalg.inv(match + np.diag(p.decision.prior_information())), float(angle[0]), float(weak[0])
 
 

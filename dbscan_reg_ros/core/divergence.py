@@ -34,7 +34,7 @@ def select_by_divergence(reference: Features, current: Features, rotations: Rota
     leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
-    _, overlap = score(candidates[leaders[:1]], reference, current.cloud, p.refinement.score_scale, p.density)
+    _, overlap = score(candidates[leaders[:1]], reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
     matches = match_segments(reference.segments, current.segments, winner.transform, p.decision)
     return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses,

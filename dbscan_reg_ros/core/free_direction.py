@@ -44,7 +44,7 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
     """
     cloud = current.cloud
     turn = angles - candidates[:, 2]
-    facing = np.abs(np.cos(turn)[:, None] * cloud.nx + np.sin(turn)[:, None] * cloud.ny).max(axis=0)
+    facing = np.abs((np.exp(-1j * turn)[:, None] * cloud.normals).real).max(axis=0)
     cloud = cloud.select(facing > parameters.facing)
     if len(cloud) < parameters.min_points:
         return candidates
@@ -53,13 +53,11 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
         shift = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1.0) * step
         along = np.stack((np.cos(angles), np.sin(angles), np.zeros(len(angles))), axis=1)
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
-        _, weight, nx, ny, _ = alignment.residuals(moved, cloud, reference.surface, scale, density)
-        ux, uy = np.repeat(along[:, :2].T, len(shift), axis=1)[:, :, None]
-        value = (weight * (nx * ux + ny * uy) ** 2).sum(axis=1)
-        px, py, _, _ = alignment.transform_points(moved, cloud.x, cloud.y)
-        near = reference.view.near.take(reference.view.bins(px, py))
-        violation = alignment.free_space_violation(np.hypot(px, py), near, density.violation_tolerance)
-        value -= density.violation * (violation * (1.0 - weight)).sum(axis=1)
+        _, weight, normals, _ = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
+        component = (normals * np.repeat(np.exp(1j * angles), len(shift))[:, None]).real
+        places, _ = alignment.transform_points(moved, cloud.points)
+        violation = reference.view.violation(places, density.violation_tolerance)
+        value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
         best = np.argmax(value, axis=1)
         candidates = candidates + shift[best][:, None] * along

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 
+from .alignment import mean_square
 from .deskew import deskew
 from .features import extract_features
 from .parameters import Parameters
@@ -158,9 +159,9 @@ class Odometry:
         p = self.parameters
         if p.odometry.reference != 'window':
             return registration.covariance
-        information, _, square = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
-        variance = (square + features.noise ** 2) * p.decision.covariance_scale
-        information = _turned(information, -pose.theta) / variance + np.diag(p.decision.prior_information())
+        equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
+        variance = (mean_square(equations) + features.noise ** 2) * p.decision.covariance_scale
+        information = _turned(equations[:3, :3], -pose.theta) / variance + np.diag(p.decision.prior_information())
         return np.linalg.inv(information)
 
     def _coast(self, features, registration, expected, prior, interval, jump):

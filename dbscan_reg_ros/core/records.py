@@ -8,7 +8,7 @@ import numpy as np
 from .parameters import DensityParameters
 from .scan import Scan
 from .se2 import SE2
-from .surface import build_cloud, build_surface, build_view
+from .surface import build_cloud, build_surface, build_view, leverage
 
 
 class Status(Enum):
@@ -95,6 +95,8 @@ class Features:
         The points that have a normal.
     cloud : Cloud
         Some of them, evenly along the scan: those that hypotheses are compared by.
+    leverage : (P,) float
+        Weight of each point of `cloud` in a comparison.
     surface : Surface
         The density of this scan as a reference; made when first asked for, like `view`.
     view : View
@@ -118,8 +120,12 @@ class Features:
         return self.dense_cloud.thinned(self.density.points)
 
     @cached_property
+    def leverage(self):
+        return leverage(self.cloud, self.density.balance)
+
+    @cached_property
     def surface(self):
-        return build_surface(self.points, self.normals, self.density)
+        return build_surface(self.dense_cloud, self.density)
 
     @cached_property
     def view(self):

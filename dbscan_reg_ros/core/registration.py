@@ -1,7 +1,7 @@
 """The registration of one scan onto another (Figure 13)."""
 import numpy as np
 
-from .alignment import information, polish, refine
+from .alignment import normal_equations, polish, refine, residuals
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
@@ -45,14 +45,14 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]
     finalists = follow_free_direction(finalists, reference, current, p)
     fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
-    fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density, p.refinement)
+    fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):
     """Refine all hypotheses together and score them; best first."""
-    candidates = refine(candidates, current.cloud, reference.surface, scales, p.density, p.refinement.damping)
-    value, overlap = score(candidates, reference, current.cloud, p.refinement.score_scale, p.density)
+    candidates = refine(candidates, current.cloud, reference.surface, scales, p.density.facing, p.refinement.damping)
+    value, overlap = score(candidates, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:
@@ -63,8 +63,8 @@ def improve(candidates, reference, current, scales, p, prior, both_ways=False):
 
 def follow_free_direction(candidates, reference, current, p):
     """Where a direction is all but free, the best place along it joins as a further hypothesis."""
-    match = information(candidates, current.cloud, reference.surface, p.refinement.fine_scale, p.density)
-    angle, weak, strong = weakest_direction(match)
+    match = residuals(candidates, current.cloud, reference.surface, p.refinement.fine_scale, p.density.facing)
+    angle, weak, strong = weakest_direction(normal_equations(*match))
     free = weak < p.free.ratio * strong
     if not free.any():
         return candidates

@@ -9,101 +9,116 @@ from .parameters import DensityParameters
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """The points of a scan that are compared to a reference: ``(P,)`` arrays x, y [m] and unit normal nx, ny."""
+    """The points of a scan that are compared to a reference.
 
-    x: np.ndarray
-    y: np.ndarray
-    nx: np.ndarray
-    ny: np.ndarray
+    Places and directions of the plane are complex numbers here and in all that compares scans: turning is multiplying.
+
+    Attributes
+    ----------
+    points : (P,) complex [m]
+    normals : (P,) complex
+        Unit normals that face the sensor.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
 
     def __len__(self):
-        return len(self.x)
+        return len(self.points)
 
     def select(self, chosen):
-        """The points that the mask `chosen` picks."""
-        return Cloud(self.x[chosen], self.y[chosen], self.nx[chosen], self.ny[chosen])
+        """The points that `chosen`, a mask or a slice, picks."""
+        return Cloud(self.points[chosen], self.normals[chosen])
 
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""
-        step = -(-len(self.x) // count)
-        return self if step <= 1 else Cloud(self.x[::step], self.y[::step], self.nx[::step], self.ny[::step])
+        step = -(-len(self) // count)
+        return self if step <= 1 else self.select(slice(None, None, step))
 
 
 def build_cloud(points, normals) -> Cloud:
     """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
-    known = normals[:, 0] ** 2 + normals[:, 1] ** 2 > 0.5
-    columns = np.ascontiguousarray(np.concatenate((points[known], normals[known]), axis=1).T)
-    return Cloud(*columns)
+    normals = as_complex(normals)
+    known = normals != 0.0
+    return Cloud(as_complex(points)[known], normals[known])
+
+
+def as_complex(vectors):
+    """``(P, 2)`` real vectors as ``(P,)`` complex numbers."""
+    return np.ascontiguousarray(vectors).view(complex)[:, 0]
+
+
+def leverage(cloud: Cloud, balance):
+    """Weight ``(P,)`` of each point, in sum 1: more where few points face the same way.
+
+    In a corridor the few points that face along it decide, not the hundreds on its walls. The weight is the statistical
+    leverage of the point's normal, with `balance` as ridge: large values make all points equal.
+    """
+    size = max(len(cloud), 1)
+    nx, ny = cloud.normals.real, cloud.normals.imag
+    xx, xy, yy = nx @ nx / size + balance, nx @ ny / size, ny @ ny / size + balance
+    weight = yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny
+    return weight / weight.sum()
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Oriented points behind a grid that names the nearest of them: the reference density as a table (Eq. 16-18).
 
-    The Gaussian kernel of the density estimate is taken of the nearest point's line only, stretched along the line to
-    half the distance between neighbours: one look-up a point instead of a sum over all.
+    The Gaussian kernel of the density estimate is taken of the nearest point's line only: one look-up a point instead of
+    a sum over all.
 
     Attributes
     ----------
-    origin_x, origin_y, cell : float [m]
-    index : (rows * columns,) int
+    origin : complex [m]
+        Corner of the grid.
+    cell : float [m]
+    shape : (int, int)
+        Cells along x and y.
+    index : (cells,) int
         Nearest point of each cell; the last point, which has no normal, where none is near.
-    rows, columns : int
-    x, y, nx, ny, known : (P + 1,) float
-        Points, unit normals, and 1 where there is a normal; all 0 for the last.
+    normals : (P + 1,) complex
+        Unit normals, 0 for the last, conjugated: a product with one is the part along it and the part across.
+    offsets : (P + 1,) float [m]
+        Distance of each point's line from the sensor, along its normal.
     """
 
-    origin_x: float
-    origin_y: float
+    origin: complex
     cell: float
-    rows: int
-    columns: int
+    shape: tuple
     index: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    nx: np.ndarray
-    ny: np.ndarray
-    known: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
 
-    def nearest(self, px, py):
-        """Index of the point nearest to each place (arrays of any shape, [m])."""
-        row = np.clip((px - self.origin_x) * (1.0 / self.cell), 0.0, self.rows - 1.0).astype(np.intp)
-        column = np.clip((py - self.origin_y) * (1.0 / self.cell), 0.0, self.columns - 1.0).astype(np.intp)
-        row *= self.columns
-        row += column
-        return self.index.take(row)
+    def nearest(self, places):
+        """Index of the point nearest to each of the `places` (complex, any shape, [m])."""
+        at = (places - self.origin) * (1.0 / self.cell)
+        at = np.ravel_multi_index((at.real.astype(np.intp), at.imag.astype(np.intp)), self.shape, mode='clip')
+        return self.index.take(at)
 
 
-def build_surface(points, normals, parameters: DensityParameters) -> Surface:
-    """A `Surface` of points ``(P, 2)`` with normals ``(P, 2)``, those without a normal left out."""
-    known = normals[:, 0] ** 2 + normals[:, 1] ** 2 > 0.5
-    points, normals = points[known], normals[known]
-    size = len(points)
-    if size:
-        low, high = points.min(axis=0), points.max(axis=0)
-    else:
-        low, high = np.zeros(2), np.zeros(2)
+def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
+    """The `Surface` of all points of a scan that have a normal."""
+    size = len(cloud)
+    points = cloud.points.view(float).reshape(size, 2)
+    low, high = (points.min(axis=0), points.max(axis=0)) if size else (np.zeros(2), np.zeros(2))
     extent = float((high - low).max()) + 2.0 * parameters.reach
     cell = max(parameters.cell, extent / parameters.cells)
     margin = int(math.ceil(parameters.reach / cell)) + 1
     origin = low - margin * cell
     rows, columns = (int(v) + 2 * margin + 1 for v in (high - low) / cell)
     index = np.full(rows * columns, size, dtype=np.int32)
-    if size:
-        place = (points - origin) / cell
-        at = place.astype(np.intp)
-        off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
-        order = np.argsort(-off_centre, kind='stable').astype(np.int32)
-        home = (at[:, 0] * columns + at[:, 1])[order]
-        offsets = _disc(parameters.reach / cell, columns)
-        # Written from the far offsets to the near ones, and in a cell from its rim to its centre: the nearest point has
-        # the last word. Beam order would favour one side and turn the match.
-        index[(home + offsets[:, None]).ravel()] = np.tile(order, len(offsets))
-    zero = np.zeros(1)
-    return Surface(float(origin[0]), float(origin[1]), cell, rows, columns, index,
-                   np.concatenate((points[:, 0], zero)), np.concatenate((points[:, 1], zero)),
-                   np.concatenate((normals[:, 0], zero)), np.concatenate((normals[:, 1], zero)),
-                   np.concatenate((np.ones(size), zero)))
+    place = (points - origin) / cell
+    at = place.astype(np.intp)
+    off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
+    order = np.argsort(-off_centre, kind='stable').astype(np.int32)
+    home = (at[:, 0] * columns + at[:, 1])[order]
+    offsets = _disc(parameters.reach / cell, columns)
+    # Written from the far offsets to the near ones, and in a cell from its rim to its centre: the nearest point has
+    # the last word. Beam order would favour one side and turn the match.
+    index[(home + offsets[:, None]).ravel()] = np.tile(order, len(offsets))
+    normals = np.append(cloud.normals.conj(), 0.0)
+    return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
 
 
 def _disc(radius, columns):
@@ -128,13 +143,21 @@ class View:
     near: np.ndarray
     far: np.ndarray
 
-    def bins(self, px, py):
-        """Bin of each place as seen from the sensor."""
+    def bins(self, places):
+        """Bin of each of the `places` (complex, [m]) as seen from the sensor."""
         size = len(self.near)
-        bearing = np.arctan2(py, px)
+        bearing = np.arctan2(places.imag, places.real)
         bearing += math.pi
         bearing *= size / (2.0 * math.pi)
         return np.minimum(bearing.astype(np.intp), size - 1)
+
+    def violation(self, places, tolerance):
+        """1 for a place well in front of what the scan saw there, fading to 0 within the `tolerance` [m]."""
+        front = self.near.take(self.bins(places))
+        front -= np.abs(places)
+        front -= tolerance
+        front *= 1.0 / tolerance
+        return np.clip(front, 0.0, 1.0, out=front)
 
 
 def build_view(points, increment) -> View:

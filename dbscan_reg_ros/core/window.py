@@ -33,23 +33,22 @@ class SurfaceStack:
     """
 
     def __init__(self, surfaces):
-        self.origin_x, self.origin_y, self.inverse_cell, rows, columns = (
-            np.array(values, dtype=float)[:, None]
-            for values in zip(*((s.origin_x, s.origin_y, 1.0 / s.cell, s.rows, s.columns) for s in surfaces)))
-        self.last_row, self.last_column, self.columns = rows - 1.0, columns - 1.0, columns.astype(np.intp)
-        cells, points = np.array([(len(s.index), len(s.x)) for s in surfaces]).T
-        self.first_cell, self.first_point = (np.cumsum(cells) - cells)[:, None], (np.cumsum(points) - points)[:, None]
-        self.index = np.concatenate([s.index for s in surfaces])
-        self.x, self.y, self.nx, self.ny = (
-            np.concatenate([getattr(s, name) for s in surfaces]) for name in ('x', 'y', 'nx', 'ny'))
+        self.origin = np.array([[s.origin] for s in surfaces])
+        self.inverse_cell = np.array([[1.0 / s.cell] for s in surfaces])
+        self.last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
+        sizes = np.array([(len(s.index), len(s.normals)) for s in surfaces]).T
+        self.first_cell, self.first_point = (np.cumsum(sizes, axis=1) - sizes)[:, :, None]
+        self.index, self.normals, self.offsets = (
+            np.concatenate([getattr(s, name) for s in surfaces]) for name in ('index', 'normals', 'offsets'))
 
-    def nearest(self, px, py):
-        """Index of the point nearest to each place ``(K, ...)``."""
-        cell = np.clip((px - self.origin_x) * self.inverse_cell, 0.0, self.last_row).astype(np.intp)
-        cell *= self.columns
-        cell += np.clip((py - self.origin_y) * self.inverse_cell, 0.0, self.last_column).astype(np.intp)
-        cell += self.first_cell
-        return self.index.take(cell) + self.first_point
+    def nearest(self, places):
+        """Index of the point nearest to each of the `places` ``(K, P)`` (complex, [m])."""
+        at = (places - self.origin) * self.inverse_cell
+        row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self.last))
+        row *= self.last[1] + 1
+        row += column
+        row += self.first_cell
+        return self.index.take(row) + self.first_point
 
 
 class Window:
@@ -64,8 +63,7 @@ class Window:
         self.frames = tuple(frames)
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames])
         self._inverses = [frame.pose.inverse() for frame in self.frames]
-        theta = np.array([[frame.pose.theta] for frame in self.frames])
-        self._cos, self._sin = np.cos(theta), np.sin(theta)
+        self._turns = np.exp(-1j * np.array([[frame.pose.theta] for frame in self.frames]))
 
     @property
     def latest(self):
@@ -82,17 +80,15 @@ class Window:
 
         Returns
         -------
-        information, gradient : (3, 3), (3,) arrays
-            In the odometry frame, the rotation about the sensor, for a unit error of a point.
-        square : float
-            Mean squared error of the points that fit [m^2].
+        (4, 4) array
+            As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
         """
         relative = np.array([(inverse @ pose).as_array() for inverse in self._inverses])
-        error, weight, jx, jy, jt = alignment.residuals(relative, cloud, self._stack, scale, density)
+        error, weight, normals, arms = alignment.residuals(relative, cloud, self._stack, scale, density.facing)
         weight *= 1.0 / np.maximum(weight.sum(axis=0), 1.0)
-        jacobian = np.stack((self._cos * jx - self._sin * jy, self._sin * jx + self._cos * jy, jt)).reshape(3, -1)
-        weighted = jacobian * weight.ravel()
-        return weighted @ jacobian.T, weighted @ error.ravel(), alignment.mean_square(error, weight)
+        arms *= self._turns.conj()
+        normals *= self._turns
+        return alignment.normal_equations(error, weight, normals, arms).sum(axis=0)
 
 
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
@@ -112,10 +108,11 @@ def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, den
     SE2
     """
     for scale in scales:
-        information, gradient, _ = window.equations(pose, cloud, scale, density)
+        equations = window.equations(pose, cloud, scale, density)
+        information = equations[:3, :3]
         off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
         information += strength
         information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
-        step = np.linalg.solve(information, gradient + strength @ off)
+        step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
         pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
     return pose
