@@ -35,12 +35,15 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
     size = len(samples)
     order = np.argsort(samples, kind='stable')
     x = samples[order]
-    left, right = _neighbour_range(x, sigma, period)
-    copies = 1 if period is None else 3
-    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
-    total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
-    core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
     labels = np.full(size, NOISE)
+    if weights is None and min_points <= 1:
+        core = np.ones(size, dtype=bool)
+    else:
+        left, right = _neighbour_range(x, sigma, period)
+        copies = 1 if period is None else 3
+        mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
+        total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
+        core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
     at = np.flatnonzero(core)
     if not len(at):
         return labels
@@ -51,8 +54,8 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
     component = _renumber(component, order[at])
     sorted_labels = np.full(size, NOISE)
     sorted_labels[at] = component
-    border = np.flatnonzero(~core)
-    if len(border):
+    if len(at) < size:
+        border = np.flatnonzero(~core)
         position, reach = x[border], np.searchsorted(at, border)
         best = np.full(len(border), size)
         for neighbour in (reach - 1, reach):
@@ -83,15 +86,15 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     """DBSCAN of points: neighbours from a k-d tree, clusters as connected components.
 
     Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
-    call by a coordinate that keeps them apart.
+    call when they are moved apart.
     """
     size = len(samples)
     if size == 0:
         return np.empty(0, dtype=int)
     pairs = cKDTree(samples, balanced_tree=False, compact_nodes=False).query_pairs(sigma, output_type='ndarray')
     one, two = pairs[:, 0], pairs[:, 1]
-    if min_points <= 1 and weights is None:
-        return _renumber(_components(one, two, size), np.arange(size))
+    if weights is None and min_points <= 1:
+        return _components(one, two, size)
     mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)
     total = mass + np.bincount(one, mass[two], minlength=size) + np.bincount(two, mass[one], minlength=size)
     core = total >= min_points - 1e-12 * max(total.max(), 1.0)
@@ -100,7 +103,7 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     if not len(at):
         return labels
     linked = core[one] & core[two]
-    labels[at] = _renumber(_components(one[linked], two[linked], size)[at], at)
+    labels[at] = np.unique(_components(one[linked], two[linked], size)[at], return_inverse=True)[1]
     best = np.full(size, size)
     for border, neighbour in ((one, two), (two, one)):
         reached = core[neighbour] & ~core[border]
@@ -111,7 +114,7 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
 
 
 def _components(one, two, size):
-    """Connected component of each of `size` nodes, from the edges ``one - two``."""
+    """Connected component of each of `size` nodes, from the edges ``one - two``; numbered by the first node of each."""
     order = np.argsort(one, kind='stable')
     rows = np.concatenate(([0], np.cumsum(np.bincount(one, minlength=size))))
     graph = csr_array((np.ones(len(one)), two[order], rows), shape=(size, size))

@@ -65,7 +65,7 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
     if not len(samples):
         return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0)
     sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)
-    labels = cluster(samples, mass, rotation, sigma, parameters)
+    labels = cluster(samples, rotation, sigma, parameters)
     return _rank(samples, mass, rotation, labels, sigma, rotations.phi)
 
 
@@ -154,16 +154,18 @@ def knee_sigma(samples, rotation, parameters):
 
 
 def _apart(samples, rotation, reach):
-    return np.column_stack((samples, 10.0 * reach * rotation))
+    """The samples of each rotation moved along x, out of the others' reach."""
+    x = samples[:, 0]
+    return np.column_stack((x + (10.0 * reach + x.max() - x.min()) * rotation, samples[:, 1]))
 
 
-def cluster(samples, mass, rotation, sigma, parameters):
+def cluster(samples, rotation, sigma, parameters):
     """DBSCAN of the samples of each rotation; clusters wider than `width` are clustered again, twice as finely."""
     labels = np.full(len(samples), NOISE)
+    samples = _apart(samples, rotation, max(sigma, parameters.sigma_max))
     todo, offset = np.arange(len(samples)), 0
     for _ in range(parameters.recuts + 1):
-        found = dbscan_plane(_apart(samples[todo], rotation[todo], max(sigma, parameters.sigma_max)), sigma,
-                             parameters.min_points)
+        found = dbscan_plane(samples[todo], sigma, parameters.min_points)
         kept = found != NOISE
         todo, found = todo[kept], found[kept]
         if not len(todo):
@@ -185,14 +187,16 @@ def cluster(samples, mass, rotation, sigma, parameters):
 
 
 def _rank(samples, mass, rotation, labels, sigma, phi):
+    """Weighted mean and weight of each cluster, heaviest first."""
     at = np.flatnonzero(labels != NOISE)
-    _, index = np.unique(labels[at], return_inverse=True)
+    index = labels[at]
     weight = np.bincount(index, mass[at])
+    order = np.argsort(-weight, kind='stable')[:np.count_nonzero(np.bincount(index))]
     transform = np.empty((len(weight), 3))
-    for column in (0, 1):
-        transform[:, column] = np.bincount(index, mass[at] * samples[at, column]) / weight
+    with np.errstate(invalid='ignore'):
+        for column in (0, 1):
+            transform[:, column] = np.bincount(index, mass[at] * samples[at, column]) / weight
     transform[index, 2] = phi[rotation[at]]
-    order = np.argsort(-weight, kind='stable')
     rank = np.empty(len(weight), dtype=int)
     rank[order] = np.arange(len(order))
     ranked = np.full(len(samples), NOISE)
