@@ -1,12 +1,12 @@
 """Corners where the slope of the ranges jumps, above a threshold that is searched by fitting error (Eq. 6-7)."""
 import numpy as np
 
-from .line_fit import fit_sections, summed_moments
+from .line_fit import fit_sections
 from .parameters import SegmentParameters
 from .se2 import wrap
 
 
-def slope_stretches(points, radius, breaks, noise, parameters: SegmentParameters):
+def slope_stretches(points, total, radius, breaks, noise, parameters: SegmentParameters):
     """Cut the runs of a scan at the corners of the best threshold ``dk_th``.
 
     Every local maximum of the slope difference (Eq. 6) is a corner or none, so only so many thresholds differ; each
@@ -18,6 +18,8 @@ def slope_stretches(points, radius, breaks, noise, parameters: SegmentParameters
     ----------
     points, radius, breaks
         As for `find_breaks`.
+    total : (P + 1, 5) array
+        `summed_moments` of the points.
     noise : float
         Standard deviation of a range [m].
     parameters : SegmentParameters
@@ -27,7 +29,6 @@ def slope_stretches(points, radius, breaks, noise, parameters: SegmentParameters
     first, last : (S,) int arrays
         First and last point of each stretch; a corner belongs to both of its stretches.
     """
-    total = summed_moments(points)
     starts, ends = np.ones(len(points), dtype=bool), np.ones(len(points), dtype=bool)
     starts[1:], ends[:-1] = breaks, breaks
     rank = rank_corners(slope_differences(points, radius, breaks))
@@ -56,7 +57,7 @@ def slope_differences(points, radius, breaks):
     difference = np.zeros(len(points))
     if len(points) < 3:
         return difference
-    step = wrap(np.diff(np.arctan2(points[:, 1], points[:, 0])))
+    step = wrap(np.diff(np.angle(points)))
     least = max(0.1 * float(np.median(np.abs(step))), 1e-6)
     step = np.where(np.abs(step) < least, np.copysign(least, step), step)
     slope = np.diff(radius) / (radius[:-1] * step)

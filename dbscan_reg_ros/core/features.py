@@ -2,11 +2,13 @@
 import numpy as np
 
 from .errors import ScanError
+from .line_fit import fit_lines, summed_moments
 from .parameters import Parameters
 from .records import Features
 from .ring_band import ring_band_filter
 from .scan import Scan
-from .segments import extract_segments, find_breaks, fit_lines, point_moments
+from .se2 import as_complex, as_vectors
+from .segments import extract_segments, find_breaks
 
 
 def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Features:
@@ -35,10 +37,11 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     if len(points) < limits.min_returns:
         raise ScanError(f'{len(points)} returns remain after the ring band filter; scan.min_returns asks for '
                         f'{limits.min_returns}')
-    radius = np.hypot(points[:, 0], points[:, 1])
-    breaks = find_breaks(points, radius, beams, scan.geometry, noise, parameters.segments)
-    normals = estimate_normals(points, breaks, scan.geometry.angle_increment, parameters.segments)
-    segments = extract_segments(points, radius, beams, breaks, noise, parameters.segments)
+    places = as_complex(points)
+    radius, total = np.abs(places), summed_moments(points)
+    breaks = find_breaks(places, radius, beams, scan.geometry, noise, parameters.segments)
+    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
+    segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
     return Features(scan, points, beams, normals, segments, noise, parameters.density)
 
 
@@ -59,31 +62,33 @@ _NOISE_QUANTILE = 0.3
 _NOISE_BEND = 0.38532 * np.sqrt(1.5)
 
 
-def estimate_normals(points, breaks, increment, parameters):
+def estimate_normals(points, total, breaks, increment, parameters):
     """Unit normals ``(P, 2)`` on the sensor's side, from the neighbours of each point within its run.
 
-    The side follows from the order of the beams and the sign of their `increment`.
+    The side follows from the order of the beams and the sign of their `increment`. The window grows from `normal_beams`
+    on each side until it spans `normal_reach`; points with fewer than three neighbours on their surface get a zero
+    normal.
 
-    The window grows from `normal_beams` on each side until it spans `normal_reach`; points with fewer than three
-    neighbours on their surface get a zero normal.
+    Parameters
+    ----------
+    points : (P,) complex array [m]
+    total : (P + 1, 5) array
+        Their `summed_moments`.
+    breaks : (P - 1,) bool array
     """
     size = len(points)
-    step = np.hypot(*(points[1:] - points[:-1]).T)
-    step[breaks] = 0.0
-    path = np.concatenate(([0.0], np.cumsum(step)))
+    path = np.zeros(size)
+    np.cumsum(np.where(breaks, 0.0, np.abs(points[1:] - points[:-1])), out=path[1:])
     edge = np.concatenate(([0], np.flatnonzero(breaks) + 1, [size]))
-    run = np.repeat(np.arange(len(edge) - 1), np.diff(edge))
+    run = np.repeat(np.arange(len(edge) - 1), edge[1:] - edge[:-1])
     index = np.arange(size)
     low = np.minimum(np.searchsorted(path, path - parameters.normal_reach), index - parameters.normal_beams)
     high = np.maximum(np.searchsorted(path, path + parameters.normal_reach, 'right'), index + parameters.normal_beams + 1)
     low, high = np.maximum(low, edge[run]), np.minimum(high, edge[run + 1])
-    total = np.zeros((size + 1, 5))
-    np.cumsum(point_moments(points), axis=0, out=total[1:])
     count = high - low
     _, angle, spread, residual = fit_lines(total[high] - total[low], count)
-    normals = np.stack((-np.sin(angle), np.cos(angle)), axis=1)
+    normals = 1j * np.exp(1j * angle)
     onward = points[high - 1] - points[low]
-    turned = (onward[:, 0] * normals[:, 1] - onward[:, 1] * normals[:, 0]) * increment < 0.0
-    normals[turned] *= -1.0
+    normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
-    return normals
+    return as_vectors(normals)

@@ -218,7 +218,7 @@ class RotationParameters(ParameterGroup):
     sigma_max: float = parameter(0.05, 'greatest neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
     min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.1, 'a wider cluster is a chain and is clustered again; 0: never', 'rad', 0.0, 6.4)
-    recuts: int = parameter(3, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+    recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
     focus: float = parameter(0.0, 'in a cluster\'s mean samples this far from its median weigh half; 0: distance does not matter',
                              'rad', 0.0, 3.2)
     hypotheses: int = parameter(16, 'clusters that are followed further, heaviest first', '', 1, 1000)
@@ -241,7 +241,7 @@ class TranslationParameters(ParameterGroup):
     sigma_max: float = parameter(0.2, 'greatest neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
     min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.15, 'a cluster spread wider is a chain and is clustered again; 0: never', 'm', 0.0, 100.0)
-    recuts: int = parameter(2, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+    recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class SelectionParameters(ParameterGroup):
     sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
     refined: int = parameter(16, 'hypotheses refined coarsely', '', 1, 1000)
-    finalists: int = parameter(4, 'hypotheses refined finely', '', 1, 1000)
+    finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
 
@@ -329,7 +329,7 @@ def _geometric(first, last, count):
 class FreeDirectionParameters(ParameterGroup):
     """Search along a direction that the walls leave free (corridors)."""
 
-    ratio: float = parameter(0.2, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
+    ratio: float = parameter(0.1, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
     reach: float = parameter(1.0, 'searched this far to both sides', 'm', 0.0, 100.0)
     scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
     facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)

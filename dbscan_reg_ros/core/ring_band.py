@@ -4,7 +4,7 @@ from enum import IntEnum
 import numpy as np
 
 from .parameters import RingBandParameters
-from .se2 import wrap
+from .se2 import as_complex, wrap
 
 RING = 3
 INNER = 1
@@ -118,8 +118,8 @@ def _consensus_outliers(points, noise, parameters):
     """
     size = len(points)
     known = np.isfinite(points[:, 0])
-    padded = np.zeros((2, size + 2 * RING))
-    padded[:, RING:-RING] = np.where(known[:, None], points, 0.0).T
+    padded = np.zeros(size + 2 * RING, dtype=complex)
+    padded[RING:-RING][known] = as_complex(points)[known]
     deviation, tolerance = _off_lines(padded, np.arange(size), _ONE_SIDED + _ASTRIDE, noise, parameters)
     on = deviation <= tolerance
     one_sided, astride = on[:len(_ONE_SIDED)], on[len(_ONE_SIDED):]
@@ -144,7 +144,7 @@ def _off_lines(padded, centre, triples, noise, parameters):
 
     Parameters
     ----------
-    padded : (2, N + 2 * RING) array
+    padded : (N + 2 * RING,) complex array
         Points; 0 without a return.
     centre : (S,) int array
     triples : sequence of (k, a, b)
@@ -156,15 +156,13 @@ def _off_lines(padded, centre, triples, noise, parameters):
         on the way to the third.
     """
     k, a, b = (np.array(column)[:, None] for column in zip(*triples, strict=True))
-    px, py = padded.take(centre + RING + k, axis=1)
-    ax, ay = padded.take(centre + RING + a, axis=1)
-    bx, by = padded.take(centre + RING + b, axis=1)
-    radius = np.hypot(px, py)
-    # The line a-b meets the beam p s at s = cross(a, b) / cross(p, b - a).
+    beam, one, two = (padded.take(centre + RING + offset) for offset in (k, a, b))
+    radius = np.abs(beam)
+    # The line through `one` and `two` meets the beam p s at s = cross(one, two) / cross(p, two - one).
     with np.errstate(divide='ignore', invalid='ignore'):
-        distance = np.abs((ax * by - ay * bx) / (px * (by - ay) - py * (bx - ax)) - 1.0) * radius
-    absent = (radius == 0.0) | (ax == 0.0) & (ay == 0.0) | (bx == 0.0) & (by == 0.0)
-    distance[absent | np.isnan(distance)] = np.inf
+        meeting = (one.conj() * two).imag / (beam.conj() * (two - one)).imag
+        distance = np.abs(meeting - 1.0) * radius
+    distance[(beam == 0.0) | (one == 0.0) | (two == 0.0) | np.isnan(distance)] = np.inf
     growth = (np.abs(a - k) + np.abs(b - k)) / (b - a)
     tolerance = parameters.noise_factor * noise * (1.0 + growth) + parameters.relative_tolerance * radius
     return distance, tolerance

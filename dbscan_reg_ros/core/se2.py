@@ -10,6 +10,16 @@ def wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
+def as_complex(vectors):
+    """Vectors ``(P, 2)`` as complex numbers ``(P,)``."""
+    return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
+
+
+def as_vectors(numbers):
+    """Complex numbers ``(P,)`` as vectors ``(P, 2)``."""
+    return np.ascontiguousarray(numbers).view(float).reshape(-1, 2)
+
+
 @dataclass(frozen=True, slots=True)
 class SE2:
     """A pose or a rigid motion ``p -> Rot(theta) p + (x, y)``.

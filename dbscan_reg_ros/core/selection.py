@@ -9,6 +9,7 @@ from . import alignment
 from .parameters import DensityParameters, SelectionParameters
 from .records import Features
 from .se2 import wrap
+from .surface import in_front
 
 
 def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
@@ -19,14 +20,13 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     cloud = current.cloud.thinned(parameters.sieve_points)
     view = reference.view
     places, _ = alignment.transform_points(candidates, cloud.points)
-    bins = view.bins(places)
+    bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
-    radius = np.abs(places)
     off = np.maximum(near - radius, radius - far)
     support = np.clip(1.0 - off / parameters.sieve_tolerance, 0.0, 1.0)
     support[near <= 0.0] = 0.0
     value = support.sum(axis=1)
-    value -= density.violation * view.violation(places, parameters.sieve_tolerance).sum(axis=1)
+    value -= density.violation * in_front(radius, near, parameters.sieve_tolerance).sum(axis=1)
     return candidates[np.argsort(-value, kind='stable')[:parameters.refined]]
 
 
@@ -66,12 +66,13 @@ def surprise(candidates, prior):
 
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
-    chosen = []
-    for i, candidate in enumerate(candidates):
-        if not same(candidates[chosen], candidate, distance, angle).any():
-            chosen.append(i)
-            if len(chosen) == count:
-                break
+    places = candidates[:, 0] + 1j * candidates[:, 1]
+    alike = np.abs(places[:, None] - places) <= distance
+    alike &= np.abs(wrap(candidates[:, 2:] - candidates[:, 2])) <= angle
+    chosen, left = [], np.ones(len(candidates), dtype=bool)
+    while left.any() and len(chosen) < count:
+        chosen.append(int(np.argmax(left)))
+        left &= ~alike[chosen[-1]]
     return chosen
 
 

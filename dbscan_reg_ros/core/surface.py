@@ -1,10 +1,12 @@
 """What a scan knows of the space around it: its surfaces, for look-up by place, and its free space, by bearing."""
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from .parameters import DensityParameters
+from .se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +43,6 @@ def build_cloud(points, normals) -> Cloud:
     normals = as_complex(normals)
     known = normals != 0.0
     return Cloud(as_complex(points)[known], normals[known])
-
-
-def as_complex(vectors):
-    """``(P, 2)`` real vectors as ``(P,)`` complex numbers."""
-    return np.ascontiguousarray(vectors).view(complex)[:, 0]
 
 
 def leverage(cloud: Cloud, balance):
@@ -112,22 +109,23 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     at = place.astype(np.intp)
     off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
     order = np.argsort(-off_centre, kind='stable').astype(np.int32)
-    home = (at[:, 0] * columns + at[:, 1])[order]
-    offsets = _disc(parameters.reach / cell, columns)
+    row, column = _disc(parameters.reach / cell)
     # Written from the far offsets to the near ones, and in a cell from its rim to its centre: the nearest point has
     # the last word. Beam order would favour one side and turn the match.
-    index[(home + offsets[:, None]).ravel()] = np.tile(order, len(offsets))
+    index[(at[order] @ (columns, 1)) + (row * columns + column)] = order
     normals = np.append(cloud.normals.conj(), 0.0)
     return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
 
 
-def _disc(radius, columns):
+@lru_cache(maxsize=4)
+def _disc(radius):
+    """Row and column offsets ``(K, 1)`` of the cells of a disc, from the far ones to the near ones."""
     reach = int(math.ceil(radius))
     side = np.arange(-reach, reach + 1)
     square = side[:, None] ** 2 + side ** 2
     row, column = np.nonzero(square <= radius * radius)
     order = np.argsort(-square[row, column], kind='stable')
-    return ((row - reach) * columns + column - reach)[order]
+    return side[row[order], None], side[column[order], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +151,15 @@ class View:
 
     def violation(self, places, tolerance):
         """1 for a place well in front of what the scan saw there, fading to 0 within the `tolerance` [m]."""
-        front = self.near.take(self.bins(places))
-        front -= np.abs(places)
-        front -= tolerance
-        front *= 1.0 / tolerance
-        return np.clip(front, 0.0, 1.0, out=front)
+        return in_front(np.abs(places), self.near.take(self.bins(places)), tolerance)
+
+
+def in_front(radius, near, tolerance):
+    """1 where a `radius` is well below `near`, fading to 0 within the `tolerance` [m]."""
+    front = near - radius
+    front -= tolerance
+    front *= 1.0 / tolerance
+    return np.clip(front, 0.0, 1.0, out=front)
 
 
 def build_view(points, increment) -> View:
@@ -166,18 +168,17 @@ def build_view(points, increment) -> View:
     A bin is known when beams on both of its sides have a return, no farther apart than three increments.
     """
     size = int(np.clip(round(2.0 * math.pi / abs(increment)), 60, 2880))
-    bearing = np.arctan2(points[:, 1], points[:, 0])
-    radius = np.hypot(points[:, 0], points[:, 1])
+    bearing, radius = np.arctan2(points[:, 1], points[:, 0]), np.abs(as_complex(points))
     order = np.argsort(bearing, kind='stable')
     bearing, radius = bearing[order], radius[order]
     bearing = np.concatenate((bearing[-1:] - 2.0 * math.pi, bearing, bearing[:1] + 2.0 * math.pi))
     radius = np.concatenate((radius[-1:], radius, radius[:1], radius[:1]))
-    edges = np.linspace(-math.pi, math.pi, size + 1)
+    edges = np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
     last = np.searchsorted(bearing, edges[:-1], 'right') - 1
     first = np.searchsorted(bearing, edges[1:], 'left')
     # A moved scan is sparse in places: what counts is that both neighbours exist, not that they are in adjacent beams.
     known = bearing[first] - bearing[last] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
-    span = np.stack((last, first + 1), axis=1).ravel()
+    span = np.column_stack((last, first + 1)).ravel()
     near = np.minimum.reduceat(radius, span)[::2]
     far = np.maximum.reduceat(radius, span)[::2]
     return View(np.where(known, near, 0.0), np.where(known, far, 0.0))
