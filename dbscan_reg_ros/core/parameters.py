@@ -207,6 +207,9 @@ class SegmentParameters(ParameterGroup):
     normal_beams: int = parameter(2, 'and to at least this many beams on each side', 'beams', 1, 100)
 
 
+_MOST = 10000
+
+
 @dataclass(frozen=True)
 class RotationParameters(ParameterGroup):
     """Clusters of angle differences (Eq. 9)."""
@@ -221,7 +224,7 @@ class RotationParameters(ParameterGroup):
     recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
     focus: float = parameter(0.0, 'in a cluster\'s mean samples this far from its median weigh half; 0: distance does not matter',
                              'rad', 0.0, 3.2)
-    hypotheses: int = parameter(16, 'clusters that are followed further, heaviest first', '', 1, 1000)
+    hypotheses: int = parameter(8, 'clusters that are followed further, heaviest first', '', 1, _MOST)
 
 
 @dataclass(frozen=True)
@@ -265,10 +268,12 @@ class SelectionParameters(ParameterGroup):
     method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
                             'divergence (least K-L divergence within the key clusters, the paper)', '',
                             choices=('density', 'divergence'))
-    candidates: int = parameter(200, 'heaviest translation clusters that are sieved', '', 1, 10000)
+    candidates: int = parameter(60, 'heaviest translation clusters that are sieved', '', 1, _MOST)
     sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
-    refined: int = parameter(16, 'hypotheses refined coarsely', '', 1, 1000)
+    refined: int = parameter(6, 'hypotheses refined coarsely', '', 1, _MOST)
+    doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
+    widen: int = parameter(6, 'so many times as many', '', 1, 100)
     finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
@@ -417,3 +422,11 @@ class Parameters(ParameterTree):
     prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
     time: TimeParameters = dataclasses.field(default_factory=TimeParameters)
+
+    def widened(self):
+        """The same with a search of more hypotheses, which is not repeated."""
+        more = self.selection.widen
+        rotation = dataclasses.replace(self.rotation, hypotheses=min(more * self.rotation.hypotheses, _MOST))
+        selection = dataclasses.replace(self.selection, doubt=-1.0, refined=min(more * self.selection.refined, _MOST),
+                                        candidates=min(more * self.selection.candidates, _MOST))
+        return dataclasses.replace(self, rotation=rotation, selection=selection)

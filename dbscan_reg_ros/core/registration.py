@@ -46,7 +46,10 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     finalists = follow_free_direction(finalists, reference, current, p)
     fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
-    return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
+    found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
+    if found.score < p.selection.doubt:
+        return max(found, register(reference, current, p.widened(), prior), key=lambda each: each.score)
+    return found
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):
