@@ -104,7 +104,7 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
     sigma = np.sqrt(noise * noise + residual)
-    kinds = _end_kinds(points, radius, start, end, along, first, last, noise, parameters)
+    kinds = _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters)
     return Segments(as_vectors(start), as_vectors(end), np.arctan2(along.imag, along.real), np.abs(end - start),
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
                     np.column_stack((beams[first], beams[last])))
@@ -151,7 +151,7 @@ def _on_different_lines(points, first, last, count, moments, noise, parameters):
     return ~same
 
 
-def _end_kinds(points, radius, start, end, along, first, last, noise, parameters):
+def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters):
     """What ends each segment; a `start` or `end` at a corner is moved to the point where its two lines meet."""
     kinds = np.full((len(first), 2), EndKind.OCCLUSION, dtype=int)
     margin = parameters.depth_margin + 3.0 * noise
@@ -166,7 +166,8 @@ def _end_kinds(points, radius, start, end, along, first, last, noise, parameters
         meeting = end[:-1] + beyond * before
         reach = parameters.corner_reach + np.abs(points[first[1:]] - points[last[:-1]])
         corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < reach)
-        corner &= first[1:] - last[:-1] <= 3
+        run = np.concatenate(([0], np.cumsum(breaks)))
+        corner &= (first[1:] - last[:-1] <= 3) & (run[first[1:]] == run[last[:-1]])
         end[:-1][corner] = start[1:][corner] = meeting[corner]
         kinds[:-1, 1][corner] = kinds[1:, 0][corner] = EndKind.CORNER
     return kinds
