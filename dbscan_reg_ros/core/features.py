@@ -19,17 +19,13 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     ScanError
         When fewer than `scan.min_returns` beams have a return.
     """
-    valid = scan.valid
     limits = parameters.scan
-    if limits.range_min > 0.0:
-        valid = valid & (scan.ranges >= limits.range_min)
-    if limits.range_max > 0.0:
-        valid = valid & (scan.ranges <= limits.range_max)
+    valid = within_limits(scan, limits)
     returns = int(np.count_nonzero(valid))
     if returns < limits.min_returns:
         raise ScanError(f'{returns} of {scan.geometry.size} beams have a return; scan.min_returns asks for '
                         f'{limits.min_returns}')
-    raw = scan.points if valid is scan.valid else np.where(valid[:, None], scan.points, np.nan)
+    raw = np.where(valid[:, None], scan.points, np.nan)
     noise = estimate_noise(scan.ranges[valid].astype(float), limits)
     filtered, outcome = ring_band_filter(raw, noise, parameters.filter)
     beams = np.flatnonzero(np.isfinite(filtered[:, 0]))
@@ -43,6 +39,16 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
     return Features(scan, points, beams, normals, segments, noise, parameters.density)
+
+
+def within_limits(scan, limits):
+    """``(N,)`` bool: beams with a return that is neither nearer nor farther than the `ScanParameters` allow."""
+    valid = scan.valid
+    if limits.range_min > 0.0:
+        valid = valid & (scan.ranges >= limits.range_min)
+    if limits.range_max > 0.0:
+        valid = valid & (scan.ranges <= limits.range_max)
+    return valid
 
 
 def estimate_noise(ranges, limits):

@@ -12,7 +12,7 @@ from .registration import register
 from .scan import Scan
 from .se2 import SE2
 from .selection import surprise
-from .timing import Intervals
+from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
 
 
@@ -35,12 +35,16 @@ class Odometry:
         self._covariance = np.zeros((3, 3))
         self._window = None
         self._intervals = Intervals()
+        self._forget()
+
+    def _forget(self):
+        """Know nothing of the motion."""
         self._halt()
+        self._middle, self._lost, self._pending = self._pose, 0.0, None
 
     def _halt(self):
-        """Expect nothing of the motion."""
+        """Expect no motion."""
         self._step, self._twist, self._twist_covariance = SE2(), np.zeros(3), np.eye(3)
-        self._lost, self._pending = 0.0, None
 
     def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
         """Register `scan` and say where the sensor is.
@@ -59,31 +63,32 @@ class Odometry:
         """
         p = self.parameters
         features = extract_features(deskew(scan, self._twist) if p.odometry.deskew else scan, p)
-        interval, jump = self._intervals.next(scan.stamp, p.time)
-        if self._window is None or jump.startswith('stamps'):
-            return self._start(features, jump)
-        if jump:
+        half = scan.time_increment * float(features.beams.mean()) if p.odometry.deskew else 0.0
+        time = self._intervals.next(scan.stamp, half, p.time)
+        if self._window is None or time.jump.startswith('stamps'):
+            return self._start(features, time.jump)
+        if time.gap:
             self._halt()
-        own = self._own_prior(interval, bool(jump))
+        own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
-        frame, registration = self._register(features, expected, prior, own)
+        frame, registration = self._register(features, expected, prior, own, time)
         if frame is None:
-            return self._coast(features, registration, expected, prior, interval, jump)
-        return self._follow(features, frame, registration, expected, prior, interval, jump)
+            return self._coast(features, registration, expected, prior, time)
+        return self._follow(features, frame, registration, expected, prior, time)
 
-    def _own_prior(self, interval, unknown):
+    def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = self.parameters.prior
-        if unknown or self.parameters.odometry.prior == 'none':
-            return Prior(SE2(), self._leap())
+        if time.gap or self.parameters.odometry.prior == 'none':
+            return Prior(SE2(), self._leap(time))
         step = self._step
         moved = math.hypot(step.x, step.y)
-        sigma = math.hypot(p.least, p.acceleration * interval ** 2, p.jitter * moved)
-        turn = math.hypot(p.least_angle, p.angular_acceleration * interval ** 2, p.jitter * step.theta)
+        sigma = math.hypot(p.least, p.acceleration * time.interval ** 2, p.jitter * moved)
+        turn = math.hypot(p.least_angle, p.angular_acceleration * time.interval ** 2, p.jitter * step.theta)
         return Prior(step, np.diag([sigma, sigma, turn]) ** 2)
 
-    def _register(self, features, expected, prior, own):
+    def _register(self, features, expected, prior, own, time):
         """Register to the latest key frame, or where that leads nowhere to older ones.
 
         Returns the key frame, None when no result can be trusted, and the registration.
@@ -106,21 +111,25 @@ class Odometry:
                 return frame, registration
             if registration.status is Status.OK:
                 # Against all that was expected: a leap is believed when the next scan says the same.
-                if self._agrees(pose, usual, self._leap()) or (
+                if self._agrees(pose, usual, self._leap(time)) or (
                         pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
                     return frame, registration
                 self._pending = self._pending or pose
         return None, first
 
-    def _leap(self):
+    def _leap(self, time):
+        """Covariance of a motion of which nothing is known."""
         p = self.parameters.prior
-        return np.diag([p.unknown, p.unknown, p.unknown_angle]) ** 2
+        lasted = time.elapsed if time.gap else time.interval
+        sigma = math.hypot(p.unknown, p.acceleration * lasted ** 2)
+        turn = min(math.hypot(p.unknown_angle, p.angular_acceleration * lasted ** 2), math.pi)
+        return np.diag([sigma, sigma, turn]) ** 2
 
     def _agrees(self, pose, expected, covariance):
         gap = surprise(pose.as_array()[None], Prior(expected, covariance))[0]
         return gap <= self.parameters.prior.limit ** 2
 
-    def _follow(self, features, frame, registration, expected, prior, interval, jump):
+    def _follow(self, features, frame, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
         p = self.parameters
         pose = frame.pose @ registration.transform
@@ -137,16 +146,28 @@ class Odometry:
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
-        step = self._pose.inverse() @ pose
-        if interval > 0.0 and not jump:
-            self._twist = step.as_array() / interval
-            self._twist_covariance = 2.0 * covariance / interval ** 2
-        self._pose, self._step, self._lost = pose, step, 0.0
+        step = self._take(pose, covariance, time)
         due = registration.status is not Status.AMBIGUOUS and self._is_due(frame, moved, registration)
         if due:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(KeyFrame(features, pose, self._covariance), size)
-        return self._update(features, registration.status, interval, step, registration, frame, due, jump)
+        return self._update(features, registration.status, time, step, registration, frame, due)
+
+    def _take(self, pose, covariance, time):
+        """Go on to where the scan was found; the step since the last scan.
+
+        The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
+        at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles.
+        """
+        middle = pose @ _travel(self._twist, time.half)
+        stride, self._middle = self._middle.inverse() @ middle, middle
+        if time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
+            self._twist = stride.as_array() / time.interval
+            self._twist_covariance = 2.0 * covariance / time.interval ** 2
+            self._step = _travel(self._twist, time.interval)
+        pose = middle @ _travel(self._twist, time.half).inverse()
+        step, self._pose, self._lost = self._pose.inverse() @ pose, pose, 0.0
+        return step
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry
@@ -164,41 +185,45 @@ class Odometry:
         information = _turned(equations[:3, :3], -pose.theta) / variance + np.diag(p.decision.prior_information())
         return np.linalg.inv(information)
 
-    def _coast(self, features, registration, expected, prior, interval, jump):
+    def _coast(self, features, registration, expected, prior, time):
         """The scan is not found: go on as expected for a while, then stand, then start anew."""
         p = self.parameters.odometry
-        self._lost += interval
-        if self._lost > p.give_up or jump:
-            self._covariance = self._covariance + np.diag([1.0, 1.0, 1.0])
-            return self._start(features, jump or f'lost for {self._lost:.1f} s')
+        self._lost += max(time.interval, time.elapsed)
+        if self._lost > p.give_up or time.jump:
+            return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
-            self._halted_step()
+            self._halt()
             expected = self._pose
         step = self._pose.inverse() @ expected
         back = step.inverse().adjoint()
         self._covariance = back @ self._covariance @ back.T + prior.covariance
-        self._pose = expected
+        self._pose, self._middle = expected, expected @ _travel(self._twist, time.half)
         status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
-        return self._update(features, status, interval, step, registration, self._window.latest, False, '')
-
-    def _halted_step(self):
-        self._step, self._twist = SE2(), np.zeros(3)
-        self._twist_covariance = np.eye(3)
+        return self._update(features, status, time, step, registration, self._window.latest, False)
 
     def _start(self, features, reason):
-        self._halt()
+        """Start at the pose reached so far: the first scan, or one after which the motion is lost for a `reason`."""
+        self._forget()
+        if reason:
+            self._covariance = self._covariance + np.eye(3)
         self._window = Window((KeyFrame(features, self._pose, self._covariance),))
-        return self._update(features, Status.OK, 0.0, SE2(), None, None, True, reason)
+        status = Status.FAILED if reason else Status.OK
+        return self._update(features, status, Interval(jump=reason), SE2(), None, None, True)
 
-    def _update(self, features, status, interval, step, registration, frame, changed, restarted):
+    def _update(self, features, status, time, step, registration, frame, changed):
         return OdometryUpdate(
             features.scan.stamp, self._pose, _turned(self._covariance, self._pose.theta) + _LEAST_COVARIANCE, self._twist,
-            self._twist_covariance + _LEAST_COVARIANCE, interval, step, status, registration, features,
-            frame and frame.features, frame.pose if frame else self._pose, changed, restarted)
+            self._twist_covariance + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
+            frame and frame.features, frame.pose if frame else self._pose, changed, time.jump)
 
 
 # Never published as exactly known: 1 mm, 0.06 deg.
 _LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+
+
+def _travel(twist, time):
+    """Motion [m, m, rad] at a steady `twist` [m/s, m/s, rad/s] in a `time` [s]."""
+    return SE2.from_array(twist * time)
 
 
 def _slide(pose, target, direction):

@@ -5,6 +5,7 @@ classes. A full name is ``group.field``, for example ``rotation.sigma``.
 """
 import dataclasses
 import math
+import sys
 from dataclasses import dataclass
 
 from .errors import ParameterError
@@ -101,7 +102,7 @@ def check(description, value):
     d = description
     if d.type is tuple:
         return _check_list(d, value)
-    if d.type is float and isinstance(value, int) and not isinstance(value, bool):
+    if d.type is float and type(value) is int and abs(value) <= sys.float_info.max:
         value = float(value)
     if type(value) is not d.type:
         raise ParameterError(f'{d.name} = {value!r}: expected {_article(d.type)}')
@@ -201,6 +202,7 @@ class SegmentParameters(ParameterGroup):
     join_gap: float = parameter(1.0, 'neighbours farther apart are never joined', 'm', 0.0, 100.0)
     min_points: int = parameter(4, 'a segment has at least this many points', 'beams', 2, 1000)
     min_length: float = parameter(0.15, 'a segment is at least this long', 'm', 0.0, 100.0)
+    most: int = parameter(100, 'so many segments of a scan are kept, the longest', '', 2, 1000)
     depth_margin: float = parameter(0.15, 'an end is free when the next return lies this much deeper', 'm', 0.0, 10.0)
     corner_reach: float = parameter(0.1, 'two lines meet in a corner when both end this close to it', 'm', 0.0, 10.0)
     normal_reach: float = parameter(0.1, 'normals are fitted to neighbours up to this far on each side', 'm', 0.0, 10.0)

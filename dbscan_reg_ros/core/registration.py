@@ -40,6 +40,8 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         candidates = np.concatenate((prior.transform.as_array()[None], candidates))
     if not len(candidates):
         return failed('no line of one scan has a partner in the other')
+    if not len(current.cloud):
+        return failed('no returns of the scan lie on a surface')
     candidates = sieve(candidates, reference, current, p.selection, p.density)
     coarse, coarse_score, _ = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]

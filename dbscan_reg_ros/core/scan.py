@@ -47,7 +47,7 @@ class ScanGeometry:
 
     def __post_init__(self):
         for name in ('angle_min', 'angle_increment', 'range_min', 'range_max'):
-            object.__setattr__(self, name, float(np.float32(getattr(self, name))))
+            object.__setattr__(self, name, _single(getattr(self, name)))
         if not (math.isfinite(self.angle_min) and math.isfinite(self.angle_increment)):
             raise ScanError(f'angle_min {self.angle_min} and angle_increment {self.angle_increment} must be finite')
         if self.angle_increment == 0.0:
@@ -128,7 +128,7 @@ class Scan:
         if ranges.ndim != 1 or len(ranges) != self.geometry.size:
             raise ScanError(f'{ranges.size} ranges for {self.geometry.size} beams')
         object.__setattr__(self, 'ranges', _frozen(ranges))
-        increment = float(np.float32(self.time_increment))
+        increment = _single(self.time_increment)
         object.__setattr__(self, 'time_increment', increment if math.isfinite(increment) else 0.0)
 
     @cached_property
@@ -203,6 +203,12 @@ class Scan:
         ranges[missing] = np.inf
         geometry = ScanGeometry.from_bearings(bearings, range_min, range_max, angle_increment)
         return cls(stamp, ranges, geometry, 0.0, frame_id)
+
+
+def _single(value):
+    """`value` rounded to float32; infinite beyond its range."""
+    with np.errstate(over='ignore'):
+        return float(np.float32(value))
 
 
 def _frozen(array):

@@ -101,6 +101,8 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     end = centre + along * ((points[last] - centre) * along.conj()).real
     length = np.abs(end - start)
     keep = (count >= parameters.min_points) & (length >= parameters.min_length) & (residual < (0.15 * length) ** 2)
+    if np.count_nonzero(keep) > parameters.most:
+        keep[np.argsort(-length * keep, kind='stable')[parameters.most:]] = False
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
     sigma = np.sqrt(noise * noise + residual)
@@ -165,7 +167,9 @@ def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, pa
         beyond = ((start[1:] - end[:-1]).conj() * after).imag / np.where(crossing, cross, 1.0)
         meeting = end[:-1] + beyond * before
         reach = parameters.corner_reach + np.abs(points[first[1:]] - points[last[:-1]])
-        corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < reach)
+        half = 0.5 * np.abs(end - start)
+        corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
+        corner &= beyond > -half[:-1]
         run = np.concatenate(([0], np.cumsum(breaks)))
         corner &= (first[1:] - last[:-1] <= 3) & (run[first[1:]] == run[last[:-1]])
         end[:-1][corner] = start[1:][corner] = meeting[corner]

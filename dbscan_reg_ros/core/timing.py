@@ -1,9 +1,42 @@
 """Intervals between scans, from stamps that jitter, repeat and jump."""
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
 from .parameters import TimeParameters
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The time from one scan to the next.
+
+    Attributes
+    ----------
+    interval : float [s]
+        The running median where the stamps' own difference lies outside half to twice of it; 0 while nothing is known.
+    elapsed : float [s]
+        The stamps' own difference, 0 for stamps that go back.
+    half : float [s]
+        From the stamp of the scan to the middle of its beams.
+    jump : str
+        What is wrong with the stamp when it lies more than `time.jump` away from the last; empty otherwise.
+    gap : bool
+        So much time passed that the last motion says nothing of this one.
+    """
+
+    interval: float = 0.0
+    elapsed: float = 0.0
+    half: float = 0.0
+    jump: str = ''
+
+    @property
+    def gap(self):
+        return bool(self.jump) or self.elapsed > _GAP * self.interval
+
+
+# Stamps that jitter leave up to eight intervals between scans that are evenly apart.
+_GAP = 10.0
 
 
 class Intervals:
@@ -13,29 +46,20 @@ class Intervals:
         self._last = None
         self._recent = deque(maxlen=51)
 
-    def next(self, stamp, parameters: TimeParameters):
-        """Take the next stamp [ns].
-
-        Returns
-        -------
-        interval : float
-            Since the last stamp [s]; the running median where the stamps' own difference lies outside half to twice the
-            median. 0 while nothing is known.
-        jump : str
-            What is wrong with the stamp when it lies more than `jump` away from the last; empty otherwise.
-        """
+    def next(self, stamp, half, parameters: TimeParameters) -> Interval:
+        """Take the next scan's stamp [ns] and the time from it to the middle of the scan [s]."""
         last, self._last = self._last, stamp
         if last is None:
-            return 0.0, ''
-        interval = (stamp - last) * 1e-9
-        if interval < -parameters.jump:
-            return self._median(), f'stamps went back by {-interval:.3f} s'
-        if interval > parameters.jump:
-            return self._median(), f'no scan for {interval:.3f} s'
-        if interval > 0.0:
-            self._recent.append(interval)
+            return Interval(half=half)
+        elapsed = (stamp - last) * 1e-9
+        if elapsed < -parameters.jump:
+            return Interval(self._median(), 0.0, half, f'stamps went back by {-elapsed:.3f} s')
+        if elapsed > parameters.jump:
+            return Interval(self._median(), elapsed, half, f'no scan for {elapsed:.3f} s')
+        if elapsed > 0.0:
+            self._recent.append(elapsed)
         median = self._median()
-        return (interval if 0.5 * median <= interval <= 2.0 * median else median), ''
+        return Interval(elapsed if 0.5 * median <= elapsed <= 2.0 * median else median, max(elapsed, 0.0), half)
 
     def _median(self):
         return float(np.median(self._recent)) if self._recent else 0.0
