@@ -11,7 +11,7 @@ from dbscan_reg_ros.core.line_fit import fit_sections, summed_moments
 from dbscan_reg_ros.core.parameters import Parameters, SegmentParameters
 from dbscan_reg_ros.core.records import EndKind
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
-from dbscan_reg_ros.core.se2 import SE2, wrap
+from dbscan_reg_ros.core.se2 import SE2, as_complex, wrap
 from dbscan_reg_ros.core.segments import find_breaks
 
 PLAIN = Parameters().replace({'filter.test': 'off'})
@@ -28,8 +28,8 @@ def segments_of(walls, parameters=PLAIN, pose=SE2(), **changes):
 def breaks_of(scan, parameters=SegmentParameters()):
     """Beams after which a break lies."""
     beams = np.flatnonzero(scan.valid)
-    points = scan.points[beams]
-    return beams[:-1][find_breaks(points, np.hypot(*points.T), beams, scan.geometry, NOISE, parameters)]
+    points = as_complex(scan.points[beams])
+    return beams[:-1][find_breaks(points, np.abs(points), beams, scan.geometry, NOISE, parameters)]
 
 
 # Breakpoints
@@ -66,14 +66,14 @@ def test_a_distance_equal_to_the_threshold_is_a_break():
     geometry = ScanGeometry(0.0, 0.125, 2)
     exact = SegmentParameters(breakpoint_noise=0.0)
     for distance, broken in ((1.0, True), (1.0 - 1e-9, False)):
-        points = np.array([(1.0, 0.0), (1.0 + distance, 0.0)])
-        found = find_breaks(points, points[:, 0], np.array([0, 1]), geometry, NOISE, exact)
+        points = np.array([1.0, 1.0 + distance], dtype=complex)
+        found = find_breaks(points, points.real, np.array([0, 1]), geometry, NOISE, exact)
         np.testing.assert_array_equal(found, [broken])
 
 
 def test_the_threshold_grows_with_range_step_noise_and_missing_beams():
     def broken(radius, distance, increment=0.02, gap=1, **changes):
-        points = np.array([(radius, 0.0), (radius, distance)])
+        points = np.array([radius, radius + 1j * distance])
         parameters = SegmentParameters(breakpoint_factor=5.0, **({'breakpoint_noise': 0.0} | changes))
         return bool(find_breaks(points, np.array([radius, radius]), np.array([0, gap]),
                                 ScanGeometry(0.0, increment, 10), NOISE, parameters)[0])
@@ -93,7 +93,7 @@ def test_the_slope_difference_is_that_of_the_paper():
     """Eq. 6, beam by beam."""
     scan = look(outline(L_ROOM), noise=0.01)
     rho, step = scan.ranges.astype(float), scan.geometry.angle_increment
-    found = slope_differences(scan.points, rho, np.zeros(359, dtype=bool))
+    found = slope_differences(as_complex(scan.points), rho, np.zeros(359, dtype=bool))
     for i in range(1, 359):
         expected = abs((rho[i] - rho[i - 1]) / (rho[i - 1] * step) - (rho[i + 1] - rho[i]) / (rho[i] * step))
         assert found[i] == pytest.approx(expected, rel=1e-9)
@@ -104,10 +104,10 @@ def test_a_slope_difference_takes_three_points_of_one_surface():
     scan = look(outline(L_ROOM))
     breaks = np.zeros(359, dtype=bool)
     breaks[100] = True
-    found = slope_differences(scan.points, scan.ranges.astype(float), breaks)
+    found = slope_differences(as_complex(scan.points), scan.ranges.astype(float), breaks)
     np.testing.assert_array_equal(found[[0, 100, 101, 359]], 0.0)
     assert (np.delete(found, [0, 100, 101, 359]) > 0.0).all()
-    assert not slope_differences(scan.points[:2], scan.ranges[:2].astype(float), breaks[:1]).any()
+    assert not slope_differences(as_complex(scan.points[:2]), scan.ranges[:2].astype(float), breaks[:1]).any()
 
 
 def test_only_local_maxima_are_corners_the_greatest_first():
@@ -133,7 +133,7 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty):
     scan = look(outline(L_ROOM), noise=0.01, geometry=ScanGeometry(-math.pi, 4.0 * DEGREE, 90))
     points, radius, breaks = scan.points, scan.ranges.astype(float), np.zeros(89, dtype=bool)
     breaks[40] = True
-    difference = slope_differences(points, radius, breaks)
+    difference = slope_differences(as_complex(points), radius, breaks)
     peaks = [i for i in range(1, 89) if difference[i] > max(difference[i - 1], difference[i + 1])]
     best = None
     for threshold in [math.inf, *sorted(difference[peaks] - 1e-12, reverse=True)]:
@@ -144,7 +144,7 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty):
         if best is None or cost < best[0] - 1e-12:
             best = cost, first, last
     parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
-    first, last = slope_stretches(points, radius, breaks, NOISE, parameters)
+    first, last = slope_stretches(as_complex(points), summed_moments(points), radius, breaks, NOISE, parameters)
     np.testing.assert_array_equal(first, best[1])
     np.testing.assert_array_equal(last, best[2])
 

@@ -20,14 +20,14 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
         When fewer than `scan.min_returns` beams have a return.
     """
     limits = parameters.scan
-    valid = within_limits(scan, limits)
+    raw = usable_points(scan, limits)
+    valid = np.isfinite(raw[:, 0])
     returns = int(np.count_nonzero(valid))
     if returns < limits.min_returns:
         raise ScanError(f'{returns} of {scan.geometry.size} beams have a return; scan.min_returns asks for '
                         f'{limits.min_returns}')
-    raw = np.where(valid[:, None], scan.points, np.nan)
     noise = estimate_noise(scan.ranges[valid].astype(float), limits)
-    filtered, outcome = ring_band_filter(raw, noise, parameters.filter)
+    filtered, _ = ring_band_filter(raw, noise, parameters.filter)
     beams = np.flatnonzero(np.isfinite(filtered[:, 0]))
     points = filtered[beams]
     if len(points) < limits.min_returns:
@@ -41,14 +41,14 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     return Features(scan, points, beams, normals, segments, noise, parameters.density)
 
 
-def within_limits(scan, limits):
-    """``(N,)`` bool: beams with a return that is neither nearer nor farther than the `ScanParameters` allow."""
-    valid = scan.valid
+def usable_points(scan, limits):
+    """``(N, 2)`` points of a scan [m]; not finite without a return, or where the `ScanParameters` leave it out."""
+    ranges, points = scan.ranges, scan.points
     if limits.range_min > 0.0:
-        valid = valid & (scan.ranges >= limits.range_min)
+        points = np.where((ranges >= limits.range_min)[:, None], points, np.nan)
     if limits.range_max > 0.0:
-        valid = valid & (scan.ranges <= limits.range_max)
-    return valid
+        points = np.where((ranges <= limits.range_max)[:, None], points, np.nan)
+    return points
 
 
 def estimate_noise(ranges, limits):

@@ -62,8 +62,9 @@ class Odometry:
             When the scan holds too few returns to be used; the state is unchanged.
         """
         p = self.parameters
-        features = extract_features(deskew(scan, self._twist) if p.odometry.deskew else scan, p)
-        half = scan.time_increment * float(features.beams.mean()) if p.odometry.deskew else 0.0
+        timed = p.odometry.deskew and abs(scan.time_increment) * scan.geometry.size < p.time.jump
+        features = extract_features(deskew(scan, self._twist) if timed else scan, p)
+        half = scan.time_increment * float(features.beams.mean()) if timed else 0.0
         time = self._intervals.next(scan.stamp, half, p.time)
         if self._window is None or time.jump.startswith('stamps'):
             return self._start(features, time.jump)
@@ -120,7 +121,7 @@ class Odometry:
     def _leap(self, time):
         """Covariance of a motion of which nothing is known."""
         p = self.parameters.prior
-        lasted = time.elapsed if time.gap else time.interval
+        lasted = min(time.elapsed if time.gap else time.interval, self.parameters.time.jump)
         sigma = math.hypot(p.unknown, p.acceleration * lasted ** 2)
         turn = min(math.hypot(p.unknown_angle, p.angular_acceleration * lasted ** 2), math.pi)
         return np.diag([sigma, sigma, turn]) ** 2

@@ -5,7 +5,6 @@ classes. A full name is ``group.field``, for example ``rotation.sigma``.
 """
 import dataclasses
 import math
-import sys
 from dataclasses import dataclass
 
 from .errors import ParameterError
@@ -102,7 +101,7 @@ def check(description, value):
     d = description
     if d.type is tuple:
         return _check_list(d, value)
-    if d.type is float and type(value) is int and abs(value) <= sys.float_info.max:
+    if d.type is float and type(value) is int and value.bit_length() < 1024:
         value = float(value)
     if type(value) is not d.type:
         raise ParameterError(f'{d.name} = {value!r}: expected {_article(d.type)}')

@@ -37,6 +37,8 @@ class Interval:
 
 # Stamps that jitter leave up to eight intervals between scans that are evenly apart.
 _GAP = 10.0
+# No lidar is faster [s].
+_LEAST = 0.001
 
 
 class Intervals:
@@ -56,7 +58,7 @@ class Intervals:
             return Interval(self._median(), 0.0, half, f'stamps went back by {-elapsed:.3f} s')
         if elapsed > parameters.jump:
             return Interval(self._median(), elapsed, half, f'no scan for {elapsed:.3f} s')
-        if elapsed > 0.0:
+        if elapsed > _LEAST:
             self._recent.append(elapsed)
         median = self._median()
         return Interval(elapsed if 0.5 * median <= elapsed <= 2.0 * median else median, max(elapsed, 0.0), half)

@@ -1,17 +1,17 @@
 """The registration of two scans, step by step, with what each step hands on."""
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..core.clustering import k_distances
-from ..core.features import extract_features
+from ..core.features import extract_features, usable_points
 from ..core.parameters import Parameters
 from ..core.records import Features, Registration
 from ..core.registration import register
 from ..core.ring_band import ring_band_filter
 from ..core.rotation import Rotations, estimate_rotations, pair_weights
 from ..core.scan import Scan
-from ..core.se2 import wrap
+from ..core.se2 import as_complex, wrap
 from ..core.segments import find_breaks
 from ..core.translation import Translations, estimate_translations
 
@@ -41,10 +41,10 @@ class ScanSteps:
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
         """Raises ScanError when the scan has too few returns."""
         features = extract_features(scan, parameters)
-        measured = _within_limits(scan, parameters.scan).points
+        measured = usable_points(scan, parameters.scan)
         filtered, outcome = ring_band_filter(measured, features.noise, parameters.filter)
-        radius = np.hypot(*features.points.T)
-        breaks = find_breaks(features.points, radius, features.beams, scan.geometry, features.noise, parameters.segments)
+        points = as_complex(features.points)
+        breaks = find_breaks(points, np.abs(points), features.beams, scan.geometry, features.noise, parameters.segments)
         return cls(features, measured, filtered, outcome, breaks)
 
 
@@ -101,12 +101,3 @@ class Steps:
         """The k-dist graph of the angle differences [rad], and its k."""
         k = max(self.parameters.rotation.min_points - 1, 1)
         return k_distances(self.rotations.difference.ravel(), k), k
-
-
-def _within_limits(scan, limits):
-    """`scan` with the range limits of the parameters, where they are narrower than the sensor's."""
-    geometry = scan.geometry
-    nearest, farthest = max(geometry.range_min, limits.range_min), min(geometry.range_max, limits.range_max or np.inf)
-    if (nearest, farthest) == (geometry.range_min, geometry.range_max):
-        return scan
-    return replace(scan, geometry=replace(geometry, range_min=nearest, range_max=farthest))
