@@ -171,7 +171,7 @@ def test_optuna_finds_a_minimum_sooner_than_chance_and_can_be_resumed(tmp_path):
 
 def test_a_cluster_gives_the_same_even_when_a_worker_is_killed(words, tmp_path, cluster):
     assert main([*words(10, 'here'), '--processes', '2']) == 0
-    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(6, 'there'), '--scheduler',
+    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(10, 'there'), '--scheduler',
                                 cluster.scheduler_address], stdout=subprocess.DEVNULL)
     file, deadline = tmp_path / 'there' / 'trials.jsonl', time.monotonic() + 60
     while not (file.exists() and file.read_bytes()) and time.monotonic() < deadline:
