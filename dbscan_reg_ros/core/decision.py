@@ -8,7 +8,7 @@ from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Registration, Segments, Status
 from .rotation import wrap_period
-from .se2 import SE2
+from .se2 import SE2, wrap
 from .selection import same
 
 
@@ -24,8 +24,10 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
     """
     best = fine[0]
     rivals = ~same(coarse, best, p.decision.rival_distance, p.decision.rival_angle)
-    margin = float(coarse_score[~rivals].max(initial=fine_score[0]) - coarse_score[rivals].max(initial=-1.0))
+    lead = coarse_score[~rivals].max(initial=fine_score[0]) - coarse_score[rivals]
+    margin = float(lead.min(initial=coarse_score[~rivals].max(initial=fine_score[0]) + 1.0))
     covariance, angle, weak = uncertainty(best, reference, current, p)
+    covariance = covariance + scatter(best, coarse[rivals][lead < p.decision.min_margin])
     status, reason = judge(float(fine_score[0]), margin, weak, p.decision)
     transform = SE2.from_array(best)
     free = None if weak >= p.decision.min_information else math.remainder(angle, math.pi)
@@ -34,6 +36,16 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
     matches = match_segments(reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses, free, matches,
                         reason)
+
+
+def scatter(best, rivals):
+    """What rivals ``(R, 3)`` as likely as the best ``(3,)`` add to its covariance, in its own frame."""
+    if not len(rivals):
+        return np.zeros((3, 3))
+    off = rivals - best
+    off[:, 2] = wrap(off[:, 2])
+    off = off @ rotation_matrix(best[2])
+    return off.T @ off / (len(off) + 1)
 
 
 def failed(reason):
@@ -59,13 +71,40 @@ def uncertainty(candidate, reference, current, p: Parameters):
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
     equations = normal_equations(*residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
-                                            p.density.facing))
-    angle, weak, _ = weakest_direction(equations)
-    variance = mean_square(equations[0]) + max(reference.noise, current.noise) ** 2
-    c, s = math.cos(candidate[2]), math.sin(candidate[2])
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    match = turn.T @ equations[0, :3, :3] @ turn * (1.0 / (variance * p.decision.covariance_scale))
-    return np.linalg.inv(match + np.diag(p.decision.prior_information())), float(angle[0]), float(weak[0])
+                                            p.density.facing))[0]
+    variance = mean_square(equations) + max(reference.noise, current.noise) ** 2
+    covariance, angle, weak = calibrated(equations[:3, :3], variance, p.decision)
+    turn = rotation_matrix(candidate[2])
+    return turn.T @ covariance @ turn, angle, weak
+
+
+def calibrated(information, variance, parameters: DecisionParameters):
+    """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
+
+    Few points hold a direction less surely than their number says: their errors are not independent, and the normals of
+    a wall that is free of corners stray about. What less than `min_information` hold is free.
+
+    Returns
+    -------
+    covariance : (3, 3) array
+    angle : float [rad]
+        The direction of the translation that is known least.
+    weak : float
+        Information along it.
+    """
+    variance = variance * parameters.covariance_scale
+    angle, weak, _ = (float(value[0]) for value in weakest_direction(information[None]))
+    covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    free = 1.0 / parameters.prior_information()[0]
+    extra = free if weak < parameters.min_information else min(variance * parameters.few / weak ** 2, free)
+    return covariance + extra * np.outer(along, along), angle, weak
+
+
+def rotation_matrix(theta):
+    """``(3, 3)`` matrix that turns (x, y, theta) by `theta`."""
+    c, s = math.cos(theta), math.sin(theta)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):

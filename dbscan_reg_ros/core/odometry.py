@@ -4,6 +4,7 @@ import math
 import numpy as np
 
 from .alignment import mean_square
+from .decision import calibrated
 from .deskew import deskew
 from .features import extract_features
 from .parameters import Parameters
@@ -143,7 +144,7 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
-        covariance = self._match_covariance(features, pose, registration)
+        covariance = self._match_covariance(features, pose, registration, prior)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
@@ -176,15 +177,15 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
-    def _match_covariance(self, features, pose, registration):
-        """Covariance of the scan's place among the key frames, in its own frame."""
+    def _match_covariance(self, features, pose, registration, prior):
+        """Covariance of the scan's place among the key frames, in its own frame; the prior bounds it."""
         p = self.parameters
-        if p.odometry.reference != 'window':
-            return registration.covariance
-        equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
-        variance = (mean_square(equations) + features.noise ** 2) * p.decision.covariance_scale
-        information = _turned(equations[:3, :3], -pose.theta) / variance + np.diag(p.decision.prior_information())
-        return np.linalg.inv(information)
+        covariance = registration.covariance
+        if p.odometry.reference == 'window':
+            equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
+            variance = mean_square(equations) + features.noise ** 2
+            covariance = _turned(calibrated(equations[:3, :3], variance, p.decision)[0], -pose.theta)
+        return np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(prior.covariance))
 
     def _coast(self, features, registration, expected, prior, time):
         """The scan is not found: go on as expected for a while, then stand, then start anew."""
