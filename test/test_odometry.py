@@ -192,3 +192,16 @@ def test_parameters_count_from_the_next_scan_on():
     odometry.parameters = odometry.parameters.replace({'scan.min_returns': 1000})
     with pytest.raises(ScanError, match='scan.min_returns'):
         odometry.process(scan_at(poses[5], 5))
+
+
+def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
+    """And what moves after it has stood is followed at once."""
+    rng = np.random.default_rng(8)
+    odometry, steady = Odometry(Parameters().replace({'odometry.rest': 0.0})), Odometry()
+    scans = [dataclasses.replace(scan_at(SE2(), i), ranges=scan_at(SE2(), i).ranges + rng.normal(0.0, 0.01, FULL.size))
+             for i in range(60)]
+    turns = np.array([[o.process(scan).pose.theta for scan in scans] for o in (odometry, steady)])
+    assert np.abs(turns[1]).max() < np.abs(turns[0]).max()
+    assert np.ptp(turns[1, 30:]) < 0.3 * np.ptp(turns[0, 30:])
+    moved = SE2(0.05, 0.02, 0.03)
+    assert error(steady.process(scan_at(moved, 60)), moved)[0] < 0.01

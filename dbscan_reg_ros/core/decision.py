@@ -8,7 +8,7 @@ from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Registration, Segments, Status
 from .rotation import wrap_period
-from .se2 import SE2, wrap
+from .se2 import SE2, turn_matrix, wrap
 from .selection import same
 
 
@@ -44,7 +44,7 @@ def scatter(best, rivals):
         return np.zeros((3, 3))
     off = rivals - best
     off[:, 2] = wrap(off[:, 2])
-    off = off @ rotation_matrix(best[2])
+    off = off @ turn_matrix(best[2])
     return off.T @ off / (len(off) + 1)
 
 
@@ -74,7 +74,7 @@ def uncertainty(candidate, reference, current, p: Parameters):
                                             p.density.facing))[0]
     variance = mean_square(equations) + max(reference.noise, current.noise) ** 2
     covariance, angle, weak = calibrated(equations[:3, :3], variance, p.decision)
-    turn = rotation_matrix(candidate[2])
+    turn = turn_matrix(candidate[2])
     return turn.T @ covariance @ turn, angle, weak
 
 
@@ -99,12 +99,6 @@ def calibrated(information, variance, parameters: DecisionParameters):
     free = 1.0 / parameters.prior_information()[0]
     extra = free if weak < parameters.min_information else min(variance * parameters.few / weak ** 2, free)
     return covariance + extra * np.outer(along, along), angle, weak
-
-
-def rotation_matrix(theta):
-    """``(3, 3)`` matrix that turns (x, y, theta) by `theta`."""
-    c, s = math.cos(theta), math.sin(theta)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):

@@ -10,8 +10,9 @@ from .features import extract_features
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
+from .rest import Rest
 from .scan import Scan
-from .se2 import SE2
+from .se2 import SE2, turn_matrix
 from .selection import surprise
 from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
@@ -42,6 +43,7 @@ class Odometry:
         """Know nothing of the motion."""
         self._halt()
         self._middle, self._lost, self._pending = self._pose, 0.0, None
+        self._reported, self._rest = self._pose, Rest(self._pose)
 
     def _halt(self):
         """Expect no motion."""
@@ -137,26 +139,27 @@ class Odometry:
         pose = frame.pose @ registration.transform
         if registration.free_direction is not None:
             pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
+        known = np.zeros((3, 3))
         if self._agrees(pose, expected, prior.covariance):
-            strength = p.prior.point ** 2 * _turned(np.linalg.inv(prior.covariance), expected.theta)
-        else:
-            strength = np.zeros((3, 3))
+            known = np.linalg.inv(prior.covariance)
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
+            strength = p.prior.point ** 2 * _turned(known, expected.theta)
             pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
-        covariance = self._match_covariance(features, pose, registration, prior)
+        covariance = np.linalg.inv(np.linalg.inv(self._match_covariance(features, pose, registration)) + known)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
-        step = self._take(pose, covariance, time)
+        self._take(pose, covariance, time)
         due = registration.status is not Status.AMBIGUOUS and self._is_due(frame, moved, registration)
         if due:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(KeyFrame(features, pose, self._covariance), size)
-        return self._update(features, registration.status, time, step, registration, frame, due)
+        reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
+        return self._update(features, registration.status, time, reported, registration, frame, due)
 
     def _take(self, pose, covariance, time):
-        """Go on to where the scan was found; the step since the last scan.
+        """Go on to where the scan was found.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
         at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles.
@@ -167,9 +170,7 @@ class Odometry:
             self._twist = stride.as_array() / time.interval
             self._twist_covariance = 2.0 * covariance / time.interval ** 2
             self._step = _travel(self._twist, time.interval)
-        pose = middle @ _travel(self._twist, time.half).inverse()
-        step, self._pose, self._lost = self._pose.inverse() @ pose, pose, 0.0
-        return step
+        self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry
@@ -177,15 +178,14 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
-    def _match_covariance(self, features, pose, registration, prior):
-        """Covariance of the scan's place among the key frames, in its own frame; the prior bounds it."""
+    def _match_covariance(self, features, pose, registration):
+        """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
-        covariance = registration.covariance
-        if p.odometry.reference == 'window':
-            equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
-            variance = mean_square(equations) + features.noise ** 2
-            covariance = _turned(calibrated(equations[:3, :3], variance, p.decision)[0], -pose.theta)
-        return np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(prior.covariance))
+        if p.odometry.reference != 'window':
+            return registration.covariance
+        equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
+        covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, p.decision)
+        return _turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):
         """The scan is not found: go on as expected for a while, then stand, then start anew."""
@@ -201,7 +201,7 @@ class Odometry:
         self._covariance = back @ self._covariance @ back.T + prior.covariance
         self._pose, self._middle = expected, expected @ _travel(self._twist, time.half)
         status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
-        return self._update(features, status, time, step, registration, self._window.latest, False)
+        return self._update(features, status, time, self._pose, registration, self._window.latest, False)
 
     def _start(self, features, reason):
         """Start at the pose reached so far: the first scan, or one after which the motion is lost for a `reason`."""
@@ -210,13 +210,14 @@ class Odometry:
             self._covariance = self._covariance + np.eye(3)
         self._window = Window((KeyFrame(features, self._pose, self._covariance),))
         status = Status.FAILED if reason else Status.OK
-        return self._update(features, status, Interval(jump=reason), SE2(), None, None, True)
+        return self._update(features, status, Interval(jump=reason), self._pose, None, None, True)
 
-    def _update(self, features, status, time, step, registration, frame, changed):
+    def _update(self, features, status, time, pose, registration, frame, changed):
+        step, self._reported = self._reported.inverse() @ pose, pose
         return OdometryUpdate(
-            features.scan.stamp, self._pose, _turned(self._covariance, self._pose.theta) + _LEAST_COVARIANCE, self._twist,
+            features.scan.stamp, pose, _turned(self._covariance, pose.theta) + _LEAST_COVARIANCE, self._twist,
             self._twist_covariance + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
-            frame and frame.features, frame.pose if frame else self._pose, changed, time.jump)
+            frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 
 
 # Never published as exactly known: 1 mm, 0.06 deg.
@@ -237,6 +238,5 @@ def _slide(pose, target, direction):
 
 def _turned(matrix, theta):
     """A ``(3, 3)`` matrix over (x, y, theta) with its axes turned by `theta`."""
-    c, s = math.cos(theta), math.sin(theta)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = turn_matrix(theta)
     return turn @ matrix @ turn.T

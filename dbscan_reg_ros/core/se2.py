@@ -10,6 +10,12 @@ def wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
+def turn_matrix(theta):
+    """``(3, 3)`` matrix that turns (x, y, theta) by `theta`."""
+    c, s = math.cos(theta), math.sin(theta)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def as_complex(vectors):
     """Vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
