@@ -125,8 +125,8 @@ class Odometry:
         """Covariance of a motion of which nothing is known."""
         p = self.parameters.prior
         lasted = min(time.elapsed if time.gap else time.interval, self.parameters.time.jump)
-        sigma = math.hypot(p.unknown, p.acceleration * lasted ** 2)
-        turn = min(math.hypot(p.unknown_angle, p.angular_acceleration * lasted ** 2), math.pi)
+        sigma = math.hypot(p.unknown, 0.5 * p.acceleration * lasted ** 2)
+        turn = min(math.hypot(p.unknown_angle, 0.5 * p.angular_acceleration * lasted ** 2), 1.0)
         return np.diag([sigma, sigma, turn]) ** 2
 
     def _agrees(self, pose, expected, covariance):

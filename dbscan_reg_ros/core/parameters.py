@@ -376,7 +376,7 @@ class PriorParameters(ParameterGroup):
     jitter: float = parameter(0.3, 'constant velocity: spread as a share of the step, for stamps that jitter', '', 0.0, 10.0)
     least: float = parameter(0.01, 'constant velocity: least spread', 'm', 0.0001, 10.0)
     least_angle: float = parameter(0.01, 'constant velocity: least spread of the rotation', 'rad', 0.0001, 3.2)
-    point: float = parameter(0.02, 'spread of a point, when points are set against the prior', 'm', 0.0, 10.0)
+    point: float = parameter(0.01, 'spread of a point, when points are set against the prior', 'm', 0.0, 10.0)
     unknown: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
     unknown_angle: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
 
