@@ -1,4 +1,5 @@
 """Laser odometry: keeps key frames, registers every scan to them and integrates the pose."""
+import dataclasses
 import math
 
 import numpy as np
@@ -30,6 +31,17 @@ class Odometry:
     def __init__(self, parameters: Parameters = Parameters()):
         self.parameters = parameters
         self.reset()
+
+    @property
+    def parameters(self):
+        return self._parameters
+
+    @parameters.setter
+    def parameters(self, parameters):
+        self._parameters = self._search = parameters
+        if parameters.odometry.reference == 'window':
+            # The window has the last word on the pose.
+            self._search = dataclasses.replace(parameters, refinement=dataclasses.replace(parameters.refinement, polish=0))
 
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
@@ -106,7 +118,7 @@ class Odometry:
         for frame in (frames[-1], *older[:p.odometry.retries]):
             back = frame.pose.inverse()
             guess = Prior(back @ expected, prior.covariance)
-            registration = register(frame.features, features, p, guess)
+            registration = register(frame.features, features, self._search, guess)
             first = first or registration
             if registration.status is Status.FAILED:
                 continue

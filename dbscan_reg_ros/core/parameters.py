@@ -390,7 +390,7 @@ class OdometryParameters(ParameterGroup):
                                choices=('previous', 'keyframe', 'window'))
     prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
                            '', choices=('none', 'constant_velocity'))
-    window: int = parameter(15, 'key frames of the window', '', 1, 1000)
+    window: int = parameter(20, 'key frames of the window', '', 1, 1000)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -62,8 +62,9 @@ class Window:
     def __init__(self, frames):
         self.frames = tuple(frames)
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames])
-        self._inverses = [frame.pose.inverse() for frame in self.frames]
-        self._turns = np.exp(-1j * np.array([[frame.pose.theta] for frame in self.frames]))
+        poses = np.array([frame.pose.as_array() for frame in self.frames])
+        self._origins, self._headings = poses[:, :1] + 1j * poses[:, 1:2], poses[:, 2:]
+        self._turns = np.exp(-1j * self._headings)
 
     @property
     def latest(self):
@@ -83,12 +84,13 @@ class Window:
         (4, 4) array
             As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
         """
-        relative = np.array([(inverse @ pose).as_array() for inverse in self._inverses])
+        place = self._turns * (pose.x + 1j * pose.y - self._origins)
+        relative = np.concatenate((place.real, place.imag, pose.theta - self._headings), axis=1)
         error, weight, normals, arms = alignment.residuals(relative, cloud, self._stack, scale, density.facing)
         weight *= 1.0 / np.maximum(weight.sum(axis=0), 1.0)
         arms *= self._turns.conj()
         normals *= self._turns
-        return alignment.normal_equations(error, weight, normals, arms).sum(axis=0)
+        return alignment.normal_equations(*(part.reshape(1, -1) for part in (error, weight, normals, arms)))[0]
 
 
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
