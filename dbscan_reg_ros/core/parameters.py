@@ -303,7 +303,7 @@ class RefinementParameters(ParameterGroup):
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
     polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
-    window: int = parameter(6, 'iterations against the window', '', 0, 100)
+    window: int = parameter(3, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
     window_scale: float = parameter(0.01, 'kernel of the last of them; at least the range noise', 'm',
                                     0.001, 10.0)
@@ -354,7 +354,7 @@ class DecisionParameters(ParameterGroup):
                                        0.0, 100000.0)
     covariance_scale: float = parameter(1.0, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)
-    few: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
+    few: float = parameter(12.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
                            1000.0)
     match_angle: float = parameter(0.1, 'segments turned by less than this are the same wall', 'rad', 0.0, 3.2)
     match_distance: float = parameter(0.1, 'and nearer than this to its line', 'm', 0.0, 10.0)
@@ -390,7 +390,7 @@ class OdometryParameters(ParameterGroup):
                                choices=('previous', 'keyframe', 'window'))
     prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
                            '', choices=('none', 'constant_velocity'))
-    window: int = parameter(20, 'key frames of the window', '', 1, 1000)
+    window: int = parameter(25, 'key frames of the window', '', 1, 1000)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -8,6 +8,8 @@ import numpy as np
 from .errors import ScanError
 
 MAX_BEAMS = 100_000
+MAX_RANGE = 100_000.0
+"""What is farther [m] is no return, whatever the sensor says of its range."""
 SECOND = 1_000_000_000
 
 
@@ -137,7 +139,7 @@ class Scan:
         ranges, geometry = self.ranges, self.geometry
         with np.errstate(invalid='ignore'):
             ok = (ranges > 0.0) & (ranges >= np.float32(geometry.range_min))
-            ok &= (ranges <= np.float32(geometry.range_max)) & (ranges < np.inf)
+            ok &= ranges <= np.float32(min(geometry.range_max, MAX_RANGE))
         return _frozen(ok)
 
     @cached_property
