@@ -22,20 +22,27 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
     coarse, coarse_score : (G, 3), (G,) arrays
         All hypotheses after the coarse refinement: the rivals are among them.
     """
-    best = fine[0]
-    rivals = ~same(coarse, best, p.decision.rival_distance, p.decision.rival_angle)
-    lead = coarse_score[~rivals].max(initial=fine_score[0]) - coarse_score[rivals]
-    margin = float(lead.min(initial=coarse_score[~rivals].max(initial=fine_score[0]) + 1.0))
+    best, limits = fine[0], p.decision
     covariance, angle, weak = uncertainty(best, reference, current, p)
-    covariance = covariance + scatter(best, coarse[rivals][lead < p.decision.min_margin])
-    status, reason = judge(float(fine_score[0]), margin, weak, p.decision)
+    free = weak < limits.min_information
+    level = slid(coarse, best, angle) if free else coarse
+    rivals = ~same(level, best, limits.rival_distance, limits.rival_angle)
+    top = coarse_score[~rivals].max(initial=fine_score[0])
+    margin = float(top - coarse_score[rivals].max(initial=-1.0))
+    covariance = covariance + scatter(best, coarse[rivals & (coarse_score > top - limits.min_margin)])
+    status, reason = judge(float(fine_score[0]), margin, weak, limits)
     transform = SE2.from_array(best)
-    free = None if weak >= p.decision.min_information else math.remainder(angle, math.pi)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), float(value))
                        for candidate, value in zip(fine, fine_score))
     matches = match_segments(reference.segments, current.segments, transform, p.decision)
-    return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses, free, matches,
-                        reason)
+    return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
+                        math.remainder(angle, math.pi) if free else None, matches, reason)
+
+
+def slid(candidates, one, angle):
+    """Hypotheses ``(H, 3)``, each moved along the direction `angle` [rad] until it is level with `one` ``(3,)``."""
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    return candidates - np.outer((candidates - one) @ along, along)
 
 
 def scatter(best, rivals):
@@ -73,16 +80,17 @@ def uncertainty(candidate, reference, current, p: Parameters):
     equations = normal_equations(*residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
                                             p.density.facing))[0]
     variance = mean_square(equations) + max(reference.noise, current.noise) ** 2
-    covariance, angle, weak = calibrated(equations[:3, :3], variance, p.decision)
+    covariance, angle, weak = calibrated(equations[:3, :3], variance, reference.stray, p.decision)
     turn = turn_matrix(candidate[2])
     return turn.T @ covariance @ turn, angle, weak
 
 
-def calibrated(information, variance, parameters: DecisionParameters):
+def calibrated(information, variance, stray, parameters: DecisionParameters):
     """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
 
-    Few points hold a direction less surely than their number says: their errors are not independent, and the normals of
-    a wall that is free of corners stray about. What less than `min_information` hold is free.
+    Normals that `stray` [rad^2] about that of their wall seem to hold the motion along it; that much is taken off. Few
+    points hold a direction less surely than their number says: their errors are not independent. What less than
+    `min_information` hold is free.
 
     Returns
     -------
@@ -94,6 +102,7 @@ def calibrated(information, variance, parameters: DecisionParameters):
     """
     variance = variance * parameters.covariance_scale
     angle, weak, _ = (float(value[0]) for value in weakest_direction(information[None]))
+    weak = max(weak - stray * float(information[0, 0] + information[1, 1]), 0.0)
     covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     free = 1.0 / parameters.prior_information()[0]

@@ -36,9 +36,9 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     places = as_complex(points)
     radius, total = np.abs(places), summed_moments(points)
     breaks = find_breaks(places, radius, beams, scan.geometry, noise, parameters.segments)
-    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
+    normals, stray = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
-    return Features(scan, points, beams, normals, segments, noise, parameters.density)
+    return Features(scan, points, beams, normals, stray, segments, noise, parameters.density)
 
 
 def usable_points(scan, limits):
@@ -69,7 +69,7 @@ _NOISE_BEND = 0.38532 * np.sqrt(1.5)
 
 
 def estimate_normals(points, total, breaks, increment, parameters):
-    """Unit normals ``(P, 2)`` on the sensor's side, from the neighbours of each point within its run.
+    """Unit normals on the sensor's side, from the neighbours of each point within its run.
 
     The side follows from the order of the beams and the sign of their `increment`. The window grows from `normal_beams`
     on each side until it spans `normal_reach`; points with fewer than three neighbours on their surface get a zero
@@ -81,6 +81,12 @@ def estimate_normals(points, total, breaks, increment, parameters):
     total : (P + 1, 5) array
         Their `summed_moments`.
     breaks : (P - 1,) bool array
+
+    Returns
+    -------
+    normals : (P, 2) array
+    stray : float [rad^2]
+        Median variance of the normals' directions.
     """
     size = len(points)
     path = np.zeros(size)
@@ -97,4 +103,5 @@ def estimate_normals(points, total, breaks, increment, parameters):
     onward = points[high - 1] - points[low]
     normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
-    return as_vectors(normals)
+    stray = float(np.median(residual / (np.maximum(count - 2, 1) * np.maximum(spread, 1e-12))))
+    return as_vectors(normals), stray

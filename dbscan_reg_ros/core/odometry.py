@@ -88,10 +88,10 @@ class Odometry:
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
-        frame, registration = self._register(features, expected, prior, own, time)
+        frame, pose, registration = self._register(features, expected, prior, own, time)
         if frame is None:
             return self._coast(features, registration, expected, prior, time)
-        return self._follow(features, frame, registration, expected, prior, time)
+        return self._follow(features, frame, pose, registration, expected, prior, time)
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""
@@ -107,7 +107,8 @@ class Odometry:
     def _register(self, features, expected, prior, own, time):
         """Register to the latest key frame, or where that leads nowhere to older ones.
 
-        Returns the key frame, None when no result can be trusted, and the registration.
+        Returns the key frame, None when no result can be trusted, the pose and the registration. A direction that the
+        scans leave free is left to what was expected.
         """
         p = self.parameters
         usual = self._pose @ own.transform
@@ -123,15 +124,17 @@ class Odometry:
             if registration.status is Status.FAILED:
                 continue
             pose = frame.pose @ registration.transform
+            if registration.free_direction is not None:
+                pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
             if self._agrees(pose, expected, prior.covariance) or self._agrees(pose, usual, own.covariance):
-                return frame, registration
+                return frame, pose, registration
             if registration.status is Status.OK:
                 # Against all that was expected: a leap is believed when the next scan says the same.
                 if self._agrees(pose, usual, self._leap(time)) or (
                         pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
-                    return frame, registration
+                    return frame, pose, registration
                 self._pending = self._pending or pose
-        return None, first
+        return None, None, first
 
     def _leap(self, time):
         """Covariance of a motion of which nothing is known."""
@@ -145,12 +148,9 @@ class Odometry:
         gap = surprise(pose.as_array()[None], Prior(expected, covariance))[0]
         return gap <= self.parameters.prior.limit ** 2
 
-    def _follow(self, features, frame, registration, expected, prior, time):
+    def _follow(self, features, frame, pose, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
         p = self.parameters
-        pose = frame.pose @ registration.transform
-        if registration.free_direction is not None:
-            pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
         known = np.zeros((3, 3))
         if self._agrees(pose, expected, prior.covariance):
             known = np.linalg.inv(prior.covariance)
@@ -196,7 +196,8 @@ class Odometry:
         if p.odometry.reference != 'window':
             return registration.covariance
         equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
-        covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, p.decision)
+        covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, features.stray,
+                                      p.decision)
         return _turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):

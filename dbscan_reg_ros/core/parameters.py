@@ -354,7 +354,7 @@ class DecisionParameters(ParameterGroup):
                                        0.0, 100000.0)
     covariance_scale: float = parameter(1.0, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)
-    few: float = parameter(12.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
+    few: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
                            1000.0)
     match_angle: float = parameter(0.1, 'segments turned by less than this are the same wall', 'rad', 0.0, 3.2)
     match_distance: float = parameter(0.1, 'and nearer than this to its line', 'm', 0.0, 10.0)

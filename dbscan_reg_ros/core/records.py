@@ -88,6 +88,8 @@ class Features:
         The beam of each point.
     normals : (P, 2) float
         Unit normals that face the sensor; zero where the surroundings have no direction.
+    stray : float [rad^2]
+        Median variance of the normals' directions.
     segments : Segments
     noise : float [m]
         Standard deviation of a range, as estimated from this scan.
@@ -107,6 +109,7 @@ class Features:
     points: np.ndarray
     beams: np.ndarray
     normals: np.ndarray
+    stray: float
     segments: Segments
     noise: float
     density: DensityParameters
