@@ -3,6 +3,7 @@ import array
 import math
 
 import numpy as np
+import rclpy  # noqa: F401 - needs ROS
 from child import most_memory
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
