@@ -303,7 +303,7 @@ class RefinementParameters(ParameterGroup):
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
     polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
-    window: int = parameter(3, 'iterations against the window', '', 0, 100)
+    window: int = parameter(4, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
     window_scale: float = parameter(0.01, 'kernel of the last of them; at least the range noise', 'm',
                                     0.001, 10.0)
