@@ -145,6 +145,15 @@ def test_jitter_of_the_stamps_does_not_make_speed():
         [0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
 
 
+def test_ten_intervals_without_a_scan_are_a_gap():
+    intervals = Intervals()
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
+    assert [time.gap for time in found[2:]] == [False, False, False, True, False, True]
+    assert [bool(time.jump) for time in found] == [False] * 7 + [True]
+    assert found[5].elapsed == pytest.approx(1.05) and found[6].elapsed == 0.0
+    assert all(time.half == 0.05 for time in found)
+
+
 def test_a_changed_number_of_beams_goes_on():
     odometry, poses = Odometry(), drive(40)
     coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)

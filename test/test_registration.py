@@ -120,3 +120,17 @@ def test_the_same_scans_give_the_same_result_to_the_last_bit():
 def test_a_scan_without_returns_is_refused():
     with pytest.raises(ScanError, match='0 of 360 beams have a return'):
         extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())
+
+
+def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
+    narrow = Parameters().replace({'rotation.hypotheses': 1, 'selection.candidates': 1, 'selection.refined': 1,
+                                   'selection.doubt': -1.0})
+    again = narrow.replace({'selection.doubt': 0.5, 'selection.widen': 60})
+    truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
+    found = {}
+    for name, parameters in (('narrow', narrow), ('again', again)):
+        pairs = [(extract_features(look(ROOM, SE2()), parameters), extract_features(look(ROOM, truth), parameters))
+                 for truth in truths]
+        found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair, truth in zip(pairs, truths, strict=True)]
+    assert all(found['again'])
+    assert not all(found['narrow'])

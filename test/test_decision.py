@@ -1,0 +1,64 @@
+"""Status and covariance of a registration."""
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.decision import calibrated, scatter, slid
+from dbscan_reg_ros.core.parameters import DecisionParameters
+
+PARAMETERS = DecisionParameters(few=0.0)
+VARIANCE = 1e-4
+
+
+def turned(matrix, angle):
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turn @ matrix @ turn.T
+
+
+def test_the_covariance_is_the_inverse_of_the_information():
+    information = np.diag([100.0, 50.0, 400.0])
+    covariance, _, weak = calibrated(information, VARIANCE, 0.0, PARAMETERS)
+    assert weak == pytest.approx(50.0)
+    assert np.diag(covariance) == pytest.approx([1e-6, 2e-6, 2.5e-7], rel=1e-3)
+
+
+def test_a_direction_that_hardly_a_point_holds_is_free():
+    information = turned(np.diag([0.5, 150.0, 400.0]), 0.7)
+    covariance, angle, weak = calibrated(information, VARIANCE, 0.0, PARAMETERS)
+    along = np.array([math.cos(0.7), math.sin(0.7), 0.0])
+    assert weak == pytest.approx(0.5)
+    assert math.sin(angle - 0.7) == pytest.approx(0.0, abs=1e-9)
+    assert along @ covariance @ along > 100.0
+    across = np.array([-math.sin(0.7), math.cos(0.7), 0.0])
+    assert across @ covariance @ across == pytest.approx(VARIANCE / 150.0, rel=1e-3)
+
+
+def test_what_stray_normals_seem_to_hold_is_taken_off():
+    information = np.diag([4.0, 150.0, 400.0])
+    assert calibrated(information, VARIANCE, 0.0, PARAMETERS)[2] == pytest.approx(4.0)
+    assert calibrated(information, VARIANCE, 0.02, PARAMETERS)[2] == pytest.approx(4.0 - 0.02 * 154.0)
+    assert calibrated(information, VARIANCE, 1.0, PARAMETERS)[2] == 0.0
+
+
+def test_as_many_points_as_few_double_the_variance():
+    information = np.diag([8.0, 800.0, 400.0])
+    plain = calibrated(information, VARIANCE, 0.0, PARAMETERS)[0]
+    careful = calibrated(information, VARIANCE, 0.0, DecisionParameters(few=8.0))[0]
+    assert careful[0, 0] == pytest.approx(2.0 * plain[0, 0], rel=1e-3)
+    assert careful[1, 1] == pytest.approx(plain[1, 1])
+
+
+def test_rivals_widen_the_covariance_by_their_distance_in_the_sensors_frame():
+    best = np.array([1.0, 2.0, 0.5 * math.pi])
+    found = scatter(best, np.array([[1.0, 5.0, 0.5 * math.pi + 2.0 * math.pi]]))
+    assert found == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
+    assert not scatter(best, np.empty((0, 3))).any()
+
+
+def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
+    best = np.array([1.0, 1.0, 0.2])
+    away = best + [3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0] + np.array([-math.sin(0.4), math.cos(0.4), 0.0])
+    level, = slid(away[None], best, 0.4)
+    assert level == pytest.approx(best + [-math.sin(0.4), math.cos(0.4), 0.0])
