@@ -3,6 +3,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 
 from .ros_arguments import split_arguments
 
@@ -38,24 +39,27 @@ def run_node(name, description, make, argv=None) -> int:
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
 
     import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
 
     from ..core.errors import ParameterError
 
     try:
-        try:
-            rclpy.init(args=[name, *argv])
-        except RuntimeError as error:
-            return _complain(name, f'ROS does not start: {error}')
-        stop.leave_to_ros()
-        rclpy.spin(make(name))
+        rclpy.init(args=[name, *argv], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        return _complain(name, f'ROS does not start: {error}')
+    try:
+        executor = SingleThreadedExecutor()
+        stop.then(lambda: executor.create_task(lambda: None))
+        node = make(name)
+        executor.add_node(node)
+        while not stop.requested:
+            executor.spin_once()
+        node.destroy_node()
     except ParameterError as error:
         return _complain(name, error)
-    except Exception:
-        if not stop.requested:
-            raise
     finally:
         rclpy.try_shutdown()
-        stop.ignore()
     return 0
 
 
@@ -65,29 +69,24 @@ def _complain(name, problem):
 
 
 class _StopSignals:
-    """Ends the process quietly on SIGINT and SIGTERM, at any moment.
+    """Turns SIGINT and SIGTERM, however often and whenever they come, into one request to stop.
 
-    Until ROS is up, by an exit on the spot. From then on ROS shuts its context down, which ends the spinning; what is
-    just being published may fail then.
+    They are blocked in every thread and taken by a thread of their own: nothing is interrupted, so that the node ends
+    between two callbacks, even if it was still starting. ROS' own handlers would shut its context down under it.
     """
 
     def __init__(self):
         self.requested = False
-        self._ros_is_up = False
-        self._handle(self._stop)
+        self._listener = lambda: None
+        signals = {signal.SIGINT, signal.SIGTERM}
+        signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+        threading.Thread(target=self._take, args=(signals,), daemon=True).start()
 
-    def leave_to_ros(self):
-        self._ros_is_up = True
+    def then(self, listener):
+        """Call `listener`, from another thread, once a stop is requested."""
+        self._listener = listener
 
-    def ignore(self):
-        """For the process is ending: Python would give the signals back to the system, which kills."""
-        self._handle(signal.SIG_IGN)
-
-    def _handle(self, handler):
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, handler)
-
-    def _stop(self, _number, _frame):
+    def _take(self, signals):
+        signal.sigwait(signals)
         self.requested = True
-        if not self._ros_is_up:
-            sys.exit(0)
+        self._listener()
