@@ -4,8 +4,6 @@ Ester, Kriegel, Sander, Xu: "A density-based algorithm for discovering clusters 
 KDD 1996.
 """
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 NOISE = -1
@@ -115,10 +113,15 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
 
 def _components(one, two, size):
     """Connected component of each of `size` nodes, from the edges ``one - two``; numbered by the first node of each."""
-    order = np.argsort(one, kind='stable')
-    rows = np.concatenate(([0], np.cumsum(np.bincount(one, minlength=size))))
-    graph = csr_array((np.ones(len(one)), two[order], rows), shape=(size, size))
-    return connected_components(graph, directed=False)[1]
+    least = np.arange(size)
+    while True:
+        a, b = least[one], least[two]
+        if (a == b).all():
+            break
+        np.minimum.at(least, np.maximum(a, b), np.minimum(a, b))
+        least = least[least]
+    first = np.arange(size) == least
+    return (np.cumsum(first) - 1)[least]
 
 
 def _renumber(component, index):
