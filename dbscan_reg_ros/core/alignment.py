@@ -6,10 +6,14 @@ costs a fixed number of array operations, whatever the number of candidates.
 import numpy as np
 
 
+def origins(candidates):
+    """``(H, 1)`` complex: where each candidate puts the sensor [m]."""
+    return candidates[:, :1] + 1j * candidates[:, 1:2]
+
+
 def transform_points(candidates, points):
-    """``(H, P)`` complex points moved by every candidate (Eq. 8), and the same relative to the candidate's origin."""
-    arms = np.exp(1j * candidates[:, 2:]) * points
-    return arms + (candidates[:, :1] + 1j * candidates[:, 1:2]), arms
+    """``(H, P)`` complex points moved by every candidate (Eq. 8)."""
+    return np.exp(1j * candidates[:, 2:]) * points + origins(candidates)
 
 
 def residuals(candidates, cloud, surface, scale, facing):
@@ -33,7 +37,9 @@ def residuals(candidates, cloud, surface, scale, facing):
     arms : (H, P) complex array [m]
         Turned points.
     """
-    places, arms = transform_points(candidates, cloud.points)
+    turn = np.exp(1j * candidates[:, 2:])
+    arms = turn * cloud.points
+    places = arms + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
     error = (normals * places).real
@@ -41,7 +47,7 @@ def residuals(candidates, cloud, surface, scale, facing):
     weight = error * error
     weight *= -0.5 / (scale * scale)
     np.exp(weight, out=weight)
-    weight *= (normals * (np.exp(1j * candidates[:, 2:]) * cloud.normals)).real > facing
+    weight *= (normals * (turn * cloud.normals)).real > facing
     return error, weight, normals, arms
 
 

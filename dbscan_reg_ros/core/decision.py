@@ -101,7 +101,7 @@ def calibrated(information, variance, stray, parameters: DecisionParameters):
         Information along it.
     """
     variance = variance * parameters.covariance_scale
-    angle, weak, _ = (float(value[0]) for value in weakest_direction(information[None]))
+    angle, weak, _ = (float(value) for value in weakest_direction(information))
     weak = max(weak - stray * float(information[0, 0] + information[1, 1]), 0.0)
     covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(angle), math.sin(angle), 0.0])

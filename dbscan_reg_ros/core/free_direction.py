@@ -9,19 +9,19 @@ def weakest_direction(information):
 
     Parameters
     ----------
-    information : (H, 3, 3) array
+    information : (..., 3, 3) array
 
     Returns
     -------
-    angle : (H,) array [rad], modulo pi
-    weak, strong : (H,) arrays
+    angle : (...) array [rad], modulo pi
+    weak, strong : (...) arrays
         Information along it and across it.
     """
-    turn = np.maximum(information[:, 2, 2], 1e-12)
-    coupling = information[:, :2, 2]
-    xx = information[:, 0, 0] - coupling[:, 0] ** 2 / turn
-    xy = information[:, 0, 1] - coupling[:, 0] * coupling[:, 1] / turn
-    yy = information[:, 1, 1] - coupling[:, 1] ** 2 / turn
+    turn = np.maximum(information[..., 2, 2], 1e-12)
+    x, y = information[..., 0, 2], information[..., 1, 2]
+    xx = information[..., 0, 0] - x * x / turn
+    xy = information[..., 0, 1] - x * y / turn
+    yy = information[..., 1, 1] - y * y / turn
     half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     return 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi, np.maximum(half - root, 0.0), half + root
 
@@ -53,10 +53,9 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
         shift = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1.0) * step
         along = np.stack((np.cos(angles), np.sin(angles), np.zeros(len(angles))), axis=1)
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
-        _, weight, normals, _ = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
+        _, weight, normals, arms = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
         component = (normals * np.repeat(np.exp(1j * angles), len(shift))[:, None]).real
-        places, _ = alignment.transform_points(moved, cloud.points)
-        violation = reference.view.violation(places, density.violation_tolerance)
+        violation = reference.view.violation(arms + alignment.origins(moved), density.violation_tolerance)
         value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
         best = np.argmax(value, axis=1)

@@ -103,10 +103,10 @@ def _anchor_outliers(points, parameters):
 
 
 _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
-_ONE_SIDED = tuple((0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b)
-_ASTRIDE = tuple((0, a, b) for a in _BEFORE for b in _AFTER)
-_MIDDLE = _ASTRIDE.index((0, -1, 1))
-_ACROSS = tuple((k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0)
+_ONE_SIDED = [(0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b]
+_ACROSS = np.array([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0])
+_THROUGH = np.array(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
+_NEAREST = np.array([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
 
 
 def _consensus_outliers(points, noise, parameters):
@@ -120,13 +120,17 @@ def _consensus_outliers(points, noise, parameters):
     known = np.isfinite(points[:, 0])
     padded = np.zeros(size + 2 * RING, dtype=complex)
     padded[RING:-RING][known] = as_complex(points)[known]
-    deviation, tolerance = _off_lines(padded, np.arange(size), _ONE_SIDED + _ASTRIDE, noise, parameters)
-    on = deviation <= tolerance
-    one_sided, astride = on[:len(_ONE_SIDED)], on[len(_ONE_SIDED):]
+    deviation, tolerance = _off_lines(padded, np.arange(size), _NEAREST, noise, parameters)
+    before, astride, after = deviation <= tolerance
     straight = np.zeros(size + 4, dtype=bool)
-    straight[2:-2] = astride[_MIDDLE]
-    candidate = known & ~(one_sided.any(axis=0) | astride.any(axis=0) & ~(straight[:-4] & straight[4:]))
-    deviation = deviation.min(axis=0)
+    straight[2:-2] = astride
+    corner = straight[:-4] & straight[4:]
+    doubtful = np.flatnonzero(known & ~(before | after | astride & ~corner))
+    candidate, deviation = np.zeros(size, dtype=bool), np.zeros(size)
+    distance, tolerance = _off_lines(padded, doubtful, _THROUGH, noise, parameters)
+    on = distance <= tolerance
+    candidate[doubtful] = ~(on[:len(_ONE_SIDED)].any(axis=0) | on[len(_ONE_SIDED):].any(axis=0) & ~corner[doubtful])
+    deviation[doubtful] = distance.min(axis=0)
     inner, outer = candidate.astype(int), candidate.astype(int)
     counted = candidate if parameters.gross == 0.0 else candidate & (deviation <= parameters.gross)
     at = np.flatnonzero(counted)
@@ -147,15 +151,16 @@ def _off_lines(padded, centre, triples, noise, parameters):
     padded : (N + 2 * RING,) complex array
         Points; 0 without a return.
     centre : (S,) int array
-    triples : sequence of (k, a, b)
+    triples : (T, 3) int array
+        k, a, b of each.
 
     Returns
     -------
-    distance, tolerance : (len(triples), S) arrays [m]
+    distance, tolerance : (T, S) arrays [m]
         The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
         on the way to the third.
     """
-    k, a, b = (np.array(column)[:, None] for column in zip(*triples, strict=True))
+    k, a, b = triples.T[:, :, None]
     beam, one, two = (padded.take(centre + RING + offset) for offset in (k, a, b))
     radius = np.abs(beam)
     # The line through `one` and `two` meets the beam p s at s = cross(one, two) / cross(p, two - one).

@@ -19,7 +19,7 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     """
     cloud = current.cloud.thinned(parameters.sieve_points)
     view = reference.view
-    places, _ = alignment.transform_points(candidates, cloud.points)
+    places = alignment.transform_points(candidates, cloud.points)
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
     off = np.maximum(near - radius, radius - far)
@@ -41,16 +41,15 @@ def score(candidates, reference: Features, current: Features, scale, parameters:
         Plain share of the points on the reference's surfaces.
     """
     cloud = current.cloud
-    _, weight, _, _ = alignment.residuals(candidates, cloud, reference.surface, scale, parameters.facing)
-    places, _ = alignment.transform_points(candidates, cloud.points)
-    violation = reference.view.violation(places, parameters.violation_tolerance)
+    _, weight, _, arms = alignment.residuals(candidates, cloud, reference.surface, scale, parameters.facing)
+    violation = reference.view.violation(arms + alignment.origins(candidates), parameters.violation_tolerance)
     violation *= 1.0 - weight
     return (weight - parameters.violation * violation) @ current.leverage, weight.mean(axis=1)
 
 
 def reverse_violation(candidates, reference: Features, current: Features, parameters: DensityParameters):
     """Weighted share of the reference's points that lie in the current scan's free space, for each hypothesis."""
-    away = reference.cloud.points - (candidates[:, :1] + 1j * candidates[:, 1:2])
+    away = reference.cloud.points - alignment.origins(candidates)
     places = np.exp(-1j * candidates[:, 2:]) * away
     return current.view.violation(places, parameters.violation_tolerance) @ reference.leverage
 
