@@ -109,10 +109,14 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     at = place.astype(np.intp)
     off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
     order = np.argsort(-off_centre, kind='stable').astype(np.int32)
+    home = at @ (columns, 1)
+    index[home[order]] = order
+    order = order[index[home[order]] == order]
     row, column = _disc(parameters.reach / cell)
-    # Written from the far offsets to the near ones, and in a cell from its rim to its centre: the nearest point has
-    # the last word. Beam order would favour one side and turn the match.
-    index[(at[order] @ (columns, 1)) + (row * columns + column)] = order
+    # Of the points in one cell, the one closest to its centre wins everywhere: the others need not be written. Written
+    # from the far offsets to the near ones, the nearest point has the last word. Beam order would favour one side and
+    # turn the match.
+    index[home[order] + (row * columns + column)] = order
     normals = np.append(cloud.normals.conj(), 0.0)
     return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
 
