@@ -8,7 +8,7 @@ from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Registration, Segments, Status
 from .rotation import wrap_period
-from .se2 import SE2, turn_matrix, wrap
+from .se2 import SE2, as_complex, turn_matrix, wrap
 from .selection import same
 
 
@@ -115,10 +115,8 @@ def match_segments(reference: Segments, current: Segments, transform: SE2, param
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
     turned = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
-    middle = transform.apply(current.midpoint)
-    step = middle - reference.midpoint[:, None]
-    c, s = np.cos(reference.direction)[:, None], np.sin(reference.direction)[:, None]
-    across = np.abs(c * step[..., 1] - s * step[..., 0])
-    along = np.abs(c * step[..., 0] + s * step[..., 1])
-    apart = along - 0.5 * (reference.length[:, None] + current.length)
+    step = as_complex(transform.apply(current.midpoint)) - as_complex(reference.midpoint)[:, None]
+    step *= np.exp(-1j * reference.direction)[:, None]
+    apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
+    across = np.abs(step.imag)
     return np.argwhere((turned < parameters.match_angle) & (across < parameters.match_distance) & (apart < 0.0))

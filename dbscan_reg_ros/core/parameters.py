@@ -296,7 +296,7 @@ _LEAST_KERNEL = 0.001
 class RefinementParameters(ParameterGroup):
     """Robust point-to-line iterations on the density."""
 
-    coarse: int = parameter(5, 'iterations of the coarse refinement', '', 0, 100)
+    coarse: int = parameter(3, 'iterations of the coarse refinement', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
     fine: int = parameter(4, 'iterations of the fine refinement', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
@@ -335,7 +335,7 @@ def _geometric(first, last, count):
 class FreeDirectionParameters(ParameterGroup):
     """Search along a direction that the walls leave free (corridors)."""
 
-    ratio: float = parameter(0.1, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
+    ratio: float = parameter(0.05, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
     reach: float = parameter(1.0, 'searched this far to both sides', 'm', 0.0, 100.0)
     scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
     facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)

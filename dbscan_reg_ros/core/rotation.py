@@ -98,7 +98,8 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     at = np.flatnonzero(labels != NOISE)
     if not len(at):
         return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), sigma)
-    _, index = np.unique(labels[at], return_inverse=True)
+    used = np.bincount(labels[at]) > 0
+    index = (np.cumsum(used) - 1)[labels[at]]
     mass = np.bincount(index, weights[at])
     anchor = np.empty(len(mass))
     anchor[index] = samples[at]

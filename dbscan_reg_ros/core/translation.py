@@ -83,7 +83,7 @@ def match_lines(rotations, weights, parameters):
     value = (fit * weights).reshape(count, n * m)
     keep = min(parameters.pairs, n * m)
     best = np.argpartition(-value, keep - 1, axis=1)[:, :keep]
-    value = np.take_along_axis(value, best, axis=1)
+    value = value[np.arange(count)[:, None], best]
     rotation, column = np.nonzero(value > 0.0)
     line = best[rotation, column]
     return rotation, line // m, line % m, value[rotation, column]
