@@ -12,6 +12,7 @@ from sensor_msgs.msg import LaserScan
 
 from ..core.scan import SECOND, Scan
 from .messages import angles_disagree
+from .subscriptions import taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
@@ -45,8 +46,7 @@ class ScanInbox:
         self._ready = ready
         self._handle = handle
         self._waiting = deque()
-        self._more = node.create_guard_condition(self._next)
-        self._patience = node.create_timer(1.0, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
+        self._alarm = node.create_timer(1.0, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
         self._subscription = node.create_subscription(
             LaserScan, 'scan', self._on_message, QUALITY,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
@@ -60,17 +60,19 @@ class ScanInbox:
         """The subscription's QoSProfile."""
         return self._subscription.qos_profile
 
+    def is_waiting(self) -> bool:
+        """Whether a scan waits for what else is to be known of its time."""
+        return bool(self._waiting)
+
     def look_again(self):
         """Something became known: the oldest scan may be ready."""
         if self._waiting:
-            self._more.trigger()
+            self._look_in(0.0)
 
     def close(self):
         """Hear no more scans."""
-        for destroy, entity in ((self._node.destroy_subscription, self._subscription),
-                                (self._node.destroy_timer, self._patience),
-                                (self._node.destroy_guard_condition, self._more)):
-            destroy(entity)
+        self._node.destroy_subscription(self._subscription)
+        self._node.destroy_timer(self._alarm)
         self._waiting.clear()
 
     def _on_message(self, message):
@@ -79,26 +81,24 @@ class ScanInbox:
 
     def _next(self):
         """Hand over the oldest scan that waits, when it is ready or has waited long enough."""
-        self._patience.cancel()
-        self._take_all()
+        self._alarm.cancel()
+        for message in taken(self._subscription):
+            self._keep(message)
         if not self._waiting:
             return
         message, arrival = self._waiting[0]
         remaining = arrival + self.parameters.input.wait - time.monotonic()
         if remaining > 0.0 and not self._ready(message):
-            self._patience.timer_period_ns = int(remaining * 1e9) + 1
-            self._patience.reset()
+            self._look_in(remaining)
             return
         self._waiting.popleft()
         self._handle(message)
-        if self._waiting:
-            self._more.trigger()
+        self.look_again()
 
-    def _take_all(self):
-        """Empty the middleware's queue into ours."""
-        with self._subscription.handle:
-            while taken := self._subscription.handle.take_message(self._subscription.msg_type, False):
-                self._keep(taken[0])
+    def _look_in(self, delay):
+        """Call `_next` once, after `delay` [s]."""
+        self._alarm.timer_period_ns = int(delay * SECOND) + 1
+        self._alarm.reset()
 
     def _keep(self, message):
         self.received += 1

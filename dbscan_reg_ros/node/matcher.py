@@ -52,7 +52,7 @@ class ScanMatcher:
         self._inbox = None
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
-            node, self._on_transform, keep='tf' in (parameters.mounting, parameters.prior.source)
+            node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._is_waiting
         ) if transform_type() else None
         self._mountings = Mountings(parameters, self._listener, self._notices)
         self._priors = Priors(node, parameters, self._listener, self._notices, self._look_again)
@@ -143,6 +143,9 @@ class ScanMatcher:
             part.reset()
         for part in (self._priors, self._stamps, self._sender):
             part.restart()
+
+    def _is_waiting(self):
+        return self._inbox is not None and self._inbox.is_waiting()
 
     def _look_again(self):
         if self._inbox:

@@ -1,13 +1,18 @@
 """/tf, without tf2_ros: sending needs tf2_msgs only."""
 from collections import deque
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from .messages import stamp_from_message, transform_to_message
+from .subscriptions import Urgent, taken
 from .transform_store import make_store
 
 DEPTH = 100
+UNHEARD = 1000
+"""So many messages on /tf may wait to be heard."""
+PERIOD = 1.0
 REMEMBERED = 500
 """Transforms of our own that are known again when they are heard."""
 
@@ -31,23 +36,36 @@ class TransformListener:
         Called with each TransformStamped and its topic.
     keep : bool
         Keep the transforms for `lookup`.
+    is_urgent : callable
+        Whether to hear /tf as soon as there is something, and not only before a `lookup` and once a second.
     """
 
-    def __init__(self, node: Node, on_transform, keep):
+    def __init__(self, node: Node, on_transform, keep, is_urgent):
         self._on_transform = on_transform
         self._store = make_store() if keep else None
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(transform_type(), '/tf', lambda m: self._hear(m, '/tf'), DEPTH)
+        self._moving = node.create_subscription(transform_type(), '/tf', self._hear_moving, UNHEARD,
+                                                callback_group=Urgent(is_urgent))
         node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched)
+        node.create_timer(PERIOD, self._hear_all, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def lookup(self, target, source, stamp):
         """As `TransformStore.lookup`."""
+        self._hear_all()
         return self._store.lookup(target, source, stamp)
 
     def restart(self):
         """Forget what moves: time has started anew."""
+        self._hear_all()
         if self._store:
             self._store.clear()
+
+    def _hear_all(self):
+        for message in taken(self._moving):
+            self._hear_moving(message)
+
+    def _hear_moving(self, message):
+        self._hear(message, '/tf')
 
     def _hear(self, message, topic):
         for transform in message.transforms:

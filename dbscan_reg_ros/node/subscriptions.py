@@ -1,0 +1,27 @@
+"""Subscriptions that are asked for what has come."""
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+
+
+def taken(subscription):
+    """Take the messages that have come and are not handled yet, one after the other."""
+    with subscription.handle:
+        while message := subscription.handle.take_message(subscription.msg_type, False):
+            yield message[0]
+
+
+class Urgent(MutuallyExclusiveCallbackGroup):
+    """Its subscriptions wake the node only while that is urgent; otherwise what comes waits until it is `taken`.
+
+    To be woken for each message costs the node far more than to take it.
+
+    Parameters
+    ----------
+    is_urgent : callable
+    """
+
+    def __init__(self, is_urgent):
+        super().__init__()
+        self._is_urgent = is_urgent
+
+    def can_execute(self, entity):
+        return self._is_urgent() and super().can_execute(entity)
