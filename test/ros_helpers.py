@@ -12,6 +12,7 @@ from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -36,6 +37,7 @@ class Peer:
         self.node = Node(name, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._clients = {}
 
     def __enter__(self):
         return self
@@ -89,14 +91,15 @@ class Peer:
 
     def call(self, kind, service, request):
         """The response of a service; repeated, for it is lost while the other side does not know the caller yet."""
-        client = self.node.create_client(kind, service)
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
         self.until(client.service_is_ready)
         deadline = time.monotonic() + TIMEOUT
         while time.monotonic() < deadline:
             future = client.call_async(request)
             self._executor.spin_until_future_complete(future, 1.0)
             if future.done():
-                self.node.destroy_client(client)
                 return future.result()
         raise AssertionError(f'{service} does not answer')
 
@@ -220,6 +223,12 @@ class Loudspeaker:
         self._peer = peer
         self.publisher = peer.node.create_publisher(kind, topic, quality)
         peer.until(self.publisher.get_subscription_count)
+
+    def tell(self, *messages):
+        """Publish `messages` once; all that hear reliably have them then."""
+        for message in messages:
+            self.publisher.publish(message)
+        assert self.publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
 
     def until(self, condition, *messages):
         """Publish `messages` until `condition` gives something true, and return that."""

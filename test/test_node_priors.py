@@ -67,6 +67,7 @@ def play_slowly(player, peer, loudspeaker, scans, messages):
     """Each scan after all that is told of the time before it; what is told of its own time comes after it."""
     answered = []
     told = 0
+    peer.greet()
     with peer.spinning():
         for scan in scans:
             while told < len(messages) and stamp(messages[told]) < scan.stamp:
@@ -157,9 +158,7 @@ def test_a_frame_of_somebody_else_gives_the_motion(start_with, player, peer, sca
     frames = Loudspeaker(peer, tf_type, '/tf')
     messages = [tf_type(transforms=[transform('wheel_odom', 'laser', p.x, p.y, p.theta, stamp=t)])
                 for t, p in ((t, base @ LASER) for t, base in between(scans[:20], truth[:20]))]
-    with peer.spinning():
-        for message in messages:
-            frames.publisher.publish(message)
+    frames.tell(*messages)
     answers = player.play(scans[:20])
     assert answers.lost == 0
     updates = priors_taken(peer, tmp_path)
