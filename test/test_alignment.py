@@ -1,0 +1,136 @@
+"""Point-to-line equations of one scan with another, and with all key frames of the window."""
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Parameters
+from dbscan_reg_ros.core.alignment import mean_square, normal_equations, polish, refine, residuals, solve
+from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.core.surface import Cloud, build_surface
+from dbscan_reg_ros.core.window import KeyFrame, Window, align
+
+PARAMETERS = Parameters()
+DENSITY = PARAMETERS.density
+START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
+MOTION = START.inverse() @ END
+NEAR = MOTION @ SE2(0.03, -0.02, 0.015)
+
+
+def features(pose):
+    return extract_features(look(outline(L_ROOM), pose, FULL))
+
+
+def rows(*motions):
+    return np.array([motion.as_array() for motion in motions])
+
+
+def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
+    """A wall at y = 2 m faces the sensor, another at y = -2 m; the point is at y = 1.9 m before it is moved."""
+    x = np.arange(-1.0, 1.0, 0.01)
+    surface = build_surface(Cloud(np.concatenate((x + 2j, x - 2j)), np.repeat((-1j, 1j), 200)), DENSITY)
+    point = Cloud(np.array([0.3 + 1.9j]), np.array([-1j]))
+    before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
+    error, weight, normals, arms = residuals(np.array([before, turned, far]), point, surface, 0.1, 0.5)
+    assert (error[0, 0], normals[0, 0], arms[0, 0]) == pytest.approx((0.05, 1j, 0.3 + 1.9j))
+    assert weight[:, 0] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
+
+
+def test_the_equations_are_those_of_the_numeric_derivatives():
+    reference, current = features(START), features(END)
+    found = residuals(rows(NEAR, MOTION), current.cloud, reference.surface, 0.1, DENSITY.facing)
+    error, weight = found[0][0], found[1][0]
+    assert np.count_nonzero(weight) > 100
+    step, columns = 1e-7, []
+    for axis in range(3):
+        moved = NEAR.as_array()
+        moved[axis] += step
+        columns.append((residuals(moved[None], current.cloud, reference.surface, 0.1, DENSITY.facing)[0][0] - error) / step)
+    # Where a point comes into another cell, its partner may be another.
+    smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
+    assert smooth.mean() > 0.98
+    design = np.vstack((*columns, error))[:, smooth]
+    expected = (design * weight[smooth]) @ design.T
+    equations = normal_equations(*(part[:, smooth] for part in found))
+    assert equations.shape == (2, 4, 4)
+    np.testing.assert_allclose(equations[0], expected, atol=1e-4)
+
+
+def test_a_damped_step_is_that_of_the_damped_matrix():
+    equations = np.zeros((1, 4, 4))
+    equations[0, :3, :3] = np.diag([4.0, 6.0, 9.0])
+    equations[0, :3, 3] = 1.0, 2.0, 3.0
+    assert solve(equations, 0.0)[0] == pytest.approx([1.0 / 4.0, 2.0 / 6.0, 3.0 / 9.0])
+    assert solve(equations, 0.1)[0] == pytest.approx([1.0 / 5.0, 2.0 / 7.0, 3.0 / 10.0], rel=1e-6)
+    assert solve(np.zeros((1, 4, 4)), 0.1)[0].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_mean_square_is_that_of_the_points_errors():
+    """Three points with errors of 1, 2 and 3 m, of which the last weighs twice."""
+    normals, arms = np.exp(1j * np.array([[0.0, 1.0, 2.0]])), np.ones((1, 3), dtype=complex)
+    equations = normal_equations(np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 1.0, 2.0]]), normals, arms)[0]
+    assert mean_square(equations) == pytest.approx((1.0 + 4.0 + 2.0 * 9.0) / 4.0)
+    assert mean_square(np.zeros((4, 4))) == 0.0
+
+
+def test_every_candidate_is_refined_to_the_motion():
+    reference, current = features(START), features(END)
+    near = rows(NEAR, MOTION @ SE2(-0.1, 0.08, -0.05))
+    found = refine(near, current.cloud, reference.surface, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.facing, 1e-6)
+    assert np.abs(found - MOTION.as_array()).max() < 2e-3
+    assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
+    last = polish(found[0], current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
+    assert np.abs(last - MOTION.as_array()).max() < 5e-4
+
+
+def window(*poses):
+    return Window([KeyFrame(features(pose), pose, np.zeros((3, 3))) for pose in poses])
+
+
+def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
+    origin, current = SE2(), features(END)
+    near = END @ SE2(0.03, -0.02, 0.015)
+    plain = normal_equations(*residuals(rows(near), current.cloud, features(origin).surface, 0.1, DENSITY.facing))[0]
+    np.testing.assert_allclose(window(origin).equations(near, current.cloud, 0.1, DENSITY), plain, atol=1e-9)
+
+
+def test_equations_are_turned_into_the_odometry_frame():
+    """Those of a registration to a key frame that is turned by half a right angle and stands elsewhere."""
+    frame, current = SE2(-0.6, 0.3, 0.25 * math.pi), features(END)
+    near = END @ SE2(0.03, -0.02, 0.015)
+    inside = frame.inverse() @ near
+    plain = normal_equations(*residuals(rows(inside), current.cloud, features(frame).surface, 0.1, DENSITY.facing))[0]
+    turn = np.eye(4)
+    turn[:2, :2] = frame.rotation()
+    np.testing.assert_allclose(window(frame).equations(near, current.cloud, 0.1, DENSITY), turn @ plain @ turn.T, atol=1e-9)
+
+
+def test_a_point_on_several_key_frames_counts_once():
+    current = features(END)
+    one, two = (window(*[START] * count).equations(END, current.cloud, 0.1, DENSITY) for count in (1, 3))
+    assert one[0, 0] + one[1, 1] > 0.99 * len(current.cloud)
+    np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
+
+
+def test_key_frames_are_looked_up_each_in_its_own_surface():
+    """Each sees a part of the room only; together they find the scan."""
+    poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
+    found = align(window(*poses), END @ SE2(0.04, -0.03, 0.03), features(END).dense_cloud, SE2(), np.zeros((3, 3)),
+                  [0.2, 0.1, 0.05, 0.05], DENSITY, 1e-6)
+    assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
+
+
+def test_where_no_point_has_a_partner_the_prior_has_its_way():
+    """The turn wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
+    cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
+    expected = SE2(30.0, -1.0, -3.1)
+    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
+    found = align(window(SE2()), SE2(29.0, 1.0, 3.1), cloud, expected, root @ root.T, [0.1], DENSITY, 0.0)
+    assert found.as_array() == pytest.approx(expected.as_array())
+
+
+def test_a_window_drops_its_oldest_key_frames():
+    frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0), np.zeros((3, 3))) for k in range(3)]
+    grown = Window(frames[:2]).with_frame(frames[2], 2)
+    assert grown.frames == (frames[1], frames[2]) and grown.latest is frames[2]

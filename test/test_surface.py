@@ -1,0 +1,112 @@
+"""What a scan knows of the space around it: surfaces by place, free space by bearing."""
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from dbscan_reg_ros.core.parameters import DensityParameters
+from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, in_front, leverage
+
+PARAMETERS = DensityParameters()
+
+
+def drawn(count, seed=0):
+    """Points in a rectangle of 6 m x 4 m, facing anywhere."""
+    rng = np.random.default_rng(seed)
+    return Cloud(rng.uniform(-2.0, 4.0, count) + 1j * rng.uniform(-3.0, 1.0, count),
+                 np.exp(1j * rng.uniform(-math.pi, math.pi, count)))
+
+
+@pytest.mark.parametrize('cells, cell', [(800, 0.04), (50, 6.8 / 50)])
+def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell):
+    cloud = drawn(300)
+    surface = build_surface(cloud, DensityParameters(cells=cells))
+    assert surface.cell == pytest.approx(cell, rel=0.01)
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-2.4, 4.4, 5000) + 1j * rng.uniform(-3.4, 1.4, 5000)
+    distance, _ = cKDTree(np.column_stack((cloud.points.real, cloud.points.imag))).query(
+        np.column_stack((places.real, places.imag)))
+    found = surface.nearest(places)
+    diagonal = math.sqrt(2.0) * surface.cell
+    assert (found[distance < PARAMETERS.reach - diagonal] < 300).all()
+    assert (found[distance > PARAMETERS.reach + diagonal] == 300).all()
+    near = found < 300
+    assert (np.abs(places[near] - cloud.points[found[near]]) <= distance[near] + 2.0 * diagonal).all()
+    assert surface.nearest(np.array([100.0, -100.0, 100j, -100j])).tolist() == [300] * 4
+
+
+def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():
+    """The grid is laid out from the point at 0: cells end at multiples of 0.04 m, one has its centre at 0.42 m."""
+    for other, nearer in ((0.425 + 0.42j, False), (0.4395 + 0.4395j, True)):
+        for pair in ([0.405 + 0.405j, other], [other, 0.405 + 0.405j]):
+            points = np.array([0.0j, *pair])
+            surface = build_surface(Cloud(points, np.ones(3, dtype=complex)), PARAMETERS)
+            found = points[surface.nearest(np.array([0.42 + 0.42j]))[0]]
+            assert (found == 0.405 + 0.405j) == nearer
+
+
+def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
+    surface = build_surface(Cloud(np.array([3.0 + 4.0j]), np.array([-1.0j])), PARAMETERS)
+    assert surface.normals.tolist() == [1.0j, 0.0]
+    assert surface.offsets.tolist() == [-4.0, 0.0]
+    empty = build_surface(Cloud(np.empty(0, dtype=complex), np.empty(0, dtype=complex)), PARAMETERS)
+    assert empty.nearest(np.array([0.0j, 5.0])).tolist() == [0, 0]
+
+
+def test_points_without_a_normal_are_left_out_of_a_cloud():
+    cloud = build_cloud(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]))
+    assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j]
+
+
+@pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)), (4, range(0, 10, 3))])
+def test_a_cloud_is_thinned_evenly_to_at_most_so_many(count, kept):
+    points = np.arange(10.0) + 0j
+    assert Cloud(points, points).thinned(count).points.real.tolist() == list(kept)
+
+
+@pytest.mark.parametrize('balance', [0.001, 1.0])
+def test_leverage_is_that_of_a_ridge_regression(balance):
+    cloud = drawn(40)
+    normals = np.column_stack((cloud.normals.real, cloud.normals.imag))
+    hat = normals @ np.linalg.inv(normals.T @ normals / 40 + balance * np.eye(2)) @ normals.T
+    assert leverage(cloud, balance) == pytest.approx(np.diag(hat) / np.trace(hat))
+
+
+def circle(ranges, known=slice(None)):
+    """Points of 360 beams, one in the middle of each degree; those `known`."""
+    angle = np.radians(np.arange(360) - 179.5)[known]
+    return np.column_stack((np.cos(angle), np.sin(angle))) * np.broadcast_to(ranges, 360)[known, None]
+
+
+def at(degrees, radius=1.0):
+    return radius * np.exp(1j * np.radians(np.asarray(degrees, dtype=float)))
+
+
+def test_a_view_knows_the_least_and_the_greatest_range_around_each_bearing():
+    view = build_view(circle(np.where(np.arange(360) < 180, 2.0, 3.0)), math.radians(1.0))
+    assert len(view.near) == len(view.far) == 360
+    bins = view.bins(at([-90.5, -1.5, -0.5, 0.5, 1.5, 90.5, 179.5, -179.5]))
+    assert bins.tolist() == [89, 178, 179, 180, 181, 270, 359, 0]
+    assert view.near[bins] == pytest.approx([2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 2.0, 2.0])
+    assert view.far[bins] == pytest.approx([2.0, 2.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0])
+    assert view.bins(np.array([-1.0 + 0.0j, complex(-1.0, -0.0)])).tolist() == [359, 0]
+
+
+def test_one_beam_without_a_return_is_bridged_and_three_are_not():
+    for missing, known in ((1, True), (3, False)):
+        view = build_view(circle(2.0, np.r_[0:180, 180 + missing:360]), math.radians(1.0))
+        assert (view.near[view.bins(at(0.5))] > 0.0) == known, missing
+        assert view.near[view.bins(at([-20.0, 20.0]))] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize('increment, bins', [(0.5, 60), (math.radians(-2.0), 180), (1e-4, 2880)])
+def test_a_view_is_as_fine_as_the_beams_within_limits(increment, bins):
+    assert len(build_view(circle(2.0), increment).near) == bins
+
+
+def test_free_space_is_what_lies_in_front_by_more_than_the_tolerance():
+    assert in_front(np.array([1.0, 1.7, 1.775, 1.85, 3.0]), np.full(5, 2.0), 0.15) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+    view = build_view(circle(2.0, np.r_[0:200, 230:360]), math.radians(1.0))
+    places = np.array([at(10.0, 1.775), at(35.0, 1.0), at(-120.0, 1.0)])
+    assert view.violation(places, 0.15) == pytest.approx([0.5, 0.0, 1.0])
