@@ -1,12 +1,13 @@
 """Kernel densities and K-L divergence (Eq. 16-21), and the paper's method from end to end."""
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rooms import HALF, L_ROOM, look, outline
 from scipy.stats import gaussian_kde
 
-from dbscan_reg_ros.core.divergence import divergences, log_density, shifted_divergences, silverman
+from dbscan_reg_ros.core.divergence import _scatter, divergences, log_density, shifted_divergences, silverman
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import DivergenceParameters
 from dbscan_reg_ros.core.records import Status
@@ -172,6 +173,17 @@ def test_the_covariance_is_the_scatter_of_the_clusters(paper):
     np.testing.assert_allclose(covariance, covariance.T)
     assert (np.linalg.eigvalsh(covariance) > 0.0).all()
     assert 1e-3 <= math.sqrt(covariance[0, 0]) < 0.1 and 1e-3 <= math.sqrt(covariance[2, 2]) < 0.1
+
+
+def test_the_covariance_is_in_the_sensors_frame():
+    """A winner at (1, 2) that faces along y; its cluster spreads along y, ahead of it: 0.1 m once in two."""
+    rotations = SimpleNamespace(difference=np.array([[0.5 * math.pi + 0.2, 0.5 * math.pi - math.pi], [9.0, 9.0]]),
+                                labels=np.array([[1, 1], [0, -1]]))
+    translations = SimpleNamespace(samples=np.array([(1.0, 2.0), (1.0, 2.1), (7.0, 7.0)]), labels=np.array([0, 0, 1]),
+                                   rotation=np.array([1, 1, 0]))
+    found = _scatter(SE2(1.0, 2.0, 0.5 * math.pi), 0, rotations, translations)
+    assert found == pytest.approx(np.diag([0.005, 0.0, 0.02]) + 1e-6 * np.eye(3))
+
 
 
 def test_where_no_lines_cross_the_registration_fails_and_says_why(paper):

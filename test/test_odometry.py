@@ -179,6 +179,15 @@ def test_deskewing_takes_the_motion_out_of_a_scan():
     assert deskew(dataclasses.replace(skewed, time_increment=0.0), twist).geometry is FULL
 
 
+def test_every_beam_is_moved_by_the_way_since_the_stamp():
+    scan = Scan(5, [1.0, 2.0, 3.0], ScanGeometry(0.2, 1.0, 3), 0.1, 'laser')
+    found = deskew(scan, [1.0, 2.0, 0.5])
+    expected = [SE2(0.1 * k, 0.2 * k, 0.05 * k).apply(scan.points[k]) for k in range(3)]
+    np.testing.assert_allclose(found.points, expected, atol=1e-6)
+    assert (found.stamp, found.frame_id, found.time_increment) == (5, 'laser', 0.0)
+
+
+
 def test_a_reset_starts_at_the_pose_given():
     odometry = Odometry()
     run(odometry, drive(10))

@@ -82,6 +82,17 @@ def test_a_prior_decides_between_rivals():
         assert register(reference, current, prior=prior).transform.theta == pytest.approx(turn, abs=0.01)
 
 
+def test_a_search_that_is_repeated_knows_the_prior():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
+    always = Parameters().replace({'selection.doubt': 1.0})
+    for turn in 0.4 + 0.5 * math.pi * np.arange(4):
+        prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
+        found = register(reference, current, always, prior).transform.theta
+        assert math.remainder(found - turn, 2.0 * math.pi) == pytest.approx(0.0, abs=0.01)
+
+
+
 def test_a_prior_that_lies_does_not_beat_the_scans():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
     lie = Prior(SE2(1.0, -1.0, -1.0), np.diag([0.01, 0.01, 0.01]) ** 2)

@@ -125,6 +125,15 @@ def test_a_chain_is_cut_where_a_width_is_given_and_never_without():
     np.testing.assert_allclose(np.sort(parts.phi[:2]), [0.0015, 0.1015], atol=1e-9)
 
 
+def test_a_chain_is_cut_no_more_often_than_asked_for():
+    """Gaps of 0.03 rad hold against 0.04 rad, and no more against half of that."""
+    values = [0.0, 0.001, 0.031, 0.032, 0.0625, 0.063]
+    for recuts, count in ((0, 1), (1, 3)):
+        found = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.04, width=0.0004, recuts=recuts))
+        assert len(found.phi) == count
+
+
+
 def test_no_more_hypotheses_than_asked_for_heaviest_first():
     values = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0]
     found = rotations(*differences(values), RotationParameters(weighted=False, hypotheses=2))

@@ -110,6 +110,15 @@ def test_a_slope_difference_takes_three_points_of_one_surface():
     assert not slope_differences(as_complex(scan.points[:2]), scan.ranges[:2].astype(float), breaks[:1]).any()
 
 
+def test_points_of_nearly_one_bearing_count_as_a_tenth_of_a_step_apart():
+    """Steps of 0.1 rad, of 0 and of -0.001 rad: the last two are taken as 0.01 rad, the third backwards."""
+    bearing, radius = np.cumsum([0.0, 0.1, 0.1, 0.0, -0.001, 0.1]), np.array([2.0, 2.0, 2.1, 2.2, 2.3, 2.3])
+    slope = [0.0, 0.1 / (2.0 * 0.1), 0.1 / (2.1 * 0.01), 0.1 / (2.2 * -0.01), 0.0]
+    found = slope_differences(radius * np.exp(1j * bearing), radius, np.zeros(5, dtype=bool))
+    assert found[1:-1] == pytest.approx(np.abs(np.diff(slope)))
+
+
+
 def test_only_local_maxima_are_corners_the_greatest_first():
     rank = rank_corners(np.array([9.0, 1.0, 3.0, 2.0, 2.0, 7.0, 0.0, 5.0]))
     np.testing.assert_array_equal(rank, [8, 8, 1, 8, 8, 0, 8, 8])

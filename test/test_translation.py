@@ -7,6 +7,7 @@ import pytest
 from rooms import L_ROOM, look, outline
 from sklearn.cluster import DBSCAN
 
+from dbscan_reg_ros.core.clustering import k_distances, knee
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import Parameters, RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.records import EndKind, Segments
@@ -197,6 +198,18 @@ def test_wide_clusters_are_cut_and_the_papers_are_not():
         parameters = TranslationParameters(sigma=0.3, sigma_max=0.3, width=width, recuts=4, end_weight=0.0)
         counts[width] = len(translations(ROOM, noisy, parameters, sigma=0.1).weight)
     assert counts[0.02] > counts[0.0]
+
+
+def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
+    noisy = dataclasses.replace(ROOM, start=ROOM.start + np.random.default_rng(0).normal(0.0, 0.06, (4, 2)))
+    assert translations(ROOM, noisy, TranslationParameters(sigma=0.07)).sigma == 0.07
+    for min_points in (1, 2, 4):
+        parameters = TranslationParameters(sigma=0.0, min_points=min_points, sigma_min=0.0001, sigma_max=5.0)
+        found = translations(ROOM, noisy, parameters)
+        assert found.sigma == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
+    limits = TranslationParameters(sigma=0.0, sigma_min=3.0, sigma_max=4.0)
+    assert translations(ROOM, noisy, limits).sigma == 3.0
+
 
 
 def test_every_rotation_has_samples_of_its_own():
