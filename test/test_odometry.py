@@ -10,6 +10,7 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, Sc
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.timing import Intervals
+from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
 SECOND = 1_000_000_000
@@ -185,6 +186,43 @@ def test_every_beam_is_moved_by_the_way_since_the_stamp():
     expected = [SE2(0.1 * k, 0.2 * k, 0.05 * k).apply(scan.points[k]) for k in range(3)]
     np.testing.assert_allclose(found.points, expected, atol=1e-6)
     assert (found.stamp, found.frame_id, found.time_increment) == (5, 'laser', 0.0)
+
+
+
+def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
+    """The sensor drives off at once; every scan is brought to its stamp by the twist of the one before."""
+    odometry, speed, increment = Odometry(), 0.5, 0.1 / FULL.size
+    for i in range(15):
+        places = np.column_stack((speed * (0.1 * i + increment * np.arange(FULL.size)), np.zeros(FULL.size)))
+        ranges = cast(places, FULL.directions, ROOM, np.empty((0, 3)))
+        update = odometry.process(Scan(i * TENTH, ranges, FULL, increment))
+        if i >= 10:
+            assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.01)
+
+
+def test_the_first_scan_is_known_to_a_millimetre_and_the_motion_not_at_all():
+    update = Odometry().process(scan_at(SE2(), 0))
+    np.testing.assert_allclose(update.covariance, 1e-6 * np.eye(3), rtol=1e-9)
+    np.testing.assert_allclose(update.twist_covariance, (1.0 + 1e-6) * np.eye(3), rtol=1e-9)
+
+
+def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
+    odometry, poses = Odometry(), drive(20)
+    last = run(odometry, poses)[-1]
+    again = odometry.process(scan_at(poses[-1], 19))
+    assert again.twist.tolist() == last.twist.tolist()
+    assert again.interval == pytest.approx(0.1)
+
+
+def test_an_update_names_the_key_frame_that_its_registration_refers_to():
+    updates = run(Odometry(Parameters().replace({'odometry.rest': 0.0})), drive(10))
+    assert updates[0].reference is None
+    assert updates[1].reference is updates[0].features
+    changes = [update.features for update in updates if update.reference_changed]
+    for update in updates[1:]:
+        assert update.reference in changes
+        seen = update.reference_pose @ update.registration.transform
+        assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.02
 
 
 

@@ -145,3 +145,10 @@ def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
         found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair, truth in zip(pairs, truths, strict=True)]
     assert all(found['again'])
     assert not all(found['narrow'])
+
+
+def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
+    narrow = Parameters().replace({'rotation.hypotheses': 3, 'selection.candidates': 5, 'selection.refined': 2,
+                                   'selection.widen': 4})
+    expected = {'rotation.hypotheses': 12, 'selection.candidates': 20, 'selection.refined': 8, 'selection.doubt': -1.0}
+    assert narrow.widened() == narrow.replace(expected)

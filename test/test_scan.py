@@ -102,9 +102,10 @@ def test_a_sensor_upside_down_sees_left_and_right_exchanged():
 
 
 def test_impossible_stamps_are_named():
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2_000_000_000), frame_id='')
-    with pytest.raises(ScanError, match='2000000000'):
-        Scan.from_message(message(header=header))
+    for nanoseconds in (-1, 1_000_000_000, 2_000_000_000):
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=nanoseconds), frame_id='')
+        with pytest.raises(ScanError, match=f'nanosec = {nanoseconds}:'):
+            Scan.from_message(message(header=header))
 
 
 def test_moved_points_become_a_scan_with_one_bearing_for_each():
