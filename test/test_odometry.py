@@ -155,6 +155,14 @@ def test_ten_intervals_without_a_scan_are_a_gap():
     assert all(time.half == 0.05 for time in found)
 
 
+def test_stamps_that_go_back_took_no_time_and_keep_the_median():
+    intervals = Intervals()
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(jump=2.0)) for s in (9000, 9100, 9150, 1000)]
+    assert (found[0].interval, found[0].elapsed, found[0].half) == (0.0, 0.0, 0.05)
+    assert (found[3].interval, found[3].elapsed, found[3].half) == (pytest.approx(0.075), 0.0, 0.05)
+    assert found[3].gap and found[3].jump == 'stamps went back by 8.150 s'
+
+
 def test_a_changed_number_of_beams_goes_on():
     odometry, poses = Odometry(), drive(40)
     coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)
