@@ -69,10 +69,10 @@ def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
     off = np.array([(0.0, 0.1, 0.0), (-0.4, 0.0, 0.0), (0.0, 0.0, 0.15 + 2.0 * math.pi), (-0.4, -0.1, -0.05)])
     assert surprise(prior.transform.as_array() + off, prior) == pytest.approx([1.0, 4.0, 9.0, 6.0])
     root = np.array([[0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [-0.1, 0.05, 0.1]])
-    skewed = Prior(prior.transform, root @ root.T)
+    skewed = Prior(SE2(1.0, 2.0, 0.7), root @ root.T)
     step = SE2(0.3, -0.2, 0.1)
     distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(skewed.covariance))
-    assert surprise(rows(prior.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
+    assert surprise(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
 
 
 def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
