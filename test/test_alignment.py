@@ -130,6 +130,13 @@ def test_where_no_point_has_a_partner_the_prior_has_its_way():
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
+def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
+    """A quarter of 2 + 2 is added to 2, 2 and 4."""
+    cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
+    found = align(window(SE2()), SE2(0.3, 0.0, 0.0), cloud, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], DENSITY, 0.25)
+    assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
+
+
 def test_a_window_drops_its_oldest_key_frames():
     frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0), np.zeros((3, 3))) for k in range(3)]
     grown = Window(frames[:2]).with_frame(frames[2], 2)

@@ -184,7 +184,6 @@ def test_fine_scans_have_1141_beams_and_are_moved_by_a_known_motion(data):
         assert np.median(np.abs(off)) < 0.02
 
 
-
 def test_standing_still_scores_on_intel_as_published(data):
     row = odometry.measure(arguments(data, method=['identity'], course=['intel'])).metrics['identity']
     assert row['relations'] == 1030

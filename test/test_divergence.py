@@ -185,7 +185,6 @@ def test_the_covariance_is_in_the_sensors_frame():
     assert found == pytest.approx(np.diag([0.005, 0.0, 0.02]) + 1e-6 * np.eye(3))
 
 
-
 def test_where_no_lines_cross_the_registration_fails_and_says_why(paper):
     wall = np.array([[(2.0, -3.0), (2.0, 3.0)]])
     features = extract_features(look(wall, geometry=HALF), paper)

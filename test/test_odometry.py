@@ -155,6 +155,15 @@ def test_ten_intervals_without_a_scan_are_a_gap():
     assert all(time.half == 0.05 for time in found)
 
 
+@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (199, 199), (201, 100)])
+def test_an_interval_counts_between_half_and_twice_the_median(elapsed, taken):
+    intervals = Intervals()
+    for stamp in range(0, 1100, 100):
+        intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
+    found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters())
+    assert (found.interval, found.elapsed) == pytest.approx((taken * 1e-3, elapsed * 1e-3))
+
+
 def test_stamps_that_go_back_took_no_time_and_keep_the_median():
     intervals = Intervals()
     found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(jump=2.0)) for s in (9000, 9100, 9150, 1000)]
@@ -194,18 +203,21 @@ def test_every_beam_is_moved_by_the_way_since_the_stamp():
     expected = [SE2(0.1 * k, 0.2 * k, 0.05 * k).apply(scan.points[k]) for k in range(3)]
     np.testing.assert_allclose(found.points, expected, atol=1e-6)
     assert (found.stamp, found.frame_id, found.time_increment) == (5, 'laser', 0.0)
-
+    clockwise = Scan(0, [1.0, 2.0, 3.0], ScanGeometry(0.2, -1.0, 3), 0.1)
+    assert deskew(clockwise, [1.0, 2.0, 0.5]).geometry.angle_increment == -1.0
 
 
 def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
-    """The sensor drives off at once; every scan is brought to its stamp by the twist of the one before."""
+    """The sensor stands, then drives off at once; every scan is brought to its stamp by the twist of the one before."""
     odometry, speed, increment = Odometry(), 0.5, 0.1 / FULL.size
-    for i in range(15):
-        places = np.column_stack((speed * (0.1 * i + increment * np.arange(FULL.size)), np.zeros(FULL.size)))
+    for i in range(20):
+        way = speed * np.maximum(0.1 * (i - 5) + increment * np.arange(FULL.size), 0.0)
+        places = np.column_stack((way, np.zeros(FULL.size)))
         ranges = cast(places, FULL.directions, ROOM, np.empty((0, 3)))
         update = odometry.process(Scan(i * TENTH, ranges, FULL, increment))
-        if i >= 10:
+        if i >= 15:
             assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.01)
+            assert update.pose.as_array() == pytest.approx([way[0], 0.0, 0.0], abs=0.01)
 
 
 def test_the_first_scan_is_known_to_a_millimetre_and_the_motion_not_at_all():
@@ -231,7 +243,6 @@ def test_an_update_names_the_key_frame_that_its_registration_refers_to():
         assert update.reference in changes
         seen = update.reference_pose @ update.registration.transform
         assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.02
-
 
 
 def test_a_reset_starts_at_the_pose_given():

@@ -67,6 +67,29 @@ def test_two_bare_walls_leave_their_direction_free():
         assert abs(math.sin(found.free_direction + 0.1)) < 0.05
 
 
+def test_a_prior_tells_the_way_round_in_a_bare_corridor_and_the_way_along_stays_free():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
+    start, end = SE2(0.0, 0.0, 0.1), SE2(0.3, 0.1, 0.2)
+    truth = start.inverse() @ end
+    found = register(features(start, geometry, 0.01, 1, walls), features(end, geometry, 0.01, 2, walls),
+                     prior=Prior(truth, np.diag([0.3, 0.3, 0.1]) ** 2))
+    assert found.status is Status.DEGENERATE
+    assert math.sin(found.free_direction + 0.1) == pytest.approx(0.0, abs=0.01)
+    # Seen from the reference the corridor's walls face along (sin 0.1, cos 0.1).
+    across = np.array([math.sin(0.1), math.cos(0.1)]) @ (found.transform.x - truth.x, found.transform.y - truth.y)
+    assert abs(across) < 0.005
+    along = np.array([math.cos(end.theta), -math.sin(end.theta), 0.0])
+    assert along @ found.covariance @ along > 100.0
+
+
+def test_the_best_hypothesis_is_the_result():
+    found = register(features(SE2()), features(SE2(0.1, 0.0, 0.4)))
+    scores = [hypothesis.score for hypothesis in found.hypotheses]
+    assert scores == sorted(scores, reverse=True) and found.score == scores[0]
+    assert found.hypotheses[0].transform == found.transform
+
+
 def test_a_square_room_is_ambiguous():
     square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
     found = register(features(SE2(), walls=square), features(SE2(0.0, 0.0, 0.4), walls=square))
@@ -90,7 +113,6 @@ def test_a_search_that_is_repeated_knows_the_prior():
         prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
         found = register(reference, current, always, prior).transform.theta
         assert math.remainder(found - turn, 2.0 * math.pi) == pytest.approx(0.0, abs=0.01)
-
 
 
 def test_a_prior_that_lies_does_not_beat_the_scans():
@@ -145,6 +167,15 @@ def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
         found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair, truth in zip(pairs, truths, strict=True)]
     assert all(found['again'])
     assert not all(found['narrow'])
+
+
+def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
+    refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse': 4,
+                                       'refinement.final_scale': 0.02, 'refinement.fine': 1, 'refinement.window': 3,
+                                       'refinement.window_first_scale': 0.04, 'refinement.window_scale': 0.001}).refinement
+    assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
+    assert refinement.fine_scales() == [0.1]
+    assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 
 def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():

@@ -26,7 +26,7 @@ def test_what_moves_is_reported_as_it_is_until_it_has_stood_for_a_second():
     assert settle(rest, 1.0, 0.0, 0.0) == pytest.approx([1.0, 0.0, 0.0])
     assert settle(rest, 1.02, 0.0, 0.0) == pytest.approx([1.02, 0.0, 0.0])
     assert settle(rest, 1.01, 0.0, 0.0) == pytest.approx([1.01, 0.0, 0.0])
-    assert settle(rest, 1.01, 0.0, 0.0) == pytest.approx([1.01, 0.0, 0.0])
+    assert settle(rest, 1.03, 0.0, 0.0) == pytest.approx([(1.0 + 1.02 + 1.01 + 1.03) / 4, 0.0, 0.0])
     assert settle(rest, 1.06, 0.0, 0.0) == pytest.approx([1.06, 0.0, 0.0])
 
 

@@ -133,7 +133,6 @@ def test_a_chain_is_cut_no_more_often_than_asked_for():
         assert len(found.phi) == count
 
 
-
 def test_no_more_hypotheses_than_asked_for_heaviest_first():
     values = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0]
     found = rotations(*differences(values), RotationParameters(weighted=False, hypotheses=2))

@@ -102,6 +102,8 @@ def test_a_sensor_upside_down_sees_left_and_right_exchanged():
 
 
 def test_impossible_stamps_are_named():
+    whole = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id='')
+    assert Scan.from_message(message(header=whole)).stamp == 1_000_000_000
     for nanoseconds in (-1, 1_000_000_000, 2_000_000_000):
         header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=nanoseconds), frame_id='')
         with pytest.raises(ScanError, match=f'nanosec = {nanoseconds}:'):

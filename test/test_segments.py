@@ -118,7 +118,6 @@ def test_points_of_nearly_one_bearing_count_as_a_tenth_of_a_step_apart():
     assert found[1:-1] == pytest.approx(np.abs(np.diff(slope)))
 
 
-
 def test_only_local_maxima_are_corners_the_greatest_first():
     rank = rank_corners(np.array([9.0, 1.0, 3.0, 2.0, 2.0, 7.0, 0.0, 5.0]))
     np.testing.assert_array_equal(rank, [8, 8, 1, 8, 8, 0, 8, 8])
@@ -137,9 +136,10 @@ def straight_error(points, sections):
 
 @pytest.mark.parametrize('sections', [0, 5])
 @pytest.mark.parametrize('penalty', [0.0, 30.0])
-def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty):
+@pytest.mark.parametrize('seed', range(4))
+def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
     """Every threshold in turn, as the paper describes it."""
-    scan = look(outline(L_ROOM), noise=0.01, geometry=ScanGeometry(-math.pi, 4.0 * DEGREE, 90))
+    scan = look(outline(L_ROOM), noise=0.01, geometry=ScanGeometry(-math.pi, 4.0 * DEGREE, 90), seed=seed)
     points, radius, breaks = scan.points, scan.ranges.astype(float), np.zeros(89, dtype=bool)
     breaks[40] = True
     difference = slope_differences(as_complex(points), radius, breaks)

@@ -211,7 +211,6 @@ def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds()
     assert translations(ROOM, noisy, limits).sigma == 3.0
 
 
-
 def test_every_rotation_has_samples_of_its_own():
     found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY, hypotheses=3, sigma=0.01)
     for rotation in np.unique(found.rotation):
