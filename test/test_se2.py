@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.se2 import SE2, wrap
+from dbscan_reg_ros.core.se2 import SE2, turn_matrix, wrap
 
 
 def matrix(motion):
@@ -37,6 +37,11 @@ def test_points_move_as_the_paper_says():
     np.testing.assert_allclose(moved[..., 1], s * points[..., 0] + c * points[..., 1] + 0.8)
     np.testing.assert_allclose(motion.inverse().apply(moved), points, atol=1e-12)
     np.testing.assert_allclose(SE2().apply([1.0, 2.0]), [1.0, 2.0])
+
+
+def test_a_turn_leaves_the_angle_alone():
+    turned = SE2(0.0, 0.0, 0.3) @ SE2(1.0, 2.0, 0.4)
+    assert turn_matrix(0.3) @ (1.0, 2.0, 0.4) == pytest.approx([turned.x, turned.y, 0.4])
 
 
 def test_points_without_a_return_stay_so():

@@ -11,10 +11,10 @@ from dbscan_reg_ros.core.clustering import k_distances, knee
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import Parameters, RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.records import EndKind, Segments
-from dbscan_reg_ros.core.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.rotation import Rotations, estimate_rotations, pair_weights
 from dbscan_reg_ros.core.se2 import SE2, wrap
 from dbscan_reg_ros.core.squared import line_equations, squared_samples
-from dbscan_reg_ros.core.translation import estimate_translations
+from dbscan_reg_ros.core.translation import estimate_translations, match_lines
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
@@ -198,6 +198,21 @@ def test_wide_clusters_are_cut_and_the_papers_are_not():
         parameters = TranslationParameters(sigma=0.3, sigma_max=0.3, width=width, recuts=4, end_weight=0.0)
         counts[width] = len(translations(ROOM, noisy, parameters, sigma=0.1).weight)
     assert counts[0.02] > counts[0.0]
+
+
+def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
+    """Two lines here, three there, of weights 1 to 6; off by so many times `parallel` = 0.1 rad."""
+    off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
+    phi = np.array([3.1, -1.0])
+    rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
+    weights = np.arange(1.0, 7.0).reshape(2, 3)
+    rotation, here, there, weight = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=100))
+    found = {(i, j): w for i, j, w in zip(here, there, weight)}
+    assert not rotation.any()
+    assert found == pytest.approx({(0, 0): 1.0, (0, 1): 2.0 * math.exp(-0.5), (0, 2): 3.0 * math.exp(-1.125),
+                                   (1, 0): 4.0 * math.exp(-0.5), (1, 2): 6.0})
+    _, here, there, _ = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=2))
+    assert sorted(zip(here, there)) == [(1, 0), (1, 2)]
 
 
 def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
