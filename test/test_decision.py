@@ -3,10 +3,15 @@ import math
 
 import numpy as np
 import pytest
+from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.decision import calibrated, scatter, slid
-from dbscan_reg_ros.core.parameters import DecisionParameters
+from dbscan_reg_ros.core.decision import calibrated, decide, scatter, slid, uncertainty
+from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.core.parameters import DecisionParameters, Parameters
+from dbscan_reg_ros.core.records import Status
+from dbscan_reg_ros.core.se2 import SE2
 
+ROOM = outline(L_ROOM)
 PARAMETERS = DecisionParameters(few=0.0)
 VARIANCE = 1e-4
 
@@ -61,3 +66,14 @@ def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
     away = best + [3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0] + np.array([-math.sin(0.4), math.cos(0.4), 0.0])
     level, = slid(away[None], best, 0.4)
     assert level == pytest.approx(best + [-math.sin(0.4), math.cos(0.4), 0.0])
+
+
+def test_a_rival_along_a_direction_that_is_held_is_a_rival():
+    reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
+    best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
+    _, angle, weak = uncertainty(best, reference, current, parameters)
+    assert weak > parameters.decision.min_information
+    coarse = np.array([best, best + [math.cos(angle), math.sin(angle), 0.0]])
+    for rival, status in ((0.6, Status.OK), (0.88, Status.AMBIGUOUS)):
+        found = decide(best[None], np.array([0.9]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, parameters)
+        assert found.status is status

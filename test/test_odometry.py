@@ -220,6 +220,15 @@ def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
             assert update.pose.as_array() == pytest.approx([way[0], 0.0, 0.0], abs=0.01)
 
 
+def test_without_deskewing_a_scan_is_taken_as_it_is():
+    """Also when the speed changes."""
+    odometry = Odometry(Parameters().replace({'odometry.deskew': False}))
+    poses = [SE2()] * 5 + [SE2(0.05 * k, 0.0, 0.0) for k in range(1, 6)]
+    for i, pose in enumerate(poses):
+        update = odometry.process(dataclasses.replace(scan_at(pose, i), time_increment=0.1 / FULL.size))
+        assert error(update, pose)[0] < 0.01
+
+
 def test_the_first_scan_is_known_to_a_millimetre_and_the_motion_not_at_all():
     update = Odometry().process(scan_at(SE2(), 0))
     np.testing.assert_allclose(update.covariance, 1e-6 * np.eye(3), rtol=1e-9)

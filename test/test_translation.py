@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.records import EndKind, Segments
 from dbscan_reg_ros.core.rotation import Rotations, estimate_rotations, pair_weights
 from dbscan_reg_ros.core.se2 import SE2, wrap
 from dbscan_reg_ros.core.squared import line_equations, squared_samples
-from dbscan_reg_ros.core.translation import estimate_translations, match_lines
+from dbscan_reg_ros.core.translation import cluster, estimate_translations, match_lines
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
@@ -224,6 +224,14 @@ def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds()
         assert found.sigma == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
     limits = TranslationParameters(sigma=0.0, sigma_min=3.0, sigma_max=4.0)
     assert translations(ROOM, noisy, limits).sigma == 3.0
+
+
+@pytest.mark.parametrize('recuts, labels', [(0, [0, 0, 0, 0]), (1, [1, 1, 2, 2]), (2, [3, 4, 5, 6])])
+def test_wide_clusters_are_cut_no_more_often_than_asked_for(recuts, labels):
+    """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m, 0.05 m and 0.025 m."""
+    samples = np.array([(0.0, 0.0), (0.0, 0.04), (0.0, 0.13), (0.0, 0.17)])
+    parameters = TranslationParameters(min_points=1, width=0.001, recuts=recuts)
+    assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
 
 
 def test_every_rotation_has_samples_of_its_own():
