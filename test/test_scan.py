@@ -101,6 +101,15 @@ def test_a_sensor_upside_down_sees_left_and_right_exchanged():
     np.testing.assert_allclose(down.points, up.points * (1.0, -1.0))
 
 
+def test_numbers_beyond_float32_are_infinite():
+    with pytest.raises(ScanError, match='angle_min inf'):
+        ScanGeometry(1e39, 0.1, 5)
+    geometry = ScanGeometry(0.0, 0.1, 2, range_max=1e39)
+    assert geometry.range_max == math.inf
+    scan = Scan(0, [1.0, 1e39], geometry, time_increment=1e300)
+    assert scan.time_increment == 0.0 and scan.valid.tolist() == [True, False]
+
+
 def test_impossible_stamps_are_named():
     whole = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id='')
     assert Scan.from_message(message(header=whole)).stamp == 1_000_000_000
