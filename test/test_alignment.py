@@ -84,6 +84,13 @@ def test_every_candidate_is_refined_to_the_motion():
     assert np.abs(last - MOTION.as_array()).max() < 5e-4
 
 
+def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
+    reference, current, refinement = features(START), features(END), PARAMETERS.refinement
+    near, far = ((MOTION @ SE2(share * refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
+    assert np.abs(polish(near, current.dense_cloud, reference.surface, DENSITY.facing, refinement) - MOTION.as_array()).max() < 1e-3
+    assert (polish(far, current.dense_cloud, reference.surface, DENSITY.facing, refinement) == far).all()
+
+
 def window(*poses):
     return Window([KeyFrame(features(pose), pose, np.zeros((3, 3))) for pose in poses])
 

@@ -74,6 +74,7 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     _, angle, weak = uncertainty(best, reference, current, parameters)
     assert weak > parameters.decision.min_information
     coarse = np.array([best, best + [math.cos(angle), math.sin(angle), 0.0]])
-    for rival, status in ((0.6, Status.OK), (0.88, Status.AMBIGUOUS)):
+    for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
         found = decide(best[None], np.array([0.9]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, parameters)
         assert found.status is status
+        assert np.trace(found.covariance) == pytest.approx(variance, abs=1e-3)

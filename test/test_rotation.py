@@ -106,6 +106,12 @@ def test_min_points_leaves_lonely_samples_out():
     assert len(found.phi) == 1
 
 
+def test_where_no_sample_has_neighbours_there_is_no_rotation():
+    found = rotations(*differences([0.3, 1.0]), RotationParameters(sigma=0.02, min_points=2))
+    assert len(found.phi) == len(found.weight) == 0
+    assert found.labels.tolist() == [[-1], [-1]] and found.sigma == 0.02
+
+
 @pytest.mark.parametrize('directed, period', [(True, 2.0 * math.pi), (False, math.pi)])
 def test_a_cluster_across_the_seam_is_one(directed, period):
     half = 0.5 * period

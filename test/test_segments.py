@@ -301,6 +301,35 @@ def test_ends_before_a_background_are_free_and_hidden_ends_are_not():
     np.testing.assert_allclose(found.midpoint[1], (2.0, 0.0), atol=2.0 * 2.0 * DEGREE)
 
 
+@pytest.mark.parametrize('depth, kind', [(0.13, EndKind.OCCLUSION), (0.17, EndKind.FREE)])
+def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_noise(depth, kind):
+    """A margin of 0.09 m and three times a noise of 0.02 m."""
+    walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(2.0 + depth, -5.0), (2.0 + depth, 5.0)]])
+    parameters = PLAIN.replace({'scan.noise_min': 0.02, 'scan.noise_max': 0.02, 'segments.depth_margin': 0.09,
+                                'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0,
+                                'segments.join_gap': 0.0})
+    found = segments_of(walls, parameters, geometry=HALF)
+    front = np.flatnonzero(np.abs(found.midpoint[:, 0] - 2.0) < 0.01)
+    assert found.kinds[front].tolist() == [[kind, kind]]
+
+
+def test_parts_of_one_wall_are_joined_whatever_their_sizes():
+    """Beams are missing after 10, 40 and 5 returns."""
+    scan = look(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.6, DEGREE, 69))
+    ranges = np.array(scan.ranges)
+    ranges[[10, 51, 57]] = np.inf
+    whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1})).segments
+    assert whole.beams.tolist() == [[0, 68]]
+    parts = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1, 'segments.join_gap': 0.0}))
+    assert parts.segments.beams.tolist() == [[0, 9], [11, 50], [52, 56], [58, 68]]
+
+
+def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():
+    panels = np.array([[(1.9, -1.3), (1.9, -1.0)], [(2.0, -1.0), (2.0, 0.3)], [(2.1, 0.3), (2.1, 1.4)]])
+    found = segments_of(panels, PLAIN.replace({'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0}))
+    assert found.midpoint[:, 0] == pytest.approx([1.9, 2.0, 2.1], abs=1e-6)
+
+
 def test_ends_at_the_edge_of_the_view_are_not_points_of_the_world():
     found = segments_of(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.5, DEGREE, 58))
     np.testing.assert_array_equal(found.kinds, [[EndKind.OCCLUSION, EndKind.OCCLUSION]])
