@@ -110,3 +110,10 @@ def test_free_space_is_what_lies_in_front_by_more_than_the_tolerance():
     view = build_view(circle(2.0, np.r_[0:200, 230:360]), math.radians(1.0))
     places = np.array([at(10.0, 1.775), at(35.0, 1.0), at(-120.0, 1.0)])
     assert view.violation(places, 0.15) == pytest.approx([0.5, 0.0, 1.0])
+
+
+def test_nothing_is_near_beyond_the_grid_wherever_it_begins():
+    for x in np.arange(-2.0, 2.0, 0.01):
+        surface = build_surface(Cloud(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex)), DensityParameters())
+        beyond = np.array([x - 50.0, x + 51.0 + 1.0j, x - 50.0j, x + 1.0 + 51.0j])
+        assert (surface.nearest(beyond) == 2).all()

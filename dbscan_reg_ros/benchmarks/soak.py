@@ -99,9 +99,9 @@ def drive(count):
 
 
 def growth(memory):
-    """Of the memory held: the least in the last tenth of the time over the least in the first, for it comes and goes."""
+    """Of the memory held: the median of the last tenth of the time over that of the first, for it comes and goes."""
     tenth = max(round(TENTH * len(memory)), BLOCK // STEP)
-    return min(memory[-tenth:]) - min(memory[:tenth])
+    return float(np.median(memory[-tenth:]) - np.median(memory[:tenth]))
 
 
 def _items():

@@ -102,7 +102,8 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     low, high = (points.min(axis=0), points.max(axis=0)) if size else (np.zeros(2), np.zeros(2))
     extent = float((high - low).max()) + 2.0 * parameters.reach
     cell = max(parameters.cell, extent / parameters.cells)
-    margin = int(math.ceil(parameters.reach / cell)) + 1
+    # One cell for rounding, and one near nothing all around: what lies beyond it is looked up there.
+    margin = int(math.ceil(parameters.reach / cell)) + 2
     origin = low - margin * cell
     rows, columns = (int(v) + 2 * margin + 1 for v in (high - low) / cell)
     index = np.full(rows * columns, size, dtype=np.int32)
