@@ -124,11 +124,14 @@ def graph():
         yield Path(folder)
 
 
-def running_node(folder):
-    """A `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`."""
+def running_node(folder, variables=None):
+    """A `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`.
+
+    `variables` are added to its environment.
+    """
     from ..commands.processes import Process, package_command
     root = os.fspath(Path(__file__).resolve().parents[2])
-    environment = {'ROS_LOG_DIR': os.fspath(folder),
+    environment = (variables or {}) | {'ROS_LOG_DIR': os.fspath(folder),
                    'PYTHONPATH': os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))}
     return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log', environment)
 

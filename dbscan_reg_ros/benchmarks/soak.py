@@ -29,6 +29,8 @@ STEP = 250
 """So often is the memory looked at."""
 RUNS = 3
 TENTH = 0.1
+GIVEN_BACK = {'MALLOC_MMAP_THRESHOLD_': '131072', 'MALLOC_TRIM_THRESHOLD_': '131072'}
+"""What the C library begins with and then raises at will. Kept, what is freed is given back: what is resident is held."""
 CONTAINERS = list, dict, set, deque
 BOUNDS = {
     'odometry': {'growth_mb': at_most(5.0), 'items_count': at_most(BLOCK // 10), 'ratio_p50': at_most(1.1),
@@ -59,6 +61,7 @@ def differing(blocks, others):
 def in_a_process(work, count, hash_seed=0, threads=1):
     """``work(count)`` in a new process."""
     variables = {'PYTHONHASHSEED': str(hash_seed), 'OMP_NUM_THREADS': str(threads), 'OPENBLAS_NUM_THREADS': str(threads)}
+    variables |= GIVEN_BACK
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
@@ -114,7 +117,7 @@ def drive_node(count, expected):
     """Figures of the node for `count` scans as fast as it answers; `expected` are the blocks that it should answer."""
     from ..node.player import Player
     stream, blocks, lost, marks = scans(), Blocks(), 0, []
-    with graph() as folder, running_node(folder) as node, Player() as player:
+    with graph() as folder, running_node(folder, GIVEN_BACK) as node, Player() as player:
         player.wait_for_node(PATIENCE)
         for done in range(0, count, STEP):
             answers = player.play(islice(stream, min(STEP, count - done)))

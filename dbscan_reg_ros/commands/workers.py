@@ -42,7 +42,11 @@ def watched(items, title, total):
     """The `items` with a progress bar, wherever this process shows it; an interruption is raised in between."""
     if _parent is None:
         from tqdm import tqdm
-        yield from tqdm(items, title, total, disable=None)
+        with _interruptions() as interrupted:
+            for item in tqdm(items, title, total, disable=None):
+                if interrupted.is_set():
+                    raise KeyboardInterrupt
+                yield item
         return
     name = f'{title} {os.getpid()}'
     done = 0
@@ -51,6 +55,21 @@ def watched(items, title, total):
             _parent.report(name, title, done, total)
         yield item
     _parent.report(name, title, done, done)
+
+
+@contextmanager
+def _interruptions():
+    """An event that is set where Python would raise a KeyboardInterrupt."""
+    interrupted = threading.Event()
+    if (threading.current_thread() is not threading.main_thread()
+            or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+        yield interrupted
+        return
+    signal.signal(signal.SIGINT, lambda _number, _frame: interrupted.set())
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def processors() -> int:
