@@ -179,6 +179,27 @@ def test_the_ends_of_a_corridor_place_it_where_the_lines_do_not():
     np.testing.assert_allclose(found.transform[0], MOTION.as_array(), atol=1e-9)
 
 
+def test_between_parallel_walls_the_shortest_translation_leads_across_them_only():
+    turn = SE2(theta=0.7)
+    corridor = moved(walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0))), turn.inverse())
+    across = turn @ SE2(0.0, 0.25)
+    for along in (-0.4, 0.0, 1.3):
+        seen = moved(corridor, turn @ SE2(along, 0.25, 0.2) @ turn.inverse())
+        x, y, theta = translations(corridor, seen, TranslationParameters(), hypotheses=3).shortest[0]
+        assert math.hypot(x - across.x, y - across.y) < 0.02 * 0.25
+        assert theta == pytest.approx(0.2, abs=1e-6)
+
+
+def test_where_lines_cross_the_shortest_translation_is_the_motion_and_one_wrong_pair_does_not_count():
+    elsewhere = walls([(4.0, 4.0), (5.0, 4.0)])
+    one, two = (Segments(**{f.name: np.concatenate((getattr(room, f.name), getattr(extra, f.name)))
+                            for f in dataclasses.fields(Segments)})
+                for room, extra in ((ROOM, elsewhere), (moved(ROOM, MOTION), moved(elsewhere, MOTION @ SE2(0.0, 0.8)))))
+    found = translations(one, two, TranslationParameters(), hypotheses=3)
+    assert found.shortest.shape == (2, 3)
+    np.testing.assert_allclose(found.shortest[0], MOTION.as_array(), atol=0.03)
+
+
 def test_ends_that_are_hidden_count_little():
     """A corner is worth ten hidden ends."""
     weights = {}

@@ -246,6 +246,8 @@ class TranslationParameters(ParameterGroup):
     min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.15, 'a cluster spread wider is a chain and is clustered again; 0: never', 'm', 0.0, 100.0)
     recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
+    shortest: int = parameter(2, 'rotations, heaviest first, whose shortest translation is a hypothesis as well: between '
+                              'parallel walls no lines cross', '', 0, 1000)
 
 
 @dataclass(frozen=True)
@@ -272,7 +274,7 @@ class SelectionParameters(ParameterGroup):
     candidates: int = parameter(60, 'heaviest translation clusters that are sieved', '', 1, _MOST)
     sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
-    refined: int = parameter(6, 'hypotheses refined coarsely', '', 1, _MOST)
+    refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
     widen: int = parameter(6, 'so many times as many', '', 1, 100)
     finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)

@@ -35,14 +35,15 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     if p.selection.method == 'divergence':
         return select_by_divergence(reference, current, rotations, translations, p)
-    candidates = translations.transform[:p.selection.candidates]
+    sure = translations.shortest
     if prior is not None:
-        candidates = np.concatenate((prior.transform.as_array()[None], candidates))
-    if not len(candidates):
+        sure = np.concatenate((prior.transform.as_array()[None], sure))
+    candidates = translations.transform[:p.selection.candidates]
+    if not len(sure) + len(candidates):
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
-    candidates = sieve(candidates, reference, current, p.selection, p.density)
+    candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
     coarse, coarse_score, _ = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]
     finalists = follow_free_direction(finalists, reference, current, p)

@@ -28,6 +28,8 @@ class Translations:
         Cluster of each sample, in the order of `transform`; -1 for none.
     sigma : float [m]
         The neighbourhood that was used.
+    shortest : (K, 3) float
+        x, y [m] and theta [rad]: the shortest translation that lays the lines on one another, for the heaviest rotations.
     """
 
     transform: np.ndarray
@@ -37,6 +39,7 @@ class Translations:
     rotation: np.ndarray
     labels: np.ndarray
     sigma: float
+    shortest: np.ndarray
 
 
 def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights,
@@ -57,16 +60,19 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi]
         samples = np.concatenate([np.empty((0, 2)), *solutions])
         mass, rotation = np.ones(len(samples)), np.repeat(np.arange(len(solutions)), [len(s) for s in solutions])
+        shortest = np.empty((0, 3))
     else:
         pairs = match_lines(rotations, weights, parameters)
-        lines = line_samples(reference, current, rotations, pairs, parameters)
+        equations = signed_equations(reference, current, rotations, pairs)
+        lines = line_samples(pairs, equations, parameters)
         ends = end_samples(reference, current, rotations, pairs, parameters)
         samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
+        shortest = shortest_translations(pairs, equations, rotations.phi[:parameters.shortest])
     if not len(samples):
-        return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0)
+        return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0, shortest)
     sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)
     labels = cluster(samples, rotation, sigma, parameters)
-    return _rank(samples, mass, rotation, labels, sigma, rotations.phi)
+    return _rank(samples, mass, rotation, labels, sigma, rotations.phi, shortest)
 
 
 def match_lines(rotations, weights, parameters):
@@ -89,14 +95,26 @@ def match_lines(rotations, weights, parameters):
     return rotation, line // m, line % m, value[rotation, column]
 
 
-def line_samples(reference, current, rotations, pairs, parameters):
-    """Translations from all pairs of non-parallel line equations ``n . t = n . (m_R - Rot(phi) m_O)`` (Eq. 13-15)."""
-    rotation, r, o, weight = pairs
+def signed_equations(reference, current, rotations, pairs):
+    """``n . t = n . (m_R - Rot(phi) m_O)`` for each pair of lines (Eq. 13).
+
+    Returns
+    -------
+    nx, ny, c : (L,) arrays
+        The unit normal n and the right side [m].
+    """
+    rotation, r, o, _ = pairs
     phi = rotations.phi[rotation]
     angle = reference.direction[r] - 0.5 * wrap_period(rotations.difference[r, o] - phi, 2.0 * np.pi)
     nx, ny = -np.sin(angle), np.cos(angle)
     offset = reference.midpoint[r] - rotate(phi, current.midpoint[o])
-    c = nx * offset[:, 0] + ny * offset[:, 1]
+    return nx, ny, nx * offset[:, 0] + ny * offset[:, 1]
+
+
+def line_samples(pairs, equations, parameters):
+    """Translations from all pairs of non-parallel line equations (Eq. 14-15)."""
+    rotation, _, _, weight = pairs
+    nx, ny, c = equations
     first, second = same_group_pairs(rotation)
     determinant = nx[first] * ny[second] - ny[first] * nx[second]
     crossing = np.abs(determinant) > parameters.crossing
@@ -105,6 +123,31 @@ def line_samples(reference, current, rotations, pairs, parameters):
     ty = (nx[first] * c[second] - nx[second] * c[first]) / determinant
     mass = np.minimum(weight[first], weight[second]) * np.abs(determinant)
     return np.stack((tx, ty), axis=1), mass, rotation[first]
+
+
+def shortest_translations(pairs, equations, phi):
+    """The shortest translation that lays all lines on one another, for each of the first rotations, ``(K, 3)``.
+
+    Robust and damped least squares: between parallel walls, where no two lines cross, what they leave open is no motion.
+    """
+    used = pairs[0] < len(phi)
+    rotation, weight = pairs[0][used], pairs[3][used]
+    nx, ny, c = (part[used] for part in equations)
+    x, y = np.zeros((2, len(phi)))
+    for scale in _SHORTEST_SCALES:
+        w = weight / (1.0 + ((nx * x[rotation] + ny * y[rotation] - c) / scale) ** 2)
+        xx, xy, yy, cx, cy = (np.bincount(rotation, w * part, len(phi))
+                              for part in (nx * nx, nx * ny, ny * ny, nx * c, ny * c))
+        damping = _SHORTEST_DAMPING * (xx + yy) + 1e-9
+        xx, yy = xx + damping, yy + damping
+        determinant = xx * yy - xy * xy
+        x, y = (yy * cx - xy * cy) / determinant, (xx * cy - xy * cx) / determinant
+    return np.stack((x, y, phi), axis=1)
+
+
+_SHORTEST_SCALES = 1.0, 0.3, 0.1
+"""Of the distance [m] between two lines, from one iteration to the next."""
+_SHORTEST_DAMPING = 0.01
 
 
 def end_samples(reference, current, rotations, pairs, parameters):
@@ -186,7 +229,7 @@ def cluster(samples, rotation, sigma, parameters):
     return labels
 
 
-def _rank(samples, mass, rotation, labels, sigma, phi):
+def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
     """Weighted mean and weight of each cluster, heaviest first."""
     at = np.flatnonzero(labels != NOISE)
     index = labels[at]
@@ -201,4 +244,4 @@ def _rank(samples, mass, rotation, labels, sigma, phi):
     rank[order] = np.arange(len(order))
     ranked = np.full(len(samples), NOISE)
     ranked[at] = rank[index]
-    return Translations(transform[order], weight[order], samples, mass, rotation, ranked, sigma)
+    return Translations(transform[order], weight[order], samples, mass, rotation, ranked, sigma, shortest)
