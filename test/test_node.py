@@ -409,13 +409,15 @@ def test_a_signal_ends_a_busy_node_quietly(node, player, scans, number, after):
     player.wait_for_node(TIMEOUT)
     with contextlib.suppress(PlayerError):
         player.play(then_signal(), rate=100.0, patience=0.1)
-    assert_stops(node, number)
+    # A machine that is busier still may hold the scans back.
+    assert_stops(node, number, 'tf2_msgs is not installed|no scan for')
 
 
-def assert_stops(node, number):
+def assert_stops(node, number, expected='tf2_msgs is not installed'):
+    """Without a complaint, but for lines like the `expected` pattern."""
     node.signal(number)
     assert node.wait(TIMEOUT) == 0, node.output()
-    assert not re.search('Traceback|Error|Exception|WARN', re.sub('.*(tf2_msgs is not installed|no scan for).*', '', node.output()))
+    assert not re.search('Traceback|Error|Exception|WARN', re.sub(f'.*({expected}).*', '', node.output()))
 
 
 def test_the_node_starts_without_the_slow_libraries(start, ros_environment):

@@ -63,7 +63,7 @@ class Window:
         self.frames = tuple(frames)
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames])
         poses = np.array([frame.pose.as_array() for frame in self.frames])
-        self._origins, self._headings = poses[:, :1] + 1j * poses[:, 1:2], poses[:, 2:]
+        self._origins, self._headings = alignment.origins(poses), poses[:, 2:]
         self._turns = np.exp(-1j * self._headings)
 
     @property
