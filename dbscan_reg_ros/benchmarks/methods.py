@@ -80,9 +80,13 @@ def chosen(names=None) -> list:
 def _ours(parameters, name):
     def prepare(scan):
         try:
-            return extract_features(scan, parameters)
+            features = extract_features(scan, parameters)
         except ScanError:
             return None
+        # Made when first asked for; a reference was a current scan once and has them.
+        for name in ('view', 'leverage'):
+            getattr(features, name)
+        return features
 
     def align(reference, current, guess=None):
         if reference is None or current is None:

@@ -276,7 +276,7 @@ class SelectionParameters(ParameterGroup):
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
     refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
-    widen: int = parameter(6, 'so many times as many', '', 1, 100)
+    widen: int = parameter(30, 'so many times as many', '', 1, 100)
     finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)

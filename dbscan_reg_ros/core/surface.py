@@ -106,11 +106,13 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     margin = int(math.ceil(parameters.reach / cell)) + 2
     origin = low - margin * cell
     rows, columns = (int(v) + 2 * margin + 1 for v in (high - low) / cell)
-    index = np.full(rows * columns, size, dtype=np.int32)
+    # The table is large and is looked up everywhere: small numbers keep it in the cache.
+    kind = np.min_scalar_type(size)
+    index = np.full(rows * columns, size, dtype=kind)
     place = (points - origin) / cell
     at = place.astype(np.intp)
     off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
-    order = np.argsort(-off_centre, kind='stable').astype(np.int32)
+    order = np.argsort(-off_centre, kind='stable').astype(kind)
     home = at @ (columns, 1)
     index[home[order]] = order
     order = order[index[home[order]] == order]

@@ -36,10 +36,10 @@ class SurfaceStack:
         self.origin = np.array([[s.origin] for s in surfaces])
         self.inverse_cell = np.array([[1.0 / s.cell] for s in surfaces])
         self.last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
-        sizes = np.array([(len(s.index), len(s.normals)) for s in surfaces]).T
-        self.first_cell, self.first_point = (np.cumsum(sizes, axis=1) - sizes)[:, :, None]
-        self.index, self.normals, self.offsets = (
-            np.concatenate([getattr(s, name) for s in surfaces]) for name in ('index', 'normals', 'offsets'))
+        # The tables are large: they stay where they are.
+        self.tables = [s.index for s in surfaces]
+        self.first = np.cumsum([0] + [len(s.normals) for s in surfaces[:-1]])[:, None]
+        self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
 
     def nearest(self, places):
         """Index of the point nearest to each of the `places` ``(K, P)`` (complex, [m])."""
@@ -47,8 +47,7 @@ class SurfaceStack:
         row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self.last))
         row *= self.last[1] + 1
         row += column
-        row += self.first_cell
-        return self.index.take(row) + self.first_point
+        return np.array([table.take(cells) for table, cells in zip(self.tables, row)]) + self.first
 
 
 class Window:
@@ -93,23 +92,27 @@ class Window:
         return alignment.normal_equations(*(part.reshape(1, -1) for part in (error, weight, normals, arms)))[0]
 
 
-def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
-    """Robust point-to-line iterations against all key frames, one for each of the `scales` [m].
+def align(window: Window, pose: SE2, clouds, expected: SE2, strength, scales, density, damping):
+    """Robust point-to-line iterations against all key frames.
 
     Parameters
     ----------
     pose : SE2
         Where to start.
+    clouds : sequence of Cloud
+        The scan's points in each iteration.
     expected : SE2
         The pose that a prior asks for.
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
+    scales : sequence of float [m]
+        The kernel of each iteration.
 
     Returns
     -------
     SE2
     """
-    for scale in scales:
+    for cloud, scale in zip(clouds, scales, strict=True):
         equations = window.equations(pose, cloud, scale, density)
         information = equations[:3, :3]
         off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
