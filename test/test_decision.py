@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.decision import calibrated, decide, scatter, slid, uncertainty
+from dbscan_reg_ros.core.decision import calibrated, decide, doubted, scatter, slid, uncertainty
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import DecisionParameters, Parameters
-from dbscan_reg_ros.core.records import Status
+from dbscan_reg_ros.core.records import Prior, Registration, Status
 from dbscan_reg_ros.core.se2 import SE2
 
 ROOM = outline(L_ROOM)
@@ -78,3 +78,17 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
         found = decide(best[None], np.array([0.9]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, parameters)
         assert found.status is status
         assert np.trace(found.covariance) == pytest.approx(variance, abs=1e-3)
+
+
+@pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [
+    (Status.OK, 9.9, 0.6, Status.DEGENERATE), (Status.OK, 10.0, 0.6, Status.OK), (Status.OK, 9.9, 0.5, Status.OK),
+    (Status.OK, None, 0.6, Status.OK), (Status.AMBIGUOUS, 9.9, 0.6, Status.AMBIGUOUS),
+])
+def test_few_points_are_not_enough_where_nothing_is_known_of_the_motion(status, weakest, spread, expected):
+    registration = Registration(SE2(), np.eye(3), status, weakest=weakest)
+    for covariance in (np.diag([spread, 0.1, 0.1]) ** 2, np.diag([0.1, spread, 0.1]) ** 2):
+        found = doubted(registration, Prior(SE2(), covariance), DecisionParameters(vague=0.5, vague_information=10.0))
+        assert found.status is expected
+        if expected is not status:
+            assert found.reason == ('only 9.90 points hold the motion along one direction; 10.0 asked for where the motion '
+                                    'is expected to 0.60 m only')

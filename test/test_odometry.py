@@ -10,6 +10,7 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, Sc
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.timing import Intervals
+from dbscan_reg_ros.simulation import Lidar, corridor, follow, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
@@ -276,6 +277,18 @@ def test_parameters_count_from_the_next_scan_on():
     odometry.parameters = odometry.parameters.replace({'scan.min_returns': 1000})
     with pytest.raises(ScanError, match='scan.min_returns'):
         odometry.process(scan_at(poses[5], 5))
+
+
+@pytest.mark.parametrize(('asked', 'lies'), [(0.0, True), (10.0, False)])
+def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked, lies):
+    drive = simulate(corridor(seed=0), follow(corridor(seed=0).tour), Lidar(), seed=0)
+    odometry, wrong = Odometry(Parameters().replace({'decision.vague_information': asked})), []
+    truth = [SE2.from_array(pose) for pose in drive.truth[::10]]
+    for scan, last, true in zip(drive.scans[::10], truth[:1] + truth, truth):
+        update = odometry.process(scan)
+        off = (last.inverse() @ true).inverse() @ update.increment
+        wrong.append(update.status is Status.OK and math.hypot(off.x, off.y) > 0.2)
+    assert any(wrong) is lies
 
 
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():

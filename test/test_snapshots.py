@@ -46,7 +46,7 @@ def test_everything_is_read_back_unchanged(written, updates):
             assert read.registration is read.reference is None
             continue
         assert read.reference.ranges.tobytes() == update.reference.scan.ranges.tobytes()
-        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'free_direction'):
+        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'free_direction', 'weakest'):
             assert getattr(read.registration, name) == getattr(update.registration, name)
         assert [(h.transform, h.score) for h in read.registration.hypotheses] == [
             (h.transform, h.score) for h in update.registration.hypotheses]

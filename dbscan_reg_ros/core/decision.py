@@ -1,4 +1,5 @@
 """What the best hypothesis is worth: status, covariance and the segments that it lays onto one another."""
+import dataclasses
 import math
 
 import numpy as np
@@ -6,7 +7,7 @@ import numpy as np
 from .alignment import mean_square, normal_equations, residuals
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
-from .records import Features, Hypothesis, Registration, Segments, Status
+from .records import Features, Hypothesis, Prior, Registration, Segments, Status
 from .rotation import wrap_period
 from .se2 import SE2, as_complex, turn_matrix, wrap
 from .selection import same
@@ -36,7 +37,7 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
                        for candidate, value in zip(fine, fine_score))
     matches = match_segments(reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
-                        math.remainder(angle, math.pi) if free else None, matches, reason)
+                        math.remainder(angle, math.pi) if free else None, matches, reason, weak)
 
 
 def slid(candidates, one, angle):
@@ -67,9 +68,25 @@ def judge(score, margin, weak, parameters: DecisionParameters):
     if margin < parameters.min_margin:
         return Status.AMBIGUOUS, f'a rival scores within {max(margin, 0.0):.3f} of the best; {parameters.min_margin} asked for'
     if weak < parameters.min_information:
-        return Status.DEGENERATE, (f'only {weak:.2f} points hold the motion along one direction; '
-                                   f'{parameters.min_information} asked for')
+        return Status.DEGENERATE, few_points(weak, parameters.min_information)
     return Status.OK, ''
+
+
+def few_points(weak, asked):
+    """The reason for ``DEGENERATE``."""
+    return f'only {weak:.2f} points hold the motion along one direction; {asked} asked for'
+
+
+def doubted(registration: Registration, prior: Prior, parameters: DecisionParameters):
+    """`registration`, no longer ``OK`` where few points hold a motion of which nothing was known before.
+
+    Along a corridor that repeats itself another place fits a few points as well as the true one does.
+    """
+    weak, spread = registration.weakest, float(np.diagonal(prior.covariance)[:2].max()) ** 0.5
+    if registration.status is not Status.OK or weak is None or weak >= parameters.vague_information or spread <= parameters.vague:
+        return registration
+    reason = f'{few_points(weak, parameters.vague_information)} where the motion is expected to {spread:.2f} m only'
+    return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
 
 
 def uncertainty(candidate, reference, current, p: Parameters):

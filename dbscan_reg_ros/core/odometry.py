@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from .alignment import mean_square
-from .decision import calibrated
+from .decision import calibrated, doubted
 from .deskew import deskew
 from .features import extract_features
 from .parameters import Parameters
@@ -151,6 +151,7 @@ class Odometry:
     def _follow(self, features, frame, pose, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
         p = self.parameters
+        registration = doubted(registration, prior, p.decision)
         known = np.zeros((3, 3))
         if self._agrees(pose, expected, prior.covariance):
             known = np.linalg.inv(prior.covariance)

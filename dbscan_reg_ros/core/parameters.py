@@ -354,6 +354,8 @@ class DecisionParameters(ParameterGroup):
     min_score: float = parameter(0.35, 'FAILED when the best scores less', '', -1.0, 1.0)
     min_information: float = parameter(1.5, 'DEGENERATE when fewer points than this hold the motion in some direction', '',
                                        0.0, 100000.0)
+    vague: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
+    vague_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
     covariance_scale: float = parameter(1.0, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)
     few: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
@@ -392,7 +394,7 @@ class OdometryParameters(ParameterGroup):
                                choices=('previous', 'keyframe', 'window'))
     prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
                            '', choices=('none', 'constant_velocity'))
-    window: int = parameter(25, 'key frames of the window', '', 1, 1000)
+    window: int = parameter(40, 'key frames of the window', '', 1, 1000)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -166,6 +166,8 @@ class Registration:
         Matched segments: index into the reference's and the current scan's.
     reason : str
         Why the status is not ``OK``; empty otherwise.
+    weakest : float or None
+        So many points hold the translation along the direction in which it is known least; None where nobody counted.
     """
 
     transform: SE2
@@ -177,6 +179,7 @@ class Registration:
     free_direction: float | None = None
     matches: np.ndarray = field(default_factory=lambda: np.empty((0, 2), dtype=int))
     reason: str = ''
+    weakest: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

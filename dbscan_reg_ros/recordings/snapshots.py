@@ -197,7 +197,8 @@ def _registration_fields(registration, k, arrays):
     free = registration.free_direction
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
-            'free_direction': None if free is None else float(free)}
+            'free_direction': None if free is None else float(free),
+            'weakest': None if registration.weakest is None else float(registration.weakest)}
 
 
 def _update(fields, k, scans, arrays):
@@ -209,7 +210,8 @@ def _update(fields, k, scans, arrays):
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
             _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
-            told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'])
+            told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'],
+            told['weakest'])
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),
