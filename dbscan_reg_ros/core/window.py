@@ -47,7 +47,8 @@ class SurfaceStack:
         row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self.last))
         row *= self.last[1] + 1
         row += column
-        return np.array([table.take(cells) for table, cells in zip(self.tables, row)]) + self.first
+        found = np.concatenate([table[cells] for table, cells in zip(self.tables, row)])
+        return found.reshape(row.shape) + self.first
 
 
 class Window:

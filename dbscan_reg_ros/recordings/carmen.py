@@ -4,7 +4,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -64,17 +64,22 @@ class CarmenLog(Recording):
             except (ScanError, ValueError) as error:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
 
+    def stamps(self):
+        return self._poses[0].tolist()
+
     def wheel_odometry(self):
         """The robot's poses; None where all of them are zero, as in the log of a sensor alone."""
-        stamps, _, robot = self._poses()
+        stamps, _, robot = self._poses
         return (stamps, robot) if robot.any() else None
 
     def truth(self):
         """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
-        stamps, laser, robot = self._poses()
+        stamps, laser, robot = self._poses
         return (stamps, laser) if corrected(laser, robot) else None
 
+    @cached_property
     def _poses(self):
+        """Stamps ``(N,)`` and poses of the laser and the robot ``(N, 3)``."""
         records = [(r.scan.stamp, r.laser_pose, r.robot_pose) for r in self.records()]
         stamps, laser, robot = zip(*records, strict=True)
         return np.array(stamps, dtype=np.int64), np.array(laser), np.array(robot)
