@@ -13,6 +13,8 @@ def main(argv=None) -> int:
     parser.add_argument('--params-file', metavar='YAML', help='parameters in the form of ROS 2 (default: the defaults)')
     parser.add_argument('--out', metavar='DIR', default='results', help='the results go to DIR/NAME/DATE, with a link '
                         'DIR/NAME/latest (default: results)')
+    parser.add_argument('--close-loops', action='store_true', help='when all is over, bend the way until places seen again '
+                        'lie on one another: closed.tum and map_closed.png as well')
     add_workers(parser)
     return run(parser, replay, argv)
 
@@ -26,7 +28,7 @@ def replay(args):
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     place = Path.absolute if args.scheduler else Path
-    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)))
+    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops)
             for file in args.files]
     code = 0
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
@@ -40,12 +42,13 @@ def replay(args):
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be replayed: `path` and `topic` of the recording; the results go below `out`."""
+    """What is to be replayed, `path` and `topic` of the recording; the results go below `out`; whether loops are closed."""
 
     path: Path
     topic: str | None
     parameters: object
     out: Path
+    close_loops: bool = False
 
 
 def replay_one(job) -> list:
@@ -55,6 +58,7 @@ def replay_one(job) -> list:
     from ..recordings import open_recording, write_tum
     from ..replays.bag import odometry_bag
     from ..replays.folder import new_folder, point_latest
+    from ..replays.loops import Loops
     from ..replays.mounted import mounting_of, turned
     from ..replays.spots import Spots
     from ..replays.track import Track
@@ -64,21 +68,23 @@ def replay_one(job) -> list:
     recording = open_recording(job.path, job.topic)
     folder = new_folder(job.out / recording.name)
     write_parameters(folder / 'parameters.yaml', job.parameters, f'The parameters of the replay of {job.path.name}.')
-    track, spots = Track(yaw=mounting.pose.theta), Spots()
+    track, spots, loops = Track(yaw=mounting.pose.theta), Spots(), Loops() if job.close_loops else None
     try:
         with odometry_bag(folder / 'bag', job.parameters, mounting) as add_to_bag:
             scans = turned(watched(recording.scans(), recording.name, recording.count), track.yaw)
             for update in track.follow(scans, Odometry(job.parameters.for_odometry())):
                 add_to_bag(update)
                 spots.add(update)
+                if loops:
+                    loops.add(update)
     finally:
         write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
-    lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters)]
+    lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters, loops)]
     point_latest(folder)
     return lines
 
 
-def write_results(folder, recording, track, spots, parameters) -> list:
+def write_results(folder, recording, track, spots, parameters, loops=None) -> list:
     """Write what shows how good a finished track is; the same in a few lines."""
     import numpy as np
 
@@ -89,6 +95,12 @@ def write_results(folder, recording, track, spots, parameters) -> list:
 
     known, poses = KnownMotion.of(recording), track.pose_array()
     measures = track.measures() | known.measures(track.stamps, poses)
+    if loops:
+        closed, pairs = loops.close(poses, parameters.for_odometry(), track.yaw)
+        measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in known.measures(track.stamps, closed).items()}
+        write_tum(folder / 'closed.tum', track.stamps, closed)
+        draw_map(folder / 'map_closed.png', density_map(track.usable(recording.scans()), closed), closed,
+                 f'{recording.name}: {len(poses)} scans, {len(pairs)} places seen again')
     write_metrics(folder / 'metrics.json', recording, measures)
     if known.truth:
         at = interpolate(*known.truth, track.stamps)
