@@ -3,6 +3,7 @@ import argparse
 import sys
 import traceback
 
+from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
 
 BAD_INPUT = 2
@@ -74,6 +75,7 @@ def run(parser, work, argv=None) -> int:
         What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
     """
     args = parser.parse_args(argv)
+    keep_freed_memory()
     try:
         return work(args) or 0
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line

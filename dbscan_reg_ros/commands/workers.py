@@ -6,6 +6,7 @@ import threading
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 
+from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -135,6 +136,7 @@ def _begin(stop, reports):
     """Start of a local worker: an interruption comes from the parent."""
     global _parent
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keep_freed_memory()
     _parent = _Parent(stop, reports)
 
 

@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 
+from ..allocation import keep_freed_memory
 from .ros_arguments import split_arguments
 
 BAD_INPUT = 2
@@ -37,6 +38,7 @@ def run_node(name, description, make, argv=None) -> int:
     for library in ('OPENBLAS', 'OMP'):
         # The matrices are small: more threads only burn time.
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+    keep_freed_memory()
 
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
