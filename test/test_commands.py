@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
@@ -73,6 +74,8 @@ def test_verbose_shows_where_an_error_comes_from(shell):
     (PermissionError(13, 'Permission denied', 'out/a'), 1, 'work: out/a: Permission denied\n'),
     (ModuleNotFoundError('no', name='rosbags'), 1,
      "work: needs the Python package 'rosbags': install it, for example with pip\n"),
+    (BrokenProcessPool('terminated abruptly'), 1,
+     'work: a worker process was killed, perhaps for want of memory: fewer --processes need less\n'),
     (ZeroDivisionError('by zero'), 1, 'work: ZeroDivisionError: by zero (-v shows where)\n'),
 ])
 def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
@@ -80,6 +83,17 @@ def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
         raise error
     assert run(work) == code
     assert capsys.readouterr().err == line
+
+
+def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
+    code = ('import sys; from dbscan_reg_ros.commands import command_line\n'
+            'def work(args):\n    for _ in range(100_000): print("a line that nobody reads")\n'
+            'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
+    with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b'a line that nobody reads\n'
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait(60) == 1
 
 
 def test_success_is_0_and_a_code_of_the_work_is_kept():

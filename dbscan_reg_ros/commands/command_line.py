@@ -1,7 +1,9 @@
 """What all commands share: the way they take arguments, fail and end."""
 import argparse
+import os
 import sys
 import traceback
+from concurrent.futures import BrokenExecutor
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
@@ -77,7 +79,13 @@ def run(parser, work, argv=None) -> int:
     args = parser.parse_args(argv)
     keep_freed_memory()
     try:
-        return work(args) or 0
+        code = work(args) or 0
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read the output has gone, as `head` does; what is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
         return complain(parser.prog, error, args.verbose)
 
@@ -99,6 +107,8 @@ def _explain(error):
         return BAD_INPUT, str(error)
     if isinstance(error, ModuleNotFoundError):
         return FAILED, f'needs the Python package {error.name!r}: install it, for example with pip'
+    if isinstance(error, BrokenExecutor):
+        return FAILED, 'a worker process was killed, perhaps for want of memory: fewer --processes need less'
     if isinstance(error, OSError) and error.filename:
         return FAILED, f'{error.filename}: {error.strerror}'
     return FAILED, f'{type(error).__name__}: {error} (-v shows where)'
