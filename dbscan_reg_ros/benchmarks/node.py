@@ -14,8 +14,8 @@ from .report import Report
 
 WARM_UP = 2.0
 """Seconds that do not count: both sides get to know each other."""
-SETTLED = 10.0
-"""Memory is compared with that after so many seconds."""
+SETTLED = 20.0
+"""Memory is compared with that after so many seconds, when the window is full."""
 PATIENCE = 30.0
 """A node that needs longer [s] will never be ready."""
 STARTS = 5

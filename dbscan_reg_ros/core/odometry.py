@@ -159,10 +159,7 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             strength = p.prior.point ** 2 * _turned(known, expected.theta)
-            # Some of the points find the way, all of them the place.
-            half = len(scales) // 2
-            clouds = [features.cloud] * half + [features.dense_cloud] * (len(scales) - half)
-            pose = align(self._window, pose, clouds, expected, strength, scales, p.density, p.refinement.damping)
+            pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
         covariance = np.linalg.inv(np.linalg.inv(self._match_covariance(features, pose, registration)) + known)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
@@ -200,9 +197,7 @@ class Odometry:
         p = self.parameters
         if p.odometry.reference != 'window':
             return registration.covariance
-        equations = self._window.equations(pose, features.cloud, p.refinement.score_scale, p.density)
-        # Some of the points speak for all.
-        equations *= len(features.dense_cloud) / max(len(features.cloud), 1)
+        equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
         covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, features.stray,
                                       p.decision)
         return _turned(covariance, -pose.theta)

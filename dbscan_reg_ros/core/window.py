@@ -77,43 +77,54 @@ class Window:
     def equations(self, pose: SE2, cloud, scale, density):
         """Point-to-line equations of a scan at `pose` with all key frames.
 
-        Every point counts at most once, however many key frames it lies on.
+        Every point counts at most once, however many key frames it lies on. Where a scan has more than `density.points`,
+        they are dealt to the key frames in turn, each of them to several.
 
         Returns
         -------
         (4, 4) array
             As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
         """
+        hands = int(np.clip(len(self.frames) // _FRAMES_A_POINT, 1, -(-len(cloud) // density.points)))
         place = self._turns * (pose.x + 1j * pose.y - self._origins)
         relative = np.concatenate((place.real, place.imag, pose.theta - self._headings), axis=1)
-        error, weight, normals, arms = alignment.residuals(relative, cloud, self._stack, scale, density.facing)
-        weight *= 1.0 / np.maximum(weight.sum(axis=0), 1.0)
+        error, weight, normals, arms = alignment.residuals(relative, self._dealt(cloud, hands), self._stack, scale,
+                                                           density.facing)
+        for hand in (weight[k::hands] for k in range(hands)):
+            hand *= 1.0 / np.maximum(hand.sum(axis=0), 1.0)
         arms *= self._turns.conj()
         normals *= self._turns
         return alignment.normal_equations(*(part.reshape(1, -1) for part in (error, weight, normals, arms)))[0]
 
+    def _dealt(self, cloud, hands):
+        """A `Cloud` of ``(K, P / hands)`` points: row k holds every point of the hand ``k % hands``."""
+        if hands == 1:
+            return cloud
+        each = np.arange(len(self.frames))[:, None] % hands + hands * np.arange(len(cloud) // hands)
+        return cloud.select(each)
 
-def align(window: Window, pose: SE2, clouds, expected: SE2, strength, scales, density, damping):
-    """Robust point-to-line iterations against all key frames.
+
+_FRAMES_A_POINT = 3
+"""Every point is looked up in at least so many key frames."""
+
+
+def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
+    """Robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
     Parameters
     ----------
     pose : SE2
         Where to start.
-    clouds : sequence of Cloud
-        The scan's points in each iteration.
     expected : SE2
         The pose that a prior asks for.
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
-    scales : sequence of float [m]
-        The kernel of each iteration.
 
     Returns
     -------
     SE2
     """
-    for cloud, scale in zip(clouds, scales, strict=True):
+    for scale in scales:
         equations = window.equations(pose, cloud, scale, density)
         information = equations[:3, :3]
         off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
