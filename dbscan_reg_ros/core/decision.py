@@ -9,7 +9,7 @@ from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
 from .rotation import wrap_period
-from .se2 import SE2, as_complex, turn_matrix, wrap
+from .se2 import SE2, as_complex, turn_matrix, turned, wrap
 from .selection import same
 
 
@@ -98,8 +98,7 @@ def uncertainty(candidate, reference, current, p: Parameters):
                                             p.density.facing))[0]
     variance = mean_square(equations) + max(reference.noise, current.noise) ** 2
     covariance, angle, weak = calibrated(equations[:3, :3], variance, reference.stray, p.decision)
-    turn = turn_matrix(candidate[2])
-    return turn.T @ covariance @ turn, angle, weak
+    return turned(covariance, -candidate[2]), angle, weak
 
 
 def calibrated(information, variance, stray, parameters: DecisionParameters):

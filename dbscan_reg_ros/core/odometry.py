@@ -13,7 +13,7 @@ from .records import OdometryUpdate, Prior, Status
 from .registration import register
 from .rest import Rest
 from .scan import Scan
-from .se2 import SE2, turn_matrix
+from .se2 import SE2, turned
 from .selection import surprise
 from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
@@ -158,7 +158,7 @@ class Odometry:
             known = np.linalg.inv(prior.covariance)
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
-            strength = p.prior.point ** 2 * _turned(known, expected.theta)
+            strength = p.prior.point ** 2 * turned(known, expected.theta)
             pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
         covariance = np.linalg.inv(np.linalg.inv(self._match_covariance(features, pose, registration)) + known)
         moved = frame.pose.inverse() @ pose
@@ -200,7 +200,7 @@ class Odometry:
         equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
         covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, features.stray,
                                       p.decision)
-        return _turned(covariance, -pose.theta)
+        return turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):
         """The scan is not found: go on as expected for a while, then stand, then start anew."""
@@ -230,7 +230,7 @@ class Odometry:
     def _update(self, features, status, time, pose, registration, frame, changed):
         step, self._reported = self._reported.inverse() @ pose, pose
         return OdometryUpdate(
-            features.scan.stamp, pose, _turned(self._covariance, pose.theta) + _LEAST_COVARIANCE, self._twist,
+            features.scan.stamp, pose, turned(self._covariance, pose.theta) + _LEAST_COVARIANCE, self._twist,
             self._twist_covariance + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
             frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 
@@ -249,9 +249,3 @@ def _slide(pose, target, direction):
     c, s = math.cos(direction), math.sin(direction)
     way = c * (target.x - pose.x) + s * (target.y - pose.y)
     return SE2(pose.x + way * c, pose.y + way * s, pose.theta)
-
-
-def _turned(matrix, theta):
-    """A ``(3, 3)`` matrix over (x, y, theta) with its axes turned by `theta`."""
-    turn = turn_matrix(theta)
-    return turn @ matrix @ turn.T

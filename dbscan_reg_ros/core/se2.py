@@ -16,6 +16,12 @@ def turn_matrix(theta):
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def turned(matrix, theta):
+    """A ``(3, 3)`` matrix over (x, y, theta) with its axes turned by `theta` [rad]."""
+    turn = turn_matrix(theta)
+    return turn @ matrix @ turn.T
+
+
 def as_complex(vectors):
     """Vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]

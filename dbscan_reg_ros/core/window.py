@@ -85,7 +85,7 @@ class Window:
         (4, 4) array
             As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
         """
-        hands = int(np.clip(len(self.frames) // _FRAMES_A_POINT, 1, -(-len(cloud) // density.points)))
+        hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
         place = self._turns * (pose.x + 1j * pose.y - self._origins)
         relative = np.concatenate((place.real, place.imag, pose.theta - self._headings), axis=1)
         error, weight, normals, arms = alignment.residuals(relative, self._dealt(cloud, hands), self._stack, scale,
@@ -97,7 +97,7 @@ class Window:
         return alignment.normal_equations(*(part.reshape(1, -1) for part in (error, weight, normals, arms)))[0]
 
     def _dealt(self, cloud, hands):
-        """A `Cloud` of ``(K, P / hands)`` points: row k holds every point of the hand ``k % hands``."""
+        """A `Cloud` of ``(K, P / hands)`` points: row k holds the hand ``k % hands``; what does not share out is left."""
         if hands == 1:
             return cloud
         each = np.arange(len(self.frames))[:, None] % hands + hands * np.arange(len(cloud) // hands)

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from ..core.records import Features, Status
 from ..core.registration import register
-from ..core.se2 import SE2, turn_matrix, wrap
+from ..core.se2 import SE2, turned, wrap
 from ..recordings.metrics import path_lengths
 from ..recordings.poses import compose, relative
 
@@ -34,8 +34,8 @@ ROBUST = 3.0
 ROUNDS = 20
 
 
-class KeyFrame(NamedTuple):
-    """`number` of a scan among those used, and the covariance (3, 3) of its motion since the last, in its own frame."""
+class Stop(NamedTuple):
+    """A key frame on the way: `number` of the scan among those used, and the covariance (3, 3) of its motion since the last, in its own frame."""
 
     number: int
     features: Features
@@ -55,7 +55,7 @@ class Loops:
             found = update.registration
             known = found is not None and found.status is not Status.FAILED and not update.restarted
             covariance = found.covariance + np.diag(STEP_SPREAD) ** 2 if known else np.diag(UNKNOWN_SPREAD) ** 2
-            self._frames.append(KeyFrame(number, update.features, covariance))
+            self._frames.append(Stop(number, update.features, covariance))
 
     def close(self, poses, parameters, yaw=0.0):
         """Poses that suit the odometry and every place that was seen again.
@@ -85,7 +85,7 @@ class Loops:
         before = poses[numbers]
         after = agree(before, np.vstack((steps, pairs)),
                       np.vstack((relative(before[:-1], before[1:]), motions)),
-                      np.concatenate(([_turned(frame.covariance, yaw) for frame in self._frames[1:]], covariances)))
+                      np.concatenate(([turned(frame.covariance, -yaw) for frame in self._frames[1:]], covariances)))
         return _carried(poses, numbers, after), numbers[pairs]
 
     def _loops(self, poses, way, parameters, yaw):
@@ -104,7 +104,7 @@ class Loops:
                 motion = (turn.inverse() @ found.transform @ turn).as_array()
                 off = relative(relative(places[early][None], places[late][None]), motion[None])[0]
                 if np.hypot(*off[:2]) <= NEAR + DRIFT * since[early] and abs(off[2]) <= TURNED:
-                    yield (early, late), motion, _turned(found.covariance + np.diag(STEP_SPREAD) ** 2, yaw)
+                    yield (early, late), motion, turned(found.covariance + np.diag(STEP_SPREAD) ** 2, -yaw)
                     break
 
 
@@ -127,7 +127,7 @@ def agree(poses, pairs, motions, covariances):
     """
     poses = poses.copy()
     first, second = pairs.T
-    covariances = np.array([_turned(c, -theta) for c, theta in zip(covariances, motions[:, 2], strict=True)])
+    covariances = np.array([turned(c, theta) for c, theta in zip(covariances, motions[:, 2], strict=True)])
     root = np.linalg.inv(np.linalg.cholesky(covariances))
     rows = np.arange(3 * len(pairs)).reshape(-1, 3, 1)
     rows = np.broadcast_to(rows, (len(pairs), 3, 6))
@@ -166,9 +166,3 @@ def _carried(poses, numbers, after):
     moved = by_last + share * gap
     moved[:, 2] = wrap(moved[:, 2])
     return moved
-
-
-def _turned(covariance, angle):
-    """A covariance (3, 3) in axes that are turned by `angle` [rad]."""
-    turn = turn_matrix(angle)
-    return turn.T @ covariance @ turn
