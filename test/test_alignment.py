@@ -100,7 +100,7 @@ def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
     origin, current = SE2(), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
     plain = normal_equations(*residuals(rows(near), current.cloud, features(origin).surface, 0.1, DENSITY.facing))[0]
-    np.testing.assert_allclose(window(origin).equations(near, current.cloud, 0.1, DENSITY), plain, atol=1e-9)
+    np.testing.assert_allclose(window(origin).partners(near, current.cloud, DENSITY).equations(near, 0.1), plain, atol=1e-9)
 
 
 def test_equations_are_turned_into_the_odometry_frame():
@@ -111,12 +111,13 @@ def test_equations_are_turned_into_the_odometry_frame():
     plain = normal_equations(*residuals(rows(inside), current.cloud, features(frame).surface, 0.1, DENSITY.facing))[0]
     turn = np.eye(4)
     turn[:2, :2] = frame.rotation()
-    np.testing.assert_allclose(window(frame).equations(near, current.cloud, 0.1, DENSITY), turn @ plain @ turn.T, atol=1e-9)
+    found = window(frame).partners(near, current.cloud, DENSITY).equations(near, 0.1)
+    np.testing.assert_allclose(found, turn @ plain @ turn.T, atol=1e-9)
 
 
 def test_a_point_on_several_key_frames_counts_once():
     current = features(END)
-    one, two = (window(*[START] * count).equations(END, current.cloud, 0.1, DENSITY) for count in (1, 3))
+    one, two = (window(*[START] * count).partners(END, current.cloud, DENSITY).equations(END, 0.1) for count in (1, 3))
     assert one[0, 0] + one[1, 1] > 0.99 * len(current.cloud)
     np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
 
@@ -125,22 +126,20 @@ def test_points_are_dealt_to_key_frames_when_there_are_many():
     """Nine times the same key frame: three hands of the points say together what all of them say to each."""
     current = features(END)
     near, views = END @ SE2(0.03, -0.02, 0.015), window(*[START] * 9)
-    few = dataclasses.replace(DENSITY, points=-(-len(current.dense_cloud) // 3))
-    whole = views.equations(near, current.dense_cloud, 0.1, DENSITY)
-    dealt = views.equations(near, current.dense_cloud, 0.1, few)
-    assert not np.array_equal(dealt, whole)
-    np.testing.assert_allclose(dealt, whole, rtol=0.02, atol=0.02 * whole[2, 2])
-    hands = views._dealt(current.dense_cloud, 3).points
-    assert hands.shape == (9, len(current.dense_cloud) // 3)
-    assert np.array_equal(hands[:3].T.ravel(), current.dense_cloud.points[:hands[:3].size])
-    assert np.array_equal(hands[3:], np.tile(hands[:3], (2, 1)))
+    size = len(current.dense_cloud)
+    whole, dealt = (views.partners(near, current.dense_cloud, dataclasses.replace(DENSITY, points=points))
+                    for points in (size, -(-size // 3)))
+    expected = whole.equations(near, 0.1)
+    np.testing.assert_allclose(dealt.equations(near, 0.1), expected, rtol=0.02, atol=0.02 * expected[2, 2])
+    times = np.bincount(whole.index)
+    assert set(times) <= {0, 9} and np.array_equal(3 * np.bincount(dealt.index), times[:size // 3 * 3])
 
 
 def test_key_frames_are_looked_up_each_in_its_own_surface():
     """Each sees a part of the room only; together they find the scan."""
     poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
-    found = align(window(*poses), END @ SE2(0.04, -0.03, 0.03), features(END).dense_cloud, SE2(), np.zeros((3, 3)),
-                  [0.2, 0.1, 0.05, 0.05], DENSITY, 1e-6)
+    found, _ = align(window(*poses), END @ SE2(0.04, -0.03, 0.03), features(END).dense_cloud, SE2(), np.zeros((3, 3)),
+                     [0.2, 0.1, 0.05, 0.05], DENSITY, 1e-6)
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
 
 
@@ -149,14 +148,14 @@ def test_where_no_point_has_a_partner_the_prior_has_its_way():
     cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
     expected = SE2(30.0, -1.0, -3.1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
-    found = align(window(SE2()), SE2(29.0, 1.0, 3.1), cloud, expected, root @ root.T, [0.1], DENSITY, 0.0)
+    found, _ = align(window(SE2()), SE2(29.0, 1.0, 3.1), cloud, expected, root @ root.T, [0.1], DENSITY, 0.0)
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
 def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
     """A quarter of 2 + 2 is added to 2, 2 and 4."""
     cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
-    found = align(window(SE2()), SE2(0.3, 0.0, 0.0), cloud, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], DENSITY, 0.25)
+    found, _ = align(window(SE2()), SE2(0.3, 0.0, 0.0), cloud, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], DENSITY, 0.25)
     assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
 
 

@@ -159,8 +159,12 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             strength = p.prior.point ** 2 * turned(known, expected.theta)
-            pose = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density, p.refinement.damping)
-        covariance = np.linalg.inv(np.linalg.inv(self._match_covariance(features, pose, registration)) + known)
+            pose, partners = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density,
+                                   p.refinement.damping)
+            matched = self._match_covariance(features, pose, partners)
+        else:
+            matched = registration.covariance
+        covariance = np.linalg.inv(np.linalg.inv(matched) + known)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
@@ -192,12 +196,10 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
-    def _match_covariance(self, features, pose, registration):
+    def _match_covariance(self, features, pose, partners):
         """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
-        if p.odometry.reference != 'window':
-            return registration.covariance
-        equations = self._window.equations(pose, features.dense_cloud, p.refinement.score_scale, p.density)
+        equations = partners.equations(pose, p.refinement.score_scale)
         covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, features.stray,
                                       p.decision)
         return turned(covariance, -pose.theta)

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import alignment
+from .alignment import normal_equations, origins
 from .records import Features
 from .se2 import SE2, wrap
 
@@ -29,26 +29,81 @@ class KeyFrame:
 class SurfaceStack:
     """Several surfaces behind one another: row k of a table of places is looked up in surface k.
 
-    It offers what a `Surface` offers to the alignment kernels.
+    Attributes
+    ----------
+    normals, offsets : (N,) arrays
+        Of all surfaces, as in `Surface`.
     """
 
     def __init__(self, surfaces):
-        self.origin = np.array([[s.origin] for s in surfaces])
-        self.inverse_cell = np.array([[1.0 / s.cell] for s in surfaces])
-        self.last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
+        self._origin = np.array([[s.origin] for s in surfaces])
+        self._inverse_cell = np.array([[1.0 / s.cell] for s in surfaces])
+        self._last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
         # The tables are large: they stay where they are.
-        self.tables = [s.index for s in surfaces]
-        self.first = np.cumsum([0] + [len(s.normals) for s in surfaces[:-1]])[:, None]
+        self._tables = [s.index for s in surfaces]
+        size = np.array([len(s.normals) for s in surfaces])
+        self._none, self._first = size[:, None] - 1, np.cumsum(size) - size
         self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
 
     def nearest(self, places):
-        """Index of the point nearest to each of the `places` ``(K, P)`` (complex, [m])."""
-        at = (places - self.origin) * self.inverse_cell
-        row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self.last))
-        row *= self.last[1] + 1
+        """The points nearest to those of the `places` ``(K, P)`` (complex, [m]) that have one, M of them.
+
+        Returns
+        -------
+        row, column : (M,) int arrays
+            Of the place.
+        nearest : (M,) int array
+            Index of the point.
+        """
+        at = (places - self._origin) * self._inverse_cell
+        row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self._last))
+        row *= self._last[1] + 1
         row += column
-        found = np.concatenate([table[cells] for table, cells in zip(self.tables, row)])
-        return found.reshape(row.shape) + self.first
+        found = np.concatenate([table[cells] for table, cells in zip(self._tables, row)]).reshape(row.shape)
+        row, column = np.nonzero(found != self._none)
+        return row, column, found[row, column] + self._first[row]
+
+
+@dataclass(frozen=True, eq=False)
+class Partners:
+    """Points of a scan and the lines of the key frames that they lie on, M pairs of them.
+
+    Attributes
+    ----------
+    points : (P,) complex [m]
+        All points of the scan.
+    index : (M,) int
+        The point of each pair.
+    normals : (M,) complex
+        Unit normals of the lines in the odometry frame, conjugated.
+    offsets : (M,) float [m]
+        Distance of each line from the origin, along its normal.
+    """
+
+    points: np.ndarray
+    index: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+
+    def equations(self, pose: SE2, scale):
+        """Point-to-line equations of the scan at `pose`, with a kernel of the `scale` [m].
+
+        Every point counts at most once, however many lines it lies on.
+
+        Returns
+        -------
+        (4, 4) array
+            As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
+        """
+        arms = np.exp(1j * pose.theta) * self.points
+        error = (self.normals * (arms + complex(pose.x, pose.y)).take(self.index)).real
+        error -= self.offsets
+        weight = error * error
+        weight *= -0.5 / (scale * scale)
+        np.exp(weight, out=weight)
+        weight /= np.maximum(np.bincount(self.index, weight, len(arms)), 1.0).take(self.index)
+        pairs = error, weight, self.normals, arms.take(self.index)
+        return normal_equations(*(part[None] for part in pairs))[0]
 
 
 class Window:
@@ -63,8 +118,7 @@ class Window:
         self.frames = tuple(frames)
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames])
         poses = np.array([frame.pose.as_array() for frame in self.frames])
-        self._origins, self._headings = alignment.origins(poses), poses[:, 2:]
-        self._turns = np.exp(-1j * self._headings)
+        self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
 
     @property
     def latest(self):
@@ -74,34 +128,21 @@ class Window:
         """A window of at most `size` key frames that ends with `frame`."""
         return Window((self.frames + (frame,))[-size:])
 
-    def equations(self, pose: SE2, cloud, scale, density):
-        """Point-to-line equations of a scan at `pose` with all key frames.
+    def partners(self, pose: SE2, cloud, density) -> Partners:
+        """The lines of all key frames that the points of a scan at `pose` lie on.
 
-        Every point counts at most once, however many key frames it lies on. Where a scan has more than `density.points`,
-        they are dealt to the key frames in turn, each of them to several.
-
-        Returns
-        -------
-        (4, 4) array
-            As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
+        Where a scan has more than `density.points`, they are dealt to the key frames in turn, each of them to several.
         """
         hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
-        place = self._turns * (pose.x + 1j * pose.y - self._origins)
-        relative = np.concatenate((place.real, place.imag, pose.theta - self._headings), axis=1)
-        error, weight, normals, arms = alignment.residuals(relative, self._dealt(cloud, hands), self._stack, scale,
-                                                           density.facing)
-        for hand in (weight[k::hands] for k in range(hands)):
-            hand *= 1.0 / np.maximum(hand.sum(axis=0), 1.0)
-        arms *= self._turns.conj()
-        normals *= self._turns
-        return alignment.normal_equations(*(part.reshape(1, -1) for part in (error, weight, normals, arms)))[0]
-
-    def _dealt(self, cloud, hands):
-        """A `Cloud` of ``(K, P / hands)`` points: row k holds the hand ``k % hands``; what does not share out is left."""
-        if hands == 1:
-            return cloud
-        each = np.arange(len(self.frames))[:, None] % hands + hands * np.arange(len(cloud) // hands)
-        return cloud.select(each)
+        dealt = np.arange(len(cloud) // hands * hands).reshape(-1, hands).T
+        hand, turn = np.arange(len(self.frames)) % hands, np.exp(1j * pose.theta)
+        places = turn * cloud.points[dealt] + complex(pose.x, pose.y)
+        row, column, nearest = self._stack.nearest(self._turns * (places[hand] - self._origins))
+        index, normals = dealt[hand[row], column], self._stack.normals.take(nearest) * self._turns[row, 0]
+        alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
+        row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
+        return Partners(cloud.points, index, normals,
+                        self._stack.offsets.take(nearest) + (normals * self._origins[row, 0]).real)
 
 
 _FRAMES_A_POINT = 3
@@ -110,6 +151,8 @@ _FRAMES_A_POINT = 3
 
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
     """Robust point-to-line iterations against all key frames, one for each of the `scales` [m].
+
+    Partners are looked for at the start and once more for the last iteration.
 
     Parameters
     ----------
@@ -122,14 +165,18 @@ def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, den
 
     Returns
     -------
-    SE2
+    pose : SE2
+    partners : Partners
+        Of the last iteration.
     """
-    for scale in scales:
-        equations = window.equations(pose, cloud, scale, density)
-        information = equations[:3, :3]
-        off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
-        information += strength
-        information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
-        step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
-        pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
-    return pose
+    for part in (scales[:-1], scales[-1:]):
+        partners = window.partners(pose, cloud, density)
+        for scale in part:
+            equations = partners.equations(pose, scale)
+            information = equations[:3, :3]
+            off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
+            information += strength
+            information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
+            step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
+            pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
+    return pose, partners
