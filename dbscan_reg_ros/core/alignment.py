@@ -58,9 +58,9 @@ def normal_equations(error, weight, normals, arms):
     the sum of the squared errors.
     """
     rows = np.empty((len(error), 4, error.shape[1]))
-    rows[:, 0], rows[:, 1] = normals.real, normals.imag
-    rows[:, 2], rows[:, 3] = (normals * arms).imag, error
-    rows[:, 1:3] *= -1.0
+    rows[:, 0], rows[:, 3] = normals.real, error
+    np.negative(normals.imag, out=rows[:, 1])
+    np.negative((normals * arms).imag, out=rows[:, 2])
     return (rows * weight[:, None]) @ rows.transpose(0, 2, 1)
 
 
@@ -108,6 +108,6 @@ def mean_square(equations):
 def solve(equations, damping):
     """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
     information = equations[:, :3, :3].copy()
-    diagonal = np.einsum('hii->hi', information)
+    diagonal = information.reshape(-1, 9)[:, ::4]
     diagonal += damping * (diagonal[:, :2].sum(axis=1, keepdims=True) + 1e-6)
     return np.linalg.solve(information, equations[:, :3, 3:])[:, :, 0]

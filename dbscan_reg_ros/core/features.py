@@ -103,5 +103,5 @@ def estimate_normals(points, total, breaks, increment, parameters):
     onward = points[high - 1] - points[low]
     normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
-    stray = float(np.median(residual / (np.maximum(count - 2, 1) * np.maximum(spread, 1e-12))))
-    return as_vectors(normals), stray
+    variance = residual / (np.maximum(count - 2, 1) * np.maximum(spread, 1e-12))
+    return as_vectors(normals), float(np.partition(variance, size // 2)[size // 2])

@@ -14,7 +14,6 @@ from .registration import register
 from .rest import Rest
 from .scan import Scan
 from .se2 import SE2, turned
-from .selection import surprise
 from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
 
@@ -146,8 +145,8 @@ class Odometry:
         return np.diag([sigma, sigma, turn]) ** 2
 
     def _agrees(self, pose, expected, covariance):
-        gap = surprise(pose.as_array()[None], Prior(expected, covariance))[0]
-        return gap <= self.parameters.prior.limit ** 2
+        off = (expected.inverse() @ pose).as_array()
+        return off @ np.linalg.solve(covariance, off) <= self.parameters.prior.limit ** 2
 
     def _follow(self, features, frame, pose, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""

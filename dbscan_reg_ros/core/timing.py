@@ -1,8 +1,7 @@
 """Intervals between scans, from stamps that jitter, repeat and jump."""
 from collections import deque
 from dataclasses import dataclass
-
-import numpy as np
+from statistics import median
 
 from .parameters import TimeParameters
 
@@ -60,8 +59,8 @@ class Intervals:
             return Interval(self._median(), elapsed, half, f'no scan for {elapsed:.3f} s')
         if elapsed > _LEAST:
             self._recent.append(elapsed)
-        median = self._median()
-        return Interval(elapsed if 0.5 * median <= elapsed <= 2.0 * median else median, max(elapsed, 0.0), half)
+        usual = self._median()
+        return Interval(elapsed if 0.5 * usual <= elapsed <= 2.0 * usual else usual, max(elapsed, 0.0), half)
 
     def _median(self):
-        return float(np.median(self._recent)) if self._recent else 0.0
+        return median(self._recent) if self._recent else 0.0
