@@ -8,6 +8,7 @@ from .alignment import mean_square
 from .decision import calibrated, doubted
 from .deskew import deskew
 from .features import extract_features
+from .moving import moving_points
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
@@ -88,10 +89,19 @@ class Odometry:
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
+        features = self._standing(features, expected, prior)
         frame, pose, registration = self._register(features, expected, prior, own, time)
         if frame is None:
             return self._coast(features, registration, expected, prior, time)
         return self._follow(features, frame, pose, registration, expected, prior, time)
+
+    def _standing(self, features, expected, prior):
+        """The scan without what moves; all of it where the motion is not expected to better than the margin."""
+        p = self.parameters.odometry
+        if not p.moving_frames or np.diagonal(prior.covariance)[:2].max() >= p.moving_margin ** 2:
+            return features
+        moving = moving_points(features.dense_cloud, expected, self._window.frames[-p.moving_frames:], p.moving_margin)
+        return features.without(moving) if moving.any() else features
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""

@@ -395,6 +395,10 @@ class OdometryParameters(ParameterGroup):
     prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
                            '', choices=('none', 'constant_velocity'))
     window: int = parameter(40, 'key frames of the window', '', 1, 1000)
+    moving_frames: int = parameter(6, 'what stands in space that one of so many latest key frames saw to be free is moving and '
+                                      'left out; 0: nothing is', '', 0, 1000)
+    moving_margin: float = parameter(0.2, 'so far in front of what they saw, where the motion is expected to better than that',
+                                     'm', 0.0, 100.0)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -1,4 +1,5 @@
 """The records that flow through the registration, each made by one step and read by the next."""
+import dataclasses
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from functools import cached_property
@@ -113,6 +114,12 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
+
+    def without(self, left_out):
+        """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks."""
+        normals = self.normals.copy()
+        normals[np.flatnonzero(normals.any(axis=1))[left_out]] = 0.0
+        return dataclasses.replace(self, normals=normals)
 
     @cached_property
     def dense_cloud(self):

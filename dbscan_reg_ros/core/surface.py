@@ -1,7 +1,7 @@
 """What a scan knows of the space around it: its surfaces, for look-up by place, and its free space, by bearing."""
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -148,6 +148,12 @@ class View:
 
     near: np.ndarray
     far: np.ndarray
+
+    @cached_property
+    def nearby(self):
+        """`near`, the least of each bin and the two on either side of it, for bearings that are not known to a bin."""
+        near = np.concatenate((self.near[-2:], self.near, self.near[:2]))
+        return np.lib.stride_tricks.sliding_window_view(near, 5).min(axis=1)
 
     def bins(self, places):
         """Bin of each of the `places` (complex, [m]) as seen from the sensor."""

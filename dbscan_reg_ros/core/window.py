@@ -152,7 +152,7 @@ _FRAMES_A_POINT = 3
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
     """Robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
-    Partners are looked for at the start and once more for the last iteration.
+    Partners are looked for in the first two iterations and in the last.
 
     Parameters
     ----------
@@ -169,14 +169,15 @@ def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, den
     partners : Partners
         Of the last iteration.
     """
-    for part in (scales[:-1], scales[-1:]):
-        partners = window.partners(pose, cloud, density)
-        for scale in part:
-            equations = partners.equations(pose, scale)
-            information = equations[:3, :3]
-            off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
-            information += strength
-            information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
-            step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
-            pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
+    partners = window.partners(pose, cloud, density)
+    for k, scale in enumerate(scales):
+        if k == 1 or 0 < k == len(scales) - 1:
+            partners = window.partners(pose, cloud, density)
+        equations = partners.equations(pose, scale)
+        information = equations[:3, :3]
+        off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
+        information += strength
+        information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
+        step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
+        pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
     return pose, partners

@@ -1,0 +1,40 @@
+"""What moves: points of a scan in space that key frames saw to be free (people, doors, other robots)."""
+import numpy as np
+
+from .se2 import SE2
+from .surface import Cloud
+
+
+def moving_points(cloud: Cloud, pose: SE2, frames, margin):
+    """Which points of a scan stand well in front of what a key frame saw in their direction.
+
+    Of a run of neighbours of which a good part does, all move. Where most of the scan would, the pose is wrong.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        P points in beam order.
+    pose : SE2
+        Where the scan is expected, in the odometry frame.
+    frames : sequence of KeyFrame
+    margin : float [m]
+        So far in front, and so far apart are neighbours of two runs.
+
+    Returns
+    -------
+    (P,) bool array
+    """
+    moving = np.zeros(len(cloud), dtype=bool)
+    for frame in frames:
+        view, relative = frame.features.view, frame.pose.inverse() @ pose
+        places = np.exp(1j * relative.theta) * cloud.points + complex(relative.x, relative.y)
+        moving |= view.nearby.take(view.bins(places)) - np.abs(places) > margin
+    if not moving.any():
+        return moving
+    run = np.concatenate(([0], np.cumsum(np.abs(np.diff(cloud.points)) > margin)))
+    share = np.bincount(run, moving) / np.bincount(run)
+    moving |= share[run] > _GOOD_PART
+    return moving if moving.mean() < _MOST else np.zeros_like(moving)
+
+
+_GOOD_PART, _MOST = 0.3, 0.4

@@ -1,0 +1,100 @@
+"""What stands in space that key frames saw to be free is left out; what was hidden, or behind, is not."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Odometry, Parameters
+from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.core.moving import moving_points
+from dbscan_reg_ros.core.window import KeyFrame
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+from dbscan_reg_ros.simulation.raycasting import cast
+
+HERE, THERE = SE2(-0.6, 0.3, 0.3), SE2(-0.8, 0.2, 0.1)
+
+
+def with_person(scan, bearing, distance=1.0, radius=0.25):
+    """The scan with somebody in front, and which beams see them."""
+    body = np.array([(distance * math.cos(bearing), distance * math.sin(bearing), radius)])
+    ranges = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
+    hidden = ranges < scan.ranges
+    return dataclasses.replace(scan, ranges=np.where(hidden, ranges, scan.ranges)), hidden
+
+
+def seen_from(pose, scan=None):
+    return KeyFrame(extract_features(scan or look(outline(L_ROOM), pose, FULL)), pose, np.zeros((3, 3)))
+
+
+def moving_beams(scan, frames, pose=THERE, margin=0.2):
+    features = extract_features(scan)
+    moving = moving_points(features.dense_cloud, pose, frames, margin)
+    return set(features.beams[features.normals.any(axis=1)][moving].tolist())
+
+
+def test_nothing_of_a_room_moves():
+    assert not moving_beams(look(outline(L_ROOM), THERE, FULL), [seen_from(HERE)])
+
+
+def test_a_person_is_found_and_nothing_else():
+    scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL), 0.4)
+    found = moving_beams(scan, [seen_from(HERE)])
+    assert found <= set(np.flatnonzero(hidden).tolist()) and len(found) >= 0.8 * np.count_nonzero(hidden)
+
+
+def test_of_a_person_who_was_partly_there_all_moves():
+    """Somebody made half a step: the other half stands where they hid the room before."""
+    room = look(outline(L_ROOM), THERE, FULL)
+    before, now = (with_person(room, bearing)[0] for bearing in (0.4, 0.65))
+    hidden = with_person(room, 0.65)[1]
+    found = moving_beams(now, [seen_from(THERE, before)])
+    assert len(found) >= 0.8 * np.count_nonzero(hidden)
+
+
+def test_who_stands_still_does_not_move():
+    room = look(outline(L_ROOM), THERE, FULL)
+    scan, _ = with_person(room, 0.4)
+    assert not moving_beams(scan, [seen_from(THERE, scan)])
+    assert moving_beams(scan, [seen_from(THERE, scan), seen_from(HERE)])
+
+
+def test_where_most_would_move_the_pose_is_wrong():
+    scan = look(outline(L_ROOM), THERE, FULL)
+    assert not moving_beams(scan, [seen_from(HERE)], THERE @ SE2(0.0, 0.0, 1.2))
+
+
+def test_points_left_out_have_no_normal_and_are_compared_to_nothing():
+    features = extract_features(look(outline(L_ROOM), HERE, FULL))
+    left_out = np.arange(len(features.dense_cloud)) % 3 == 0
+    less = features.without(left_out)
+    assert np.array_equal(less.dense_cloud.points, features.dense_cloud.points[~left_out])
+    assert less.points is features.points and less.segments is features.segments
+
+
+@pytest.mark.parametrize(('frames', 'held'), [(6, False), (0, True)])
+def test_somebody_who_walks_along_in_front_does_not_hold_the_odometry(frames, held):
+    """Through a door and along furniture, always a metre ahead of the sensor: their own motion is none."""
+    world = rooms(0)
+    result = simulate(world, follow(world.tour), Lidar())
+    rng, bearing, scans = np.random.default_rng(0), 0.0, []
+    for scan in result.scans[:150]:
+        bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
+        scans.append(with_person(scan, bearing)[0])
+    odometry = Odometry(Parameters().replace({'odometry.moving_frames': frames}))
+    found = [odometry.process(scan).pose for scan in scans][-1]
+    first, last = (SE2.from_array(result.truth[k]) for k in (0, 149))
+    off = (first.inverse() @ last).inverse() @ found
+    assert math.hypot(off.x, off.y) > 0.2 if held else math.hypot(off.x, off.y) < 0.02
+
+
+def test_where_the_motion_is_not_known_nothing_is_left_out():
+    """The prior is no better than the margin: a person stays in."""
+    room = look(outline(L_ROOM), THERE, FULL)
+    scans = [room, with_person(dataclasses.replace(room, stamp=100_000_000), 0.4)[0]]
+    for spread, left in ((0.15, False), (0.25, True)):
+        odometry = Odometry(Parameters().replace({'prior.least': spread, 'time.jump': 100.0}))
+        odometry.process(scans[0])
+        last = odometry.process(scans[1]).features
+        assert (len(last.dense_cloud) == len(extract_features(scans[1]).dense_cloud)) == left
