@@ -16,6 +16,13 @@ def transform_points(candidates, points):
     return np.exp(1j * candidates[:, 2:]) * points + origins(candidates)
 
 
+def kernel(error, scale):
+    """Gaussian kernel of the `scale` [m] of distances [m] (Eq. 18), 1 at 0."""
+    weight = error * error
+    weight *= -0.5 / (scale * scale)
+    return np.exp(weight, out=weight)
+
+
 def residuals(candidates, cloud, surface, scale, facing):
     """Distances of a scan's points from the surface's lines under every candidate.
 
@@ -44,9 +51,7 @@ def residuals(candidates, cloud, surface, scale, facing):
     normals = surface.normals.take(nearest)
     error = (normals * places).real
     error -= surface.offsets.take(nearest)
-    weight = error * error
-    weight *= -0.5 / (scale * scale)
-    np.exp(weight, out=weight)
+    weight = kernel(error, scale)
     weight *= (normals * (turn * cloud.normals)).real > facing
     return error, weight, normals, arms
 

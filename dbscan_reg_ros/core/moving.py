@@ -1,6 +1,7 @@
 """What moves: points of a scan in space that key frames saw to be free (people, doors, other robots)."""
 import numpy as np
 
+from .alignment import transform_points
 from .se2 import SE2
 from .surface import Cloud
 
@@ -27,7 +28,7 @@ def moving_points(cloud: Cloud, pose: SE2, frames, margin):
     moving = np.zeros(len(cloud), dtype=bool)
     for frame in frames:
         view, relative = frame.features.view, frame.pose.inverse() @ pose
-        places = np.exp(1j * relative.theta) * cloud.points + complex(relative.x, relative.y)
+        places = transform_points(relative.as_array()[None], cloud.points)[0]
         moving |= view.nearby.take(view.bins(places)) - np.abs(places) > margin
     if not moving.any():
         return moving
@@ -37,4 +38,7 @@ def moving_points(cloud: Cloud, pose: SE2, frames, margin):
     return moving if moving.mean() < _MOST else np.zeros_like(moving)
 
 
-_GOOD_PART, _MOST = 0.3, 0.4
+_GOOD_PART = 0.3
+"""Of a run, so that all of it moves."""
+_MOST = 0.4
+"""Of a scan: where as much seems to move, the pose is wrong."""

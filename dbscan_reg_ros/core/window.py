@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .alignment import normal_equations, origins
+from .alignment import kernel, normal_equations, origins
 from .records import Features
 from .se2 import SE2, wrap
 
@@ -98,9 +98,7 @@ class Partners:
         arms = np.exp(1j * pose.theta) * self.points
         error = (self.normals * (arms + complex(pose.x, pose.y)).take(self.index)).real
         error -= self.offsets
-        weight = error * error
-        weight *= -0.5 / (scale * scale)
-        np.exp(weight, out=weight)
+        weight = kernel(error, scale)
         weight /= np.maximum(np.bincount(self.index, weight, len(arms)), 1.0).take(self.index)
         pairs = error, weight, self.normals, arms.take(self.index)
         return normal_equations(*(part[None] for part in pairs))[0]

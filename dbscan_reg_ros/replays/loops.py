@@ -35,7 +35,10 @@ ROUNDS = 20
 
 
 class Stop(NamedTuple):
-    """A key frame on the way: `number` of the scan among those used, and the covariance (3, 3) of its motion since the last, in its own frame."""
+    """A key frame on the way.
+
+    `number` is that of its scan among those used, `covariance` (3, 3) that of its motion since the last, in its own frame.
+    """
 
     number: int
     features: Features
