@@ -170,6 +170,14 @@ def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
     assert not all(found['narrow'])
 
 
+def test_a_search_that_finds_nothing_but_violations_ends():
+    """A room that is a little larger: every point is in the way, and each counts twenty times."""
+    parameters = Parameters().replace({'density.violation': 20.0})
+    reference, current = (extract_features(look(outline(size * np.asarray(L_ROOM))), parameters) for size in (1.1, 1.0))
+    found = register(reference, current, parameters)
+    assert found.score < -1.0 and found.status is Status.FAILED
+
+
 def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
     refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse': 4,
                                        'refinement.final_scale': 0.02, 'refinement.fine': 1, 'refinement.window': 3,
@@ -182,5 +190,5 @@ def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
 def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
     narrow = Parameters().replace({'rotation.hypotheses': 3, 'selection.candidates': 5, 'selection.refined': 2,
                                    'selection.widen': 4})
-    expected = {'rotation.hypotheses': 12, 'selection.candidates': 20, 'selection.refined': 8, 'selection.doubt': -1.0}
+    expected = {'rotation.hypotheses': 12, 'selection.candidates': 20, 'selection.refined': 8, 'selection.widen': 1}
     assert narrow.widened() == narrow.replace(expected)

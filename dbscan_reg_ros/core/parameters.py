@@ -276,7 +276,7 @@ class SelectionParameters(ParameterGroup):
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
     refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
-    widen: int = parameter(30, 'so many times as many', '', 1, 100)
+    widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
     finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
@@ -356,7 +356,7 @@ class DecisionParameters(ParameterGroup):
                                        0.0, 100000.0)
     vague: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
     vague_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
-    covariance_scale: float = parameter(1.0, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
+    covariance_scale: float = parameter(0.9, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)
     few: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
                            1000.0)
@@ -440,6 +440,6 @@ class Parameters(ParameterTree):
         """The same with a search of more hypotheses, which is not repeated."""
         more = self.selection.widen
         rotation = dataclasses.replace(self.rotation, hypotheses=min(more * self.rotation.hypotheses, _MOST))
-        selection = dataclasses.replace(self.selection, doubt=-1.0, refined=min(more * self.selection.refined, _MOST),
+        selection = dataclasses.replace(self.selection, widen=1, refined=min(more * self.selection.refined, _MOST),
                                         candidates=min(more * self.selection.candidates, _MOST))
         return dataclasses.replace(self, rotation=rotation, selection=selection)

@@ -50,7 +50,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
-    if found.score < p.selection.doubt:
+    if found.score < p.selection.doubt and p.selection.widen > 1:
         return max(found, register(reference, current, p.widened(), prior), key=lambda each: each.score)
     return found
 
