@@ -7,7 +7,7 @@ import numpy as np
 
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
-from ..simulation import Lidar, corridor, follow, hall, rooms, simulate, wheel_odometry
+from ..simulation import LIDARS, Lidar, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
 from .intel import Intel
 
@@ -155,10 +155,11 @@ def simulated_halls(folder) -> list:
 
 
 def featureless(folder) -> list:
-    """A smooth corridor, both ends out of the sensor's range."""
+    """A smooth corridor, both ends out of the sensor's range, seen by each of the common lidars."""
     world = corridor(length=60.0, doors=0)
     middle = dataclasses.replace(world, tour=np.array([(15.0, 0.0), (45.0, 0.0)]))
-    return [simulated(middle, Lidar(range_max=12.0), axis=0.0)]
+    return [simulated(middle, dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), axis=0.0)
+            for lidar in (Lidar(), *LIDARS.values())]
 
 
 COURSES = {

@@ -154,4 +154,7 @@ def _no_worse(laser_only):
 
 
 def _mean(rows):
-    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+    """Means of what all courses have; of several smooth corridors the worst."""
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    worst = {'named': min, 'across_m': max}
+    return {name: float(worst.get(name, np.mean)([row[name] for row in rows])) for name in shared}
