@@ -7,7 +7,15 @@ import pytest
 from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.alignment import mean_square, normal_equations, polish, refine, residuals, solve
+from dbscan_reg_ros.core.alignment import (
+    mean_square,
+    normal_equations,
+    polish,
+    refine,
+    residuals,
+    shared_information,
+    solve,
+)
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.surface import Cloud, build_surface
 from dbscan_reg_ros.core.window import KeyFrame, Window, align
@@ -56,6 +64,28 @@ def test_the_equations_are_those_of_the_numeric_derivatives():
     equations = normal_equations(*(part[:, smooth] for part in found))
     assert equations.shape == (2, 4, 4)
     np.testing.assert_allclose(equations[0], expected, atol=1e-4)
+
+
+def test_scans_with_the_same_normals_agree_on_all_information():
+    reference, current = features(START), features(END)
+    error, weight, normals, arms = residuals(rows(NEAR, MOTION), current.cloud, reference.surface, 0.1, DENSITY.facing)
+    found = shared_information(weight, normals, arms, normals)
+    assert found.shape == (2, 3, 3)
+    np.testing.assert_allclose(found, normal_equations(error, weight, normals, arms)[:, :3, :3], atol=1e-9)
+
+
+def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
+    """Walls on both sides, along x; the normals are 0.2 rad off, as good as 160 points that hold x, in truth none."""
+    rng = np.random.default_rng(0)
+    size = 4000
+    places = rng.uniform(-5.0, 5.0, size) + 1j * rng.choice((-1.0, 1.0), size)
+    theirs, own = (-1j * np.sign(places.imag) * np.exp(1j * rng.normal(0.0, 0.2, size)) for _ in range(2))
+    weight = np.ones((1, size))
+    single = normal_equations(np.zeros((1, size)), weight, theirs[None], places[None])[0, 0, 0]
+    shared = shared_information(weight, theirs[None], places[None], own[None])[0, 0, 0]
+    assert single == pytest.approx(0.04 * size, rel=0.1)
+    # The sum of as many products of two independent normals of that spread: three standard deviations.
+    assert abs(shared) < 3.0 * 0.04 * math.sqrt(size)
 
 
 def test_a_damped_step_is_that_of_the_damped_matrix():

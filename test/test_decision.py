@@ -12,7 +12,7 @@ from dbscan_reg_ros.core.records import Prior, Registration, Status
 from dbscan_reg_ros.core.se2 import SE2
 
 ROOM = outline(L_ROOM)
-PARAMETERS = DecisionParameters(few=0.0)
+PARAMETERS = DecisionParameters(few=0.0, covariance_scale=1.0)
 VARIANCE = 1e-4
 
 
@@ -24,14 +24,14 @@ def turned(matrix, angle):
 
 def test_the_covariance_is_the_inverse_of_the_information():
     information = np.diag([100.0, 50.0, 400.0])
-    covariance, _, weak = calibrated(information, VARIANCE, 0.0, PARAMETERS)
+    covariance, _, weak = calibrated(information, information, VARIANCE, PARAMETERS)
     assert weak == pytest.approx(50.0)
     assert np.diag(covariance) == pytest.approx([1e-6, 2e-6, 2.5e-7], rel=1e-3)
 
 
 def test_a_direction_that_hardly_a_point_holds_is_free():
     information = turned(np.diag([0.5, 150.0, 400.0]), 0.7)
-    covariance, angle, weak = calibrated(information, VARIANCE, 0.0, PARAMETERS)
+    covariance, angle, weak = calibrated(information, information, VARIANCE, PARAMETERS)
     along = np.array([math.cos(0.7), math.sin(0.7), 0.0])
     assert weak == pytest.approx(0.5)
     assert math.sin(angle - 0.7) == pytest.approx(0.0, abs=1e-9)
@@ -40,17 +40,18 @@ def test_a_direction_that_hardly_a_point_holds_is_free():
     assert across @ covariance @ across == pytest.approx(VARIANCE / 150.0, rel=1e-3)
 
 
-def test_what_stray_normals_seem_to_hold_is_taken_off():
-    information = np.diag([4.0, 150.0, 400.0])
-    assert calibrated(information, VARIANCE, 0.0, PARAMETERS)[2] == pytest.approx(4.0)
-    assert calibrated(information, VARIANCE, 0.02, PARAMETERS)[2] == pytest.approx(4.0 - 0.02 * 154.0)
-    assert calibrated(information, VARIANCE, 1.0, PARAMETERS)[2] == 0.0
+def test_a_direction_is_held_by_what_both_scans_agree_on():
+    information, along = np.diag([4.0, 150.0, 400.0]), np.array([1.0, 0.0, 0.0])
+    for shared, held in ((4.0, 4.0), (0.9, 0.9), (-0.5, 0.0)):
+        covariance, angle, weak = calibrated(information, np.diag([shared, 150.0, 400.0]), VARIANCE, PARAMETERS)
+        assert weak == pytest.approx(held) and math.sin(angle) == pytest.approx(0.0, abs=1e-9)
+        assert (along @ covariance @ along > 90.0) == (held < PARAMETERS.min_information)
 
 
 def test_as_many_points_as_few_double_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
-    plain = calibrated(information, VARIANCE, 0.0, PARAMETERS)[0]
-    careful = calibrated(information, VARIANCE, 0.0, DecisionParameters(few=8.0))[0]
+    plain = calibrated(information, information, VARIANCE, PARAMETERS)[0]
+    careful = calibrated(information, information, VARIANCE, DecisionParameters(few=8.0, covariance_scale=1.0))[0]
     assert careful - plain == pytest.approx(np.diag([VARIANCE / 8.0, 0.0, 0.0]), abs=1e-12)
 
 

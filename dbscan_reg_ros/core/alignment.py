@@ -69,6 +69,24 @@ def normal_equations(error, weight, normals, arms):
     return (rows * weight[:, None]) @ rows.transpose(0, 2, 1)
 
 
+def shared_information(weight, normals, arms, own):
+    """``(H, 3, 3)`` information of points for a unit error of each, as far as both scans agree on it.
+
+    One factor of each product is the partner's normal and one the point's `own`: what noise makes of either cancels, so
+    that a smooth wall does not seem to hold the motion along it. It may be indefinite where there is nothing but noise.
+
+    Parameters
+    ----------
+    weight, normals, arms : (H, P) arrays
+        As from `residuals`.
+    own : (H, P) complex array
+        Turned normals of the points, conjugated.
+    """
+    partners, points = (np.stack((n.real, -n.imag, -(n * arms).imag), axis=1) for n in (normals, own))
+    product = (partners * weight[:, None]) @ points.transpose(0, 2, 1)
+    return 0.5 * (product + product.transpose(0, 2, 1))
+
+
 def refine(candidates, cloud, surface, scales, facing, damping):
     """Robust point-to-line iterations of all candidates together, one for each of the `scales` [m].
 

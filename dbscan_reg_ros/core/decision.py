@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .alignment import mean_square, normal_equations, residuals
+from .alignment import mean_square, normal_equations, residuals, shared_information
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
@@ -94,19 +94,25 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
-    equations = normal_equations(*residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale,
-                                            p.density.facing))[0]
-    variance = mean_square(equations) + max(reference.noise, current.noise) ** 2
-    covariance, angle, weak = calibrated(equations[:3, :3], variance, reference.stray, p.decision)
+    match = residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale, p.density.facing)
+    own = np.exp(1j * candidate[2]) * current.cloud.normals
+    covariance, angle, weak = match_covariance(match, own, max(reference.noise, current.noise), p.decision)
     return turned(covariance, -candidate[2]), angle, weak
 
 
-def calibrated(information, variance, stray, parameters: DecisionParameters):
+def match_covariance(match, own, noise, parameters: DecisionParameters):
+    """As `calibrated`, from the `residuals` of one candidate, the points' own normals ``(P,)``, turned, and the
+    range noise [m]."""
+    equations = normal_equations(*match)[0]
+    shared = shared_information(*match[1:], own.conj()[None])[0]
+    return calibrated(equations[:3, :3], shared, mean_square(equations) + noise ** 2, parameters)
+
+
+def calibrated(information, shared, variance, parameters: DecisionParameters):
     """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
 
-    Normals that `stray` [rad^2] about that of their wall seem to hold the motion along it; that much is taken off. Few
-    points hold a direction less surely than their number says: their errors are not independent. What less than
-    `min_information` hold is free.
+    What holds a direction is the `shared` information ``(3, 3)``: noise on the normals is none. Few points hold it less
+    surely than their number says: their errors are not independent. What less than `min_information` hold is free.
 
     Returns
     -------
@@ -117,8 +123,7 @@ def calibrated(information, variance, stray, parameters: DecisionParameters):
         Information along it.
     """
     variance = variance * parameters.covariance_scale
-    angle, weak, _ = (float(value) for value in weakest_direction(information))
-    weak = max(weak - stray * float(information[0, 0] + information[1, 1]), 0.0)
+    angle, weak, _ = (float(value) for value in weakest_direction(shared))
     covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     free = 1.0 / parameters.prior_information()[0]

@@ -35,10 +35,12 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
                         f'{limits.min_returns}')
     places = as_complex(points)
     radius, total = np.abs(places), summed_moments(points)
-    breaks = find_breaks(places, radius, beams, scan.geometry, noise, parameters.segments)
-    normals, stray = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
+    # Outliers count as noise while they are there. Corners have to stand out from all of it.
+    left = min(noise, estimate_noise(radius, limits)) if len(points) < returns else noise
+    breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
+    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
-    return Features(scan, points, beams, normals, stray, segments, noise, parameters.density)
+    return Features(scan, points, beams, normals, segments, left, parameters.density)
 
 
 def usable_points(scan, limits):
@@ -73,7 +75,7 @@ def estimate_normals(points, total, breaks, increment, parameters):
 
     The side follows from the order of the beams and the sign of their `increment`. The window grows from `normal_beams`
     on each side until it spans `normal_reach`; points with fewer than three neighbours on their surface get a zero
-    normal.
+    normal. The way along a surface is measured over three beams at a time: noise makes a zigzag of single steps.
 
     Parameters
     ----------
@@ -84,13 +86,13 @@ def estimate_normals(points, total, breaks, increment, parameters):
 
     Returns
     -------
-    normals : (P, 2) array
-    stray : float [rad^2]
-        Median variance of the normals' directions.
+    (P, 2) array
     """
-    size = len(points)
+    size, step = len(points), np.abs(points[1:] - points[:-1])
+    onward = ~(breaks[:-2] | breaks[1:-1] | breaks[2:])
+    step[1:-1][onward] = np.abs(points[3:] - points[:-3])[onward] / 3.0
     path = np.zeros(size)
-    np.cumsum(np.where(breaks, 0.0, np.abs(points[1:] - points[:-1])), out=path[1:])
+    np.cumsum(np.where(breaks, 0.0, step), out=path[1:])
     edge = np.concatenate(([0], np.flatnonzero(breaks) + 1, [size]))
     run = np.repeat(np.arange(len(edge) - 1), edge[1:] - edge[:-1])
     index = np.arange(size)
@@ -103,5 +105,4 @@ def estimate_normals(points, total, breaks, increment, parameters):
     onward = points[high - 1] - points[low]
     normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
-    variance = residual / (np.maximum(count - 2, 1) * np.maximum(spread, 1e-12))
-    return as_vectors(normals), float(np.partition(variance, size // 2)[size // 2])
+    return as_vectors(normals)

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from .alignment import mean_square
-from .decision import calibrated, doubted
+from .decision import doubted, match_covariance
 from .deskew import deskew
 from .features import extract_features
 from .moving import moving_points
@@ -208,9 +207,9 @@ class Odometry:
     def _match_covariance(self, features, pose, partners):
         """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
-        equations = partners.equations(pose, p.refinement.score_scale)
-        covariance, _, _ = calibrated(equations[:3, :3], mean_square(equations) + features.noise ** 2, features.stray,
-                                      p.decision)
+        match = partners.residuals(pose, p.refinement.score_scale)
+        own = np.exp(1j * pose.theta) * features.dense_cloud.normals.take(partners.index)
+        covariance, _, _ = match_covariance(match, own, features.noise, p.decision)
         return turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):

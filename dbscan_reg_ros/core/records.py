@@ -89,11 +89,9 @@ class Features:
         The beam of each point.
     normals : (P, 2) float
         Unit normals that face the sensor; zero where the surroundings have no direction.
-    stray : float [rad^2]
-        Median variance of the normals' directions.
     segments : Segments
     noise : float [m]
-        Standard deviation of a range, as estimated from this scan.
+        Standard deviation of a range, as estimated from what the filter left of this scan.
     dense_cloud : Cloud
         The points that have a normal.
     cloud : Cloud
@@ -110,7 +108,6 @@ class Features:
     points: np.ndarray
     beams: np.ndarray
     normals: np.ndarray
-    stray: float
     segments: Segments
     noise: float
     density: DensityParameters

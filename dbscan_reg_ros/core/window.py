@@ -85,23 +85,21 @@ class Partners:
     normals: np.ndarray
     offsets: np.ndarray
 
-    def equations(self, pose: SE2, scale):
-        """Point-to-line equations of the scan at `pose`, with a kernel of the `scale` [m].
+    def residuals(self, pose: SE2, scale):
+        """As `alignment.residuals`, ``(1, M)`` each: of the scan at `pose`, in the odometry frame.
 
         Every point counts at most once, however many lines it lies on.
-
-        Returns
-        -------
-        (4, 4) array
-            As `alignment.normal_equations`, in the odometry frame, the rotation about the sensor.
         """
         arms = np.exp(1j * pose.theta) * self.points
         error = (self.normals * (arms + complex(pose.x, pose.y)).take(self.index)).real
         error -= self.offsets
         weight = kernel(error, scale)
         weight /= np.maximum(np.bincount(self.index, weight, len(arms)), 1.0).take(self.index)
-        pairs = error, weight, self.normals, arms.take(self.index)
-        return normal_equations(*(part[None] for part in pairs))[0]
+        return tuple(part[None] for part in (error, weight, self.normals, arms.take(self.index)))
+
+    def equations(self, pose: SE2, scale):
+        """``(4, 4)``, as `alignment.normal_equations`, the rotation about the sensor."""
+        return normal_equations(*self.residuals(pose, scale))[0]
 
 
 class Window:
