@@ -3,7 +3,7 @@ import numpy as np
 
 from .alignment import transform_points
 from .se2 import SE2
-from .surface import Cloud
+from .surface import Cloud, bins
 
 
 def moving_points(cloud: Cloud, pose: SE2, frames, margin):
@@ -25,11 +25,12 @@ def moving_points(cloud: Cloud, pose: SE2, frames, margin):
     -------
     (P,) bool array
     """
-    moving = np.zeros(len(cloud), dtype=bool)
-    for frame in frames:
-        view, relative = frame.features.view, frame.pose.inverse() @ pose
-        places = transform_points(relative.as_array()[None], cloud.points)[0]
-        moving |= view.nearby.take(view.bins(places)) - np.abs(places) > margin
+    relative = np.array([(frame.pose.inverse() @ pose).as_array() for frame in frames])
+    places = transform_points(relative, cloud.points)
+    nearby = [frame.features.view.nearby for frame in frames]
+    size = np.array([[len(near)] for near in nearby])
+    near = np.concatenate(nearby).take(np.cumsum(size, axis=0) - size + bins(places, size))
+    moving = (near - np.abs(places) > margin).any(axis=0)
     if not moving.any():
         return moving
     run = np.concatenate(([0], np.cumsum(np.abs(np.diff(cloud.points)) > margin)))

@@ -157,15 +157,19 @@ class View:
 
     def bins(self, places):
         """Bin of each of the `places` (complex, [m]) as seen from the sensor."""
-        size = len(self.near)
-        bearing = np.arctan2(places.imag, places.real)
-        bearing += math.pi
-        bearing *= size / (2.0 * math.pi)
-        return np.minimum(bearing.astype(np.intp), size - 1)
+        return bins(places, len(self.near))
 
     def violation(self, places, tolerance):
         """1 for a place well in front of what the scan saw there, fading to 0 within the `tolerance` [m]."""
         return in_front(np.abs(places), self.near.take(self.bins(places)), tolerance)
+
+
+def bins(places, size):
+    """Of so many bins of the full circle, that of each of the `places` (complex, [m])."""
+    bearing = np.arctan2(places.imag, places.real)
+    bearing += math.pi
+    bearing *= size / (2.0 * math.pi)
+    return np.minimum(bearing.astype(np.intp), size - 1)
 
 
 def in_front(radius, near, tolerance):
