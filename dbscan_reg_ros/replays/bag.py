@@ -9,13 +9,17 @@ from ..recordings.messages import MessageMaker
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
 
+AT_A_TIME = 50
+"""Scans that are written together."""
+
 
 @contextmanager
 def odometry_bag(path, parameters, mounting):
     """Write a bag; gives the function that adds the messages of an `OdometryUpdate`.
 
     The record times are the stamps, made to increase where they go back. When the writing is interrupted, what was
-    written until then is a valid bag.
+    written until then is a valid bag. Some scans are written at a time: the odometry in between leaves nothing of what
+    writes them in the processor's caches, and of one by one most of the time would go by waiting for memory.
 
     Parameters
     ----------
@@ -32,16 +36,26 @@ def odometry_bag(path, parameters, mounting):
     with bag_writer(path) as writer:
         connections = {topic: writer.add_connection(topic, kind, typestore=maker.store)
                        for topic, kind in TOPICS.items()}
-        time = -1
+        time, waiting = -1, []
+
+        def write():
+            nonlocal time
+            while waiting:
+                update = waiting.pop(0)
+                time = max(update.stamp, time + 1)
+                state = base_state(update, place, place)
+                fields = {'/odom': odometry_fields(state, *frames),
+                          '/tf': {'transforms': [transform_fields(state, *frames)]},
+                          '/segments': segments_fields(update, place, parameters.odom_frame)}
+                for topic, kind in TOPICS.items():
+                    writer.write(connections[topic], time, maker.serialize(kind, fields[topic]))
 
         def add(update):
-            nonlocal time
-            time = max(update.stamp, time + 1)
-            state = base_state(update, place, place)
-            fields = {'/odom': odometry_fields(state, *frames),
-                      '/tf': {'transforms': [transform_fields(state, *frames)]},
-                      '/segments': segments_fields(update, place, parameters.odom_frame)}
-            for topic, kind in TOPICS.items():
-                writer.write(connections[topic], time, maker.serialize(kind, fields[topic]))
+            waiting.append(update)
+            if len(waiting) == AT_A_TIME:
+                write()
 
-        yield add
+        try:
+            yield add
+        finally:
+            write()
