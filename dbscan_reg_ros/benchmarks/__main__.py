@@ -41,7 +41,7 @@ def make_parser():
         if name == 'odometry':
             command.add_argument('--course', nargs='+', metavar='NAME',
                                  help='only these: intel, aces, urg04lx, lms511, rooms, corridors, halls, featureless, '
-                                 'dropped, noise, person')
+                                 'lidars, dropped, noise, person')
             command.add_argument('--prior', choices=('none', 'wheel'), default='none',
                                  help='what dbscan is told of the motion; wheel: the odometry of the log, '
                                  'compared with laser only')

@@ -162,9 +162,14 @@ def featureless(folder) -> list:
             for lidar in (Lidar(), *LIDARS.values())]
 
 
+def lidars(folder) -> list:
+    """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
+    return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
-    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'dropped': dropped,
+    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'lidars': lidars, 'dropped': dropped,
     'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""
