@@ -101,8 +101,17 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
 
 def match_covariance(match, own, noise, parameters: DecisionParameters):
-    """As `calibrated`, from the `residuals` of one candidate, the points' own normals ``(P,)``, turned, and the
-    range noise [m]."""
+    """As `calibrated`, from what a match consists of.
+
+    Parameters
+    ----------
+    match : tuple of (1, P) arrays
+        The `residuals` of one candidate.
+    own : (P,) complex array
+        The points' own normals, turned.
+    noise : float [m]
+        Of a range.
+    """
     equations = normal_equations(*match)[0]
     shared = shared_information(*match[1:], own.conj()[None])[0]
     return calibrated(equations[:3, :3], shared, mean_square(equations) + noise ** 2, parameters)
