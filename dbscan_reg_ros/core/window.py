@@ -56,12 +56,16 @@ class SurfaceStack:
             Index of the point.
         """
         at = (places - self._origin) * self._inverse_cell
-        row, column = (np.clip(part.astype(np.intp), 0, last) for part, last in zip((at.real, at.imag), self._last))
-        row *= self._last[1] + 1
-        row += column
-        found = np.concatenate([table[cells] for table, cells in zip(self._tables, row)]).reshape(row.shape)
-        row, column = np.nonzero(found != self._none)
-        return row, column, found[row, column] + self._first[row]
+        cells, column = at.real.astype(np.intp), at.imag.astype(np.intp)
+        for part, last in zip((cells, column), self._last):
+            np.maximum(part, 0, out=part)
+            np.minimum(part, last, out=part)
+        cells *= self._last[1] + 1
+        cells += column
+        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
+        place = np.flatnonzero(found != self._none)
+        row = place // found.shape[1]
+        return row, place - row * found.shape[1], found.take(place) + self._first.take(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +138,12 @@ class Window:
         hand, turn = np.arange(len(self.frames)) % hands, np.exp(1j * pose.theta)
         places = turn * cloud.points[dealt] + complex(pose.x, pose.y)
         row, column, nearest = self._stack.nearest(self._turns * (places[hand] - self._origins))
-        index, normals = dealt[hand[row], column], self._stack.normals.take(nearest) * self._turns[row, 0]
+        index = dealt.take(hand.take(row) * dealt.shape[1] + column)
+        normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
         return Partners(cloud.points, index, normals,
-                        self._stack.offsets.take(nearest) + (normals * self._origins[row, 0]).real)
+                        self._stack.offsets.take(nearest) + (normals * self._origins.take(row)).real)
 
 
 _FRAMES_A_POINT = 3
