@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .core.se2 import as_complex
 from .recordings.files import replacing
-from .recordings.poses import compose
 
 MOST_POINTS = 3_000_000
 """Larger maps are thinned to about this many points."""
@@ -63,9 +63,13 @@ def draw_map(path, density, poses, title='', truth=None):
 
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
     extent = density.extent
-    width, height = extent[1] - extent[0], extent[3] - extent[2]
-    longer = max(width, height)
-    figure = Figure(figsize=(2.0 + 10.0 * width / longer, 1.4 + 10.0 * height / longer), layout='constrained')
+    sides = np.array((extent[1] - extent[0], extent[3] - extent[2]))
+    width, height = 10.0 * sides / sides.max()
+    # No layout engine: it would draw the picture twice.
+    left, right, below, above = 0.9, max(0.3, 4.5 - width), 1.0, 0.4
+    figure = Figure(figsize=(left + width + right, below + height + above))
+    figure.subplots_adjust(left / (left + width + right), below / (below + height + above),
+                           1.0 - right / (left + width + right), 1.0 - above / (below + height + above))
     axes = figure.add_subplot()
     axes.imshow(density.ink, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0,
                 interpolation='antialiased')
@@ -74,9 +78,10 @@ def draw_map(path, density, poses, title='', truth=None):
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
     if len(poses):
         _ends(axes, poses)
-    axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=extent[:2], ylim=extent[2:])
-    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', xlim=extent[:2], ylim=extent[2:])
+    axes.set_title(title, loc='left')
+    for axis, side in ((axes.xaxis, width), (axes.yaxis, height)):
+        axis.set_major_locator(MaxNLocator(max(int(side), 2), steps=[1, 2, 5, 10]))
     axes.grid(linewidth=0.3, alpha=0.5)
     _legend(axes)
     save(figure, path, 150)
@@ -167,13 +172,12 @@ def _legend(axes):
 def _laid_out(scans, poses):
     """``(P, 2)`` returns of all scans in the frame of the poses."""
     each = max(1, MOST_POINTS // max(len(poses), 1))
-    laid = [np.empty((0, 2))]
-    for scan, pose in zip(scans, poses, strict=True):
-        points = scan.points[scan.valid]
+    laid = [np.empty(0, dtype=np.complex64)]
+    for scan, place, turn in zip(scans, poses[:, 0] + 1j * poses[:, 1], np.exp(1j * poses[:, 2]), strict=True):
+        points = as_complex(scan.points[scan.valid])
         points = points[::-(-len(points) // each) or 1]
-        at = np.column_stack((points, np.zeros(len(points))))
-        laid.append(compose(np.broadcast_to(pose, at.shape), at)[:, :2].astype(np.float32))
-    return np.concatenate(laid)
+        laid.append((turn * points + place).astype(np.complex64))
+    return np.concatenate(laid).view(np.float32).reshape(-1, 2)
 
 
 def _density(points, poses):
