@@ -62,11 +62,18 @@ def normal_equations(error, weight, normals, arms):
     The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
     the sum of the squared errors.
     """
-    rows = np.empty((len(error), 4, error.shape[1]))
-    rows[:, 0], rows[:, 3] = normals.real, error
-    np.negative(normals.imag, out=rows[:, 1])
-    np.negative((normals * arms).imag, out=rows[:, 2])
+    rows = _derivatives(normals, arms, 4)
+    rows[:, 3] = error
     return (rows * weight[:, None]) @ rows.transpose(0, 2, 1)
+
+
+def _derivatives(normals, arms, rows):
+    """``(H, rows, P)``: of the points' errors by x, y [m] and theta [rad] in the first three rows."""
+    table = np.empty((len(normals), rows, normals.shape[1]))
+    table[:, 0] = normals.real
+    np.negative(normals.imag, out=table[:, 1])
+    np.negative((normals * arms).imag, out=table[:, 2])
+    return table
 
 
 def shared_information(weight, normals, arms, own):
@@ -82,8 +89,9 @@ def shared_information(weight, normals, arms, own):
     own : (H, P) complex array
         Turned normals of the points, conjugated.
     """
-    partners, points = (np.stack((n.real, -n.imag, -(n * arms).imag), axis=1) for n in (normals, own))
-    product = (partners * weight[:, None]) @ points.transpose(0, 2, 1)
+    partners, points = _derivatives(normals, arms, 3), _derivatives(own, arms, 3)
+    partners *= weight[:, None]
+    product = partners @ points.transpose(0, 2, 1)
     return 0.5 * (product + product.transpose(0, 2, 1))
 
 

@@ -51,7 +51,7 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
     for reach, step, scale in ((parameters.reach, 2.0 * parameters.scale, 3.0 * parameters.scale),
                                (2.5 * parameters.scale, 0.4 * parameters.scale, parameters.scale)):
         shift = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1.0) * step
-        along = np.stack((np.cos(angles), np.sin(angles), np.zeros(len(angles))), axis=1)
+        along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
         _, weight, normals, arms = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
         component = (normals * np.repeat(np.exp(1j * angles), len(shift))[:, None]).real

@@ -59,8 +59,8 @@ def surprise(candidates, prior):
     expected = prior.transform
     step = candidates - expected.as_array()
     c, s = np.cos(expected.theta), np.sin(expected.theta)
-    error = np.stack((c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0], wrap(step[:, 2])), axis=1)
-    return np.einsum('hi,hi->h', error, np.linalg.solve(prior.covariance, error.T).T)
+    error = np.array((c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0], wrap(step[:, 2])))
+    return (error * np.linalg.solve(prior.covariance, error)).sum(axis=0)
 
 
 def distinct(candidates, count, distance, angle):

@@ -177,7 +177,8 @@ def in_front(radius, near, tolerance):
     front = near - radius
     front -= tolerance
     front *= 1.0 / tolerance
-    return np.clip(front, 0.0, 1.0, out=front)
+    np.maximum(front, 0.0, out=front)
+    return np.minimum(front, 1.0, out=front)
 
 
 def build_view(points, increment) -> View:

@@ -122,7 +122,7 @@ def line_samples(pairs, equations, parameters):
     tx = (c[first] * ny[second] - c[second] * ny[first]) / determinant
     ty = (nx[first] * c[second] - nx[second] * c[first]) / determinant
     mass = np.minimum(weight[first], weight[second]) * np.abs(determinant)
-    return np.stack((tx, ty), axis=1), mass, rotation[first]
+    return np.array((tx, ty)).T, mass, rotation[first]
 
 
 def shortest_translations(pairs, equations, phi):
@@ -142,7 +142,7 @@ def shortest_translations(pairs, equations, phi):
         xx, yy = xx + damping, yy + damping
         determinant = xx * yy - xy * xy
         x, y = (yy * cx - xy * cy) / determinant, (xx * cy - xy * cx) / determinant
-    return np.stack((x, y, phi), axis=1)
+    return np.array((x, y, phi)).T
 
 
 _SHORTEST_SCALES = 1.0, 0.3, 0.1
@@ -177,7 +177,7 @@ def rotate(phi, points):
     """Points ``(N, 2)`` each turned by its own angle ``(N,)`` (Eq. 10)."""
     c, s = np.cos(phi), np.sin(phi)
     x, y = points[:, 0], points[:, 1]
-    return np.stack((c * x - s * y, s * x + c * y), axis=1)
+    return np.array((c * x - s * y, s * x + c * y)).T
 
 
 def same_group_pairs(group):
