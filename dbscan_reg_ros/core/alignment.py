@@ -5,10 +5,12 @@ costs a fixed number of array operations, whatever the number of candidates.
 """
 import numpy as np
 
+from .se2 import as_complex
+
 
 def origins(candidates):
     """``(H, 1)`` complex: where each candidate puts the sensor [m]."""
-    return candidates[:, :1] + 1j * candidates[:, 1:2]
+    return as_complex(candidates[:, :2])[:, None]
 
 
 def transform_points(candidates, points):
@@ -140,5 +142,5 @@ def solve(equations, damping):
     """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
     information = equations[:, :3, :3].copy()
     diagonal = information.reshape(-1, 9)[:, ::4]
-    diagonal += damping * (diagonal[:, :2].sum(axis=1, keepdims=True) + 1e-6)
+    diagonal += damping * (diagonal[:, :1] + diagonal[:, 1:2] + 1e-6)
     return np.linalg.solve(information, equations[:, :3, 3:])[:, :, 0]

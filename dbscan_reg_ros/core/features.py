@@ -1,4 +1,6 @@
 """Everything that is kept of one scan, computed once."""
+import math
+
 import numpy as np
 
 from .errors import ScanError
@@ -62,12 +64,12 @@ def estimate_noise(ranges, limits):
         return limits.noise_max
     bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
     at = int(_NOISE_QUANTILE * len(bend))
-    return float(np.clip(np.partition(bend, at)[at] / _NOISE_BEND, limits.noise_min, limits.noise_max))
+    return min(max(float(np.partition(bend, at)[at]) / _NOISE_BEND, limits.noise_min), limits.noise_max)
 
 
 _NOISE_QUANTILE = 0.3
 # That quantile of |N(0, 1)|, for a second difference with weights 1, -1/2, -1/2.
-_NOISE_BEND = 0.38532 * np.sqrt(1.5)
+_NOISE_BEND = 0.38532 * math.sqrt(1.5)
 
 
 def estimate_normals(points, total, breaks, increment, parameters):

@@ -86,7 +86,7 @@ def pair_weights(reference, current, parameters):
 def knee_sigma(samples, parameters):
     """The neighbourhood from the knee of the k-dist graph, with ``k = MinPts - 1`` (at least 1), within its bounds."""
     bend = knee(k_distances(samples, max(parameters.min_points - 1, 1)))
-    return float(np.clip(bend, parameters.sigma_min, parameters.sigma_max))
+    return min(max(bend, parameters.sigma_min), parameters.sigma_max)
 
 
 def wrap_period(angle, period):

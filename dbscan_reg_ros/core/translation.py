@@ -193,7 +193,7 @@ def same_group_pairs(group):
 def knee_sigma(samples, rotation, parameters):
     """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
     bend = knee(k_distances(_apart(samples, rotation, parameters.sigma_max), max(parameters.min_points - 1, 1)))
-    return float(np.clip(bend, parameters.sigma_min, parameters.sigma_max))
+    return min(max(bend, parameters.sigma_min), parameters.sigma_max)
 
 
 def _apart(samples, rotation, reach):

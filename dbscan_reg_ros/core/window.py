@@ -50,22 +50,22 @@ class SurfaceStack:
 
         Returns
         -------
-        row, column : (M,) int arrays
-            Of the place.
+        at, row : (M,) int arrays
+            Index of the place in the flattened table, and its row.
         nearest : (M,) int array
             Index of the point.
         """
-        at = (places - self._origin) * self._inverse_cell
-        cells, column = at.real.astype(np.intp), at.imag.astype(np.intp)
+        cells = (places - self._origin) * self._inverse_cell
+        cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
         for part, last in zip((cells, column), self._last):
             np.maximum(part, 0, out=part)
             np.minimum(part, last, out=part)
         cells *= self._last[1] + 1
         cells += column
         found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
-        place = np.flatnonzero(found != self._none)
-        row = place // found.shape[1]
-        return row, place - row * found.shape[1], found.take(place) + self._first.take(row)
+        at = np.flatnonzero(found != self._none)
+        row = at // found.shape[1]
+        return at, row, found.take(at) + self._first.take(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +94,12 @@ class Partners:
 
         Every point counts at most once, however many lines it lies on.
         """
-        arms = np.exp(1j * pose.theta) * self.points
-        error = (self.normals * (arms + complex(pose.x, pose.y)).take(self.index)).real
+        arms = (np.exp(1j * pose.theta) * self.points).take(self.index)
+        error = (self.normals * (arms + complex(pose.x, pose.y))).real
         error -= self.offsets
         weight = kernel(error, scale)
-        weight /= np.maximum(np.bincount(self.index, weight, len(arms)), 1.0).take(self.index)
-        return tuple(part[None] for part in (error, weight, self.normals, arms.take(self.index)))
+        weight /= np.maximum(np.bincount(self.index, weight, len(self.points)), 1.0).take(self.index)
+        return tuple(part[None] for part in (error, weight, self.normals, arms))
 
     def equations(self, pose: SE2, scale):
         """``(4, 4)``, as `alignment.normal_equations`, the rotation about the sensor."""
@@ -134,11 +134,11 @@ class Window:
         Where a scan has more than `density.points`, they are dealt to the key frames in turn, each of them to several.
         """
         hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
-        dealt = np.arange(len(cloud) // hands * hands).reshape(-1, hands).T
-        hand, turn = np.arange(len(self.frames)) % hands, np.exp(1j * pose.theta)
-        places = turn * cloud.points[dealt] + complex(pose.x, pose.y)
-        row, column, nearest = self._stack.nearest(self._turns * (places[hand] - self._origins))
-        index = dealt.take(hand.take(row) * dealt.shape[1] + column)
+        dealt = np.arange(len(cloud) // hands * hands).reshape(-1, hands).T[np.arange(len(self.frames)) % hands]
+        turn = np.exp(1j * pose.theta)
+        places = (turn * cloud.points + complex(pose.x, pose.y)).take(dealt)
+        at, row, nearest = self._stack.nearest(self._turns * (places - self._origins))
+        index = dealt.take(at)
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
@@ -148,6 +148,7 @@ class Window:
 
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
+_DIAGONAL = np.diag_indices(3)
 
 
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
@@ -178,7 +179,7 @@ def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, den
         information = equations[:3, :3]
         off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
         information += strength
-        information[np.diag_indices(3)] += damping * (information[0, 0] + information[1, 1] + 1e-6)
+        information[_DIAGONAL] += damping * (information[0, 0] + information[1, 1] + 1e-6)
         step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
         pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
     return pose, partners
