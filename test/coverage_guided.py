@@ -1,4 +1,4 @@
-"""Inputs that a fuzzer makes to reach every branch: ``python test/coverage_guided.py TARGET RUNS FOLDER`` (needs atheris).
+"""Inputs that a fuzzer makes to reach every branch: ``coverage_guided.py TARGET RUNS SEED FOLDER`` (needs atheris).
 
 It starts from the inputs in the folder and adds those that reach something new. It ends with status 0 after so many
 inputs, or with the traceback of what went wrong and the input in a file ``crash-*``.
@@ -63,10 +63,10 @@ TARGETS = {'scan': scan, 'log': recording('.log'), 'bag': recording('.bag'), 'mc
 
 
 def main():
-    target, runs, folder = sys.argv[1:]
+    target, runs, seed, folder = sys.argv[1:]
     warnings.simplefilter('error')
-    atheris.Setup([sys.argv[0], f'-runs={runs}', '-seed=1', '-max_len=65536', '-timeout=20', '-rss_limit_mb=512', folder],
-                  TARGETS[target])
+    atheris.Setup([sys.argv[0], f'-runs={runs}', f'-seed={seed}', '-max_len=65536', '-timeout=20', '-rss_limit_mb=512',
+                   folder], TARGETS[target])
     atheris.Fuzz()
 
 

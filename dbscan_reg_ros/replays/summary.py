@@ -30,11 +30,11 @@ def summarise(measures) -> list:
     if 'ate_m' in measures:
         lines.append(('position', f'{measures["ate_m"]:.3f} m root mean square after alignment'))
     if 'loops' in measures:
-        words = [f'{measures["loops"]} places seen again']
+        closed = [f'{measures["loops"]} places seen again']
         if 'closed_relations_all_mean_m' in measures:
-            words.append(f'relations mean {measures["closed_relations_all_mean_m"]:.3f} m '
-                         f'{measures["closed_relations_all_mean_deg"]:.2f} deg')
+            closed.append(f'relations mean {measures["closed_relations_all_mean_m"]:.3f} m '
+                          f'{measures["closed_relations_all_mean_deg"]:.2f} deg')
         if 'closed_ate_m' in measures:
-            words.append(f'position {measures["closed_ate_m"]:.3f} m')
-        lines.append(('closed', ', '.join(words)))
+            closed.append(f'position {measures["closed_ate_m"]:.3f} m')
+        lines.append(('closed', ', '.join(closed)))
     return lines
