@@ -147,8 +147,9 @@ def test_the_publisher_is_killed_and_started_again(node, start_command, peer, sc
     first = start_command('play', scan_bag(tmp_path / 'all', scans), '--rate', '2')
     peer.until(lambda: answers and stamp_from_message(answers[-1].header.stamp) >= scans[moment].stamp)
     killed(first)
-    before = len(answers)
-    start_command('play', scan_bag(tmp_path / 'rest', scans[moment + 15:]), '--rate', '2')
+    before, last = len(answers), stamp_from_message(answers[-1].header.stamp)
+    rest = [scan for scan in scans if scan.stamp > last][15:]
+    start_command('play', scan_bag(tmp_path / 'rest', rest), '--rate', '2')
     peer.until(lambda: len(answers) > before, RESTARTED)
     peer.until(lambda: answers[-1].header.stamp == stamp_to_message(scans[-1].stamp))
     steady(answers)
