@@ -12,8 +12,8 @@ from .core.records import OdometryUpdate
 from .core.se2 import SE2
 
 SECOND = 1_000_000_000
-PLANE = [0, 1, 5]
-"""x, y and yaw among the rows of a 6x6 covariance."""
+PLANE = np.ix_([0, 1, 5], [0, 1, 5])
+"""x, y and yaw in a 6x6 covariance."""
 UNKNOWN_VARIANCE = 1e6
 """Of z, roll and pitch [m^2, rad^2], of which a planar lidar says nothing."""
 LEAST_VARIANCE = 1e-9
@@ -119,6 +119,6 @@ def _yaw(theta):
 
 def _spatial(planar):
     """The 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
-    covariance = UNKNOWN_VARIANCE * np.eye(6)
-    covariance[np.ix_(PLANE, PLANE)] = planar + LEAST_VARIANCE * np.eye(3)
+    covariance = np.diag(np.full(6, UNKNOWN_VARIANCE))
+    covariance[PLANE] = planar + LEAST_VARIANCE * np.eye(3)
     return covariance.ravel()

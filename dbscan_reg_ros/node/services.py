@@ -90,7 +90,7 @@ class Services:
         except PoseError as error:
             self._notices.warn(f'set_pose is ignored: {error}')
             return
-        covariance = np.reshape(message.pose.covariance, (6, 6))[np.ix_(PLANE, PLANE)]
+        covariance = np.reshape(message.pose.covariance, (6, 6))[PLANE]
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance + covariance.T)[0] < -1e-12:
             self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
             return
