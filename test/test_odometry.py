@@ -306,6 +306,20 @@ def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(nam
     assert all(update.status is not Status.OK for update in updates)
 
 
+@pytest.mark.parametrize('name', ['hokuyo_utm30lx', 'rplidar_s'])
+def test_in_a_corridor_without_features_the_prior_decides(name):
+    """The noise of the walls' normals is no motion along them."""
+    world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (19.0, 0.0)]))
+    drive = simulate(world, follow(world.tour), dataclasses.replace(LIDARS[name], range_max=12.0), seed=0)
+    truth = [SE2.from_array(pose) for pose in drive.truth]
+    odometry, spread = Odometry(), np.diag([0.02, 0.02, 0.01]) ** 2
+    odometry.process(drive.scans[0])
+    for scan, last, true in zip(drive.scans[1:], truth, truth[1:]):
+        update = odometry.process(scan, Prior(last.inverse() @ true, spread))
+    way = truth[0].inverse() @ truth[-1]
+    assert way.x > 3.9 and abs(update.pose.x - way.x) < 0.05 * way.x
+
+
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
     """And what moves after it has stood is followed at once."""
     rng = np.random.default_rng(8)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from .alignment import normal_equations, shared_information
 from .decision import doubted, match_covariance
 from .deskew import deskew
 from .features import extract_features
@@ -88,26 +89,25 @@ class Odometry:
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
-        features = self._standing(features, expected, prior)
-        frame, pose, registration = self._register(features, expected, prior, own, time)
+        frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if frame is None:
-            return self._coast(features, registration, expected, prior, time)
-        return self._follow(features, frame, pose, registration, expected, prior, time)
+            return self._coast(standing, registration, expected, prior, time)
+        return self._follow(standing, frame, pose, registration, expected, prior, time)
 
-    def _standing(self, features, expected, prior):
-        """The scan without what moves; all of it where the motion is not expected to better than the margin."""
+    def _standing(self, features, pose):
+        """The scan without what moves, if it was taken from `pose`."""
         p = self.parameters.odometry
-        if not p.moving_frames or np.diagonal(prior.covariance)[:2].max() >= p.moving_margin ** 2:
+        if not p.moving_frames:
             return features
-        moving = moving_points(features.dense_cloud, expected, self._window.frames[-p.moving_frames:], p.moving_margin)
+        moving = moving_points(features.dense_cloud, pose, self._window.frames[-p.moving_frames:], p.moving_margin)
         return features.without(moving) if moving.any() else features
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = self.parameters.prior
-        if time.gap or self.parameters.odometry.prior == 'none':
-            return Prior(SE2(), self._leap(time))
         step = self._step
+        if step is None or time.gap or self.parameters.odometry.prior == 'none':
+            return Prior(SE2(), self._leap(time))
         moved = math.hypot(step.x, step.y)
         sigma = math.hypot(p.least, p.acceleration * time.interval ** 2, p.jitter * moved)
         turn = math.hypot(p.least_angle, p.angular_acceleration * time.interval ** 2, p.jitter * step.theta)
@@ -116,10 +116,13 @@ class Odometry:
     def _register(self, features, expected, prior, own, time):
         """Register to the latest key frame, or where that leads nowhere to older ones.
 
-        Returns the key frame, None when no result can be trusted, the pose and the registration. A direction that the
-        scans leave free is left to what was expected.
+        Returns the key frame, None when no result can be trusted, the pose, the registration and the scan without what
+        moves; all of it where the motion is not expected to better than the margin. A direction that the scans leave free
+        is left to what was expected.
         """
         p = self.parameters
+        surely = np.diagonal(prior.covariance)[:2].max() < p.odometry.moving_margin ** 2
+        standing = self._standing(features, expected) if surely else features
         usual = self._pose @ own.transform
         first, pending = None, self._pending
         self._pending = None
@@ -128,7 +131,7 @@ class Odometry:
         for frame in (frames[-1], *older[:p.odometry.retries]):
             back = frame.pose.inverse()
             guess = Prior(back @ expected, prior.covariance)
-            registration = register(frame.features, features, self._search, guess)
+            registration, seen = self._match(frame, features, standing, guess)
             first = first or registration
             if registration.status is Status.FAILED:
                 continue
@@ -136,14 +139,32 @@ class Odometry:
             if registration.free_direction is not None:
                 pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
             if self._agrees(pose, expected, prior.covariance) or self._agrees(pose, usual, own.covariance):
-                return frame, pose, registration
+                return frame, pose, registration, seen
             if registration.status is Status.OK:
                 # Against all that was expected: a leap is believed when the next scan says the same.
                 if self._agrees(pose, usual, self._leap(time)) or (
                         pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
-                    return frame, pose, registration
+                    if self._lost:
+                        # From where it was only expected to be: a correction, no motion.
+                        self._middle = None
+                    return frame, pose, registration, seen
                 self._pending = self._pending or pose
-        return None, None, first
+        return None, None, first, features
+
+    def _match(self, frame, features, standing, guess):
+        """The scan without what moves registered to a key frame, and what was registered.
+
+        What moves is known from where the scan was expected. Where that led nowhere, but not quite, it is known from where
+        the scan seems to be.
+        """
+        p = self.parameters
+        registration = register(frame.features, standing, self._search, guess)
+        if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
+            return registration, standing
+        there = self._standing(features, frame.pose @ registration.transform)
+        if there is features:
+            return registration, standing
+        return register(frame.features, there, self._search, guess), there
 
     def _leap(self, time):
         """Covariance of a motion of which nothing is known."""
@@ -167,6 +188,8 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             strength = p.prior.point ** 2 * turned(known, expected.theta)
+            if registration.free_direction is not None:
+                strength = self._stiffened(strength, features, pose, frame.pose.theta + registration.free_direction)
             pose, partners = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density,
                                    p.refinement.damping)
             matched = self._match_covariance(features, pose, partners)
@@ -188,12 +211,16 @@ class Odometry:
         """Go on to where the scan was found.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
-        at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles.
+        at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles. Where the scan before
+        was found nowhere no motion is known.
         """
-        middle = pose @ _travel(self._twist, time.half)
-        stride, self._middle = self._middle.inverse() @ middle, middle
-        if time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
-            self._twist = stride.as_array() / time.interval
+        before, self._middle = self._middle, pose @ _travel(self._twist, time.half)
+        middle = self._middle
+        if before is None:
+            self._halt()
+            self._step = None
+        elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
+            self._twist = (before.inverse() @ middle).as_array() / time.interval
             self._twist_covariance = 2.0 * covariance / time.interval ** 2
             self._step = _travel(self._twist, time.interval)
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
@@ -204,12 +231,26 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
+    def _stiffened(self, strength, features, pose, angle):
+        """The `strength` of a prior, more along the free direction `angle` [rad].
+
+        Most of what the points seem to know of it is noise of their normals. The prior counts for as many times more as all
+        their information is more than what both scans agree on.
+        """
+        p = self.parameters
+        partners = self._window.partners(pose, features.dense_cloud, p.density)
+        match = partners.residuals(pose, p.refinement.window_first_scale)
+        along = np.array([math.cos(angle), math.sin(angle), 0.0])
+        seeming = along @ normal_equations(*match)[0, :3, :3] @ along
+        shared = along @ shared_information(*match[1:], _own_normals(features, pose, partners).conj()[None])[0] @ along
+        times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
+        return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * np.outer(along, along)
+
     def _match_covariance(self, features, pose, partners):
         """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
         match = partners.residuals(pose, p.refinement.score_scale)
-        own = np.exp(1j * pose.theta) * features.dense_cloud.normals.take(partners.index)
-        covariance, _, _ = match_covariance(match, own, features.noise, p.decision)
+        covariance, _, _ = match_covariance(match, _own_normals(features, pose, partners), features.noise, p.decision)
         return turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):
@@ -245,8 +286,17 @@ class Odometry:
             frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 
 
+_GLIMMER = 0.3
+"""Share of the least score from which on a place is worth a second look."""
+_LEAST_SHARED = 1e-3
+"""Of the information that the points seem to have, at least so much is taken as shared."""
 # Never published as exactly known: 1 mm, 0.06 deg.
 _LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+
+
+def _own_normals(features, pose, partners):
+    """Normals of the scan's points, turned, one for each of the `partners`."""
+    return np.exp(1j * pose.theta) * features.dense_cloud.normals.take(partners.index)
 
 
 def _travel(twist, time):
