@@ -277,7 +277,7 @@ class SelectionParameters(ParameterGroup):
     refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
     widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
-    finalists: int = parameter(3, 'hypotheses refined finely', '', 1, 1000)
+    finalists: int = parameter(2, 'hypotheses refined finely', '', 1, 1000)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
 
@@ -300,10 +300,10 @@ class RefinementParameters(ParameterGroup):
 
     coarse: int = parameter(3, 'iterations of the coarse refinement', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
-    fine: int = parameter(4, 'iterations of the fine refinement; half as many before the window is aligned', '', 0, 100)
+    fine: int = parameter(3, 'iterations of the fine refinement; half as many before the window is aligned', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
-    polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
+    polish: int = parameter(3, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
     window: int = parameter(4, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
