@@ -101,20 +101,29 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
 
 def match_covariance(match, own, noise, parameters: DecisionParameters):
-    """As `calibrated`, from what a match consists of.
+    """As `calibrated`, from what a match consists of, as in `seeming_and_shared`, and the noise [m] of a range."""
+    equations, shared = seeming_and_shared(match, own)
+    return calibrated(equations[:3, :3], shared, mean_square(equations) + noise ** 2, parameters)
+
+
+def seeming_and_shared(match, own):
+    """What the points of one candidate seem to know, and what both scans agree on.
 
     Parameters
     ----------
     match : tuple of (1, P) arrays
-        The `residuals` of one candidate.
+        The `residuals` of the candidate.
     own : (P,) complex array
         The points' own normals, turned.
-    noise : float [m]
-        Of a range.
+
+    Returns
+    -------
+    equations : (4, 4) array
+        As from `normal_equations`.
+    shared : (3, 3) array
+        As from `shared_information`.
     """
-    equations = normal_equations(*match)[0]
-    shared = shared_information(*match[1:], own.conj()[None])[0]
-    return calibrated(equations[:3, :3], shared, mean_square(equations) + noise ** 2, parameters)
+    return normal_equations(*match)[0], shared_information(*match[1:], own.conj()[None])[0]
 
 
 def calibrated(information, shared, variance, parameters: DecisionParameters):

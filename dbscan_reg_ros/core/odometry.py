@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from .alignment import normal_equations, shared_information
-from .decision import doubted, match_covariance
+from .decision import doubted, match_covariance, seeming_and_shared
 from .deskew import deskew
 from .features import extract_features
 from .moving import moving_points
@@ -91,7 +90,7 @@ class Odometry:
         expected = self._pose @ prior.transform
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if frame is None:
-            return self._coast(standing, registration, expected, prior, time)
+            return self._coast(features, registration, expected, prior, time)
         return self._follow(standing, frame, pose, registration, expected, prior, time)
 
     def _standing(self, features, pose):
@@ -149,7 +148,7 @@ class Odometry:
                         self._middle = None
                     return frame, pose, registration, seen
                 self._pending = self._pending or pose
-        return None, None, first, features
+        return None, None, first, None
 
     def _match(self, frame, features, standing, guess):
         """The scan without what moves registered to a key frame, and what was registered.
@@ -214,8 +213,8 @@ class Odometry:
         at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles. Where the scan before
         was found nowhere no motion is known.
         """
-        before, self._middle = self._middle, pose @ _travel(self._twist, time.half)
-        middle = self._middle
+        middle = pose @ _travel(self._twist, time.half)
+        before, self._middle = self._middle, middle
         if before is None:
             self._halt()
             self._step = None
@@ -241,8 +240,8 @@ class Odometry:
         partners = self._window.partners(pose, features.dense_cloud, p.density)
         match = partners.residuals(pose, p.refinement.window_first_scale)
         along = np.array([math.cos(angle), math.sin(angle), 0.0])
-        seeming = along @ normal_equations(*match)[0, :3, :3] @ along
-        shared = along @ shared_information(*match[1:], _own_normals(features, pose, partners).conj()[None])[0] @ along
+        equations, shared = seeming_and_shared(match, _own_normals(features, pose, partners))
+        seeming, shared = along @ equations[:3, :3] @ along, along @ shared @ along
         times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
         return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * np.outer(along, along)
 
