@@ -104,12 +104,15 @@ def refine(candidates, cloud, surface, scales, facing, damping):
 
     Returns
     -------
-    (H, 3) array
+    candidates : (H, 3) array
+    equations : (H, 4, 4) array
+        The `normal_equations` of the last iteration.
     """
-    candidates = candidates.copy()
+    candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
-        candidates -= solve(normal_equations(*residuals(candidates, cloud, surface, scale, facing)), damping)
-    return candidates
+        equations = normal_equations(*residuals(candidates, cloud, surface, scale, facing))
+        candidates -= solve(equations, damping)
+    return candidates, equations
 
 
 def polish(candidate, cloud, surface, facing, refinement):

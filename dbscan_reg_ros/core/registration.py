@@ -1,7 +1,7 @@
 """The registration of one scan onto another (Figure 13)."""
 import numpy as np
 
-from .alignment import normal_equations, polish, refine, residuals
+from .alignment import polish, refine
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
@@ -44,10 +44,10 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
     candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
-    coarse, coarse_score, _ = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
-    finalists = coarse[distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)]
-    finalists = follow_free_direction(finalists, reference, current, p)
-    fine, fine_score, overlap = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+    coarse, coarse_score, _, equations = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
+    chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
+    finalists = follow_free_direction(coarse[chosen], equations[chosen], reference, current, p)
+    fine, fine_score, overlap, _ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
     if found.score < p.selection.doubt and p.selection.widen > 1:
@@ -56,21 +56,20 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):
-    """Refine all hypotheses together and score them; best first."""
-    candidates = refine(candidates, current.cloud, reference.surface, scales, p.density.facing, p.refinement.damping)
+    """Refine all hypotheses together and score them; best first. The normal equations of the last iteration as well."""
+    candidates, equations = refine(candidates, current.cloud, reference.surface, scales, p.density.facing, p.refinement.damping)
     value, overlap = score(candidates, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:
         value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
     order = np.argsort(-value, kind='stable')
-    return candidates[order], value[order], overlap[order]
+    return candidates[order], value[order], overlap[order], equations[order]
 
 
-def follow_free_direction(candidates, reference, current, p):
-    """Where a direction is all but free, the best place along it joins as a further hypothesis."""
-    match = residuals(candidates, current.cloud, reference.surface, p.refinement.fine_scale, p.density.facing)
-    angle, weak, strong = weakest_direction(normal_equations(*match))
+def follow_free_direction(candidates, equations, reference, current, p):
+    """Where the normal equations leave a direction all but free, the best place along it joins as a further hypothesis."""
+    angle, weak, strong = weakest_direction(equations)
     free = weak < p.free.ratio * strong
     if not free.any():
         return candidates
