@@ -108,7 +108,7 @@ def test_the_mean_square_is_that_of_the_points_errors():
 def test_every_candidate_is_refined_to_the_motion():
     reference, current = features(START), features(END)
     near = rows(NEAR, MOTION @ SE2(-0.1, 0.08, -0.05))
-    found = refine(near, current.cloud, reference.surface, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.facing, 1e-6)
+    found, _ = refine(near, current.cloud, reference.surface, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.facing, 1e-6)
     assert np.abs(found - MOTION.as_array()).max() < 2e-3
     assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
     last = polish(found[0], current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)

@@ -98,6 +98,16 @@ def test_a_scan_of_noise_is_coasted_over():
     assert error(update, poses[-1])[0] < 0.03
 
 
+@pytest.mark.parametrize(('velocities', 'expected'), [(1, 0.09), (3, 0.05), (100, 0.033)])
+def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
+    odometry = Odometry(Parameters().replace({'prior.velocities': velocities}))
+    run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
+    ranges = np.random.default_rng(6).uniform(0.3, 8.0, FULL.size)
+    update = odometry.process(Scan(21 * TENTH, ranges, FULL))
+    assert update.status is Status.FAILED
+    assert update.increment.x == pytest.approx(expected, abs=0.008)
+
+
 def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
     odometry = Odometry()
     run(odometry, drive(20))

@@ -60,6 +60,7 @@ class Odometry:
     def _halt(self):
         """Expect no motion."""
         self._step, self._twist, self._twist_covariance = SE2(), np.zeros(3), np.eye(3)
+        self._velocities = []
 
     def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
         """Register `scan` and say where the sensor is.
@@ -221,8 +222,17 @@ class Odometry:
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
             self._twist = (before.inverse() @ middle).as_array() / time.interval
             self._twist_covariance = 2.0 * covariance / time.interval ** 2
-            self._step = _travel(self._twist, time.interval)
+            self._step = _travel(self._usual_twist(), time.interval)
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
+
+    def _usual_twist(self):
+        """The twist that is expected to go on: the last turning rate, and the mean of the last few velocities.
+
+        Walls always hold the rotation, but not the motion along them: a step that noise has made too long would be expected
+        again, and found.
+        """
+        self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
+        return np.append(sum(self._velocities) / len(self._velocities), self._twist[2])
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry

@@ -374,6 +374,7 @@ class PriorParameters(ParameterGroup):
 
     weight: float = parameter(0.15, 'score that a hypothesis far from the prior loses: clear evidence outweighs it', '', 0.0, 2.0)
     limit: float = parameter(4.0, 'standard deviations at which it loses all of that', '', 0.1, 100.0)
+    velocities: int = parameter(3, 'constant velocity: the mean of so many last velocities goes on', '', 1, 1000)
     acceleration: float = parameter(1.0, 'constant velocity: spread of the next step, times the interval squared', 'm/s^2',
                                     0.0, 1000.0)
     angular_acceleration: float = parameter(4.0, 'constant velocity: the same for the rotation', 'rad/s^2', 0.0, 1000.0)
