@@ -148,6 +148,18 @@ def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
     assert error(update, poses[30])[0] < 0.03
 
 
+def test_after_a_gap_the_last_motion_goes_on():
+    odometry, late = Odometry(), 12 * TENTH
+    run(odometry, [SE2(0.03 * k) for k in range(20)])
+    update = odometry.process(dataclasses.replace(scan_at(SE2(0.6), 20), stamp=20 * TENTH + late))
+    assert error(update, SE2(0.6))[0] < 0.03
+    assert np.diagonal(update.twist_covariance).min() > 0.9
+    ranges = np.random.default_rng(6).uniform(0.3, 8.0, FULL.size)
+    update = odometry.process(Scan(21 * TENTH + late, ranges, FULL))
+    assert update.status is Status.FAILED
+    assert update.increment.x == pytest.approx(0.03, abs=0.006)
+
+
 def test_jitter_of_the_stamps_does_not_make_speed():
     intervals = Intervals()
     stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]

@@ -84,8 +84,11 @@ class Odometry:
         time = self._intervals.next(scan.stamp, half, p.time)
         if self._window is None or time.jump.startswith('stamps'):
             return self._start(features, time.jump)
-        if time.gap:
+        if time.jump:
             self._halt()
+        elif time.gap:
+            # Mostly the stamp is wrong, and the motion goes on.
+            self._twist_covariance = np.eye(3)
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
@@ -105,9 +108,10 @@ class Odometry:
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = self.parameters.prior
-        step = self._step
-        if step is None or time.gap or self.parameters.odometry.prior == 'none':
-            return Prior(SE2(), self._leap(time))
+        unknown = self._step is None or self.parameters.odometry.prior == 'none'
+        step = SE2() if unknown else self._step
+        if unknown or time.gap:
+            return Prior(step, self._leap(time))
         moved = math.hypot(step.x, step.y)
         sigma = math.hypot(p.least, p.acceleration * time.interval ** 2, p.jitter * moved)
         turn = math.hypot(p.least_angle, p.angular_acceleration * time.interval ** 2, p.jitter * step.theta)

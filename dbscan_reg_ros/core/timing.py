@@ -21,7 +21,7 @@ class Interval:
     jump : str
         What is wrong with the stamp when it lies more than `time.jump` away from the last; empty otherwise.
     gap : bool
-        So much time passed that the last motion says nothing of this one.
+        So much time seems to have passed that the last motion says little of this one; or else the stamp is wrong.
     """
 
     interval: float = 0.0
