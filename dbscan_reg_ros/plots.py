@@ -173,7 +173,7 @@ def _laid_out(scans, poses):
     """``(P, 2)`` returns of all scans in the frame of the poses."""
     each = max(1, MOST_POINTS // max(len(poses), 1))
     laid = [np.empty(0, dtype=np.complex64)]
-    for scan, place, turn in zip(scans, poses[:, 0] + 1j * poses[:, 1], np.exp(1j * poses[:, 2]), strict=True):
+    for scan, place, turn in zip(scans, as_complex(poses[:, :2]), np.exp(1j * poses[:, 2]), strict=True):
         points = as_complex(scan.points[scan.valid])
         points = points[::-(-len(points) // each) or 1]
         laid.append((turn * points + place).astype(np.complex64))

@@ -65,8 +65,8 @@ def surprise(candidates, prior):
 
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
-    places = candidates[:, 0] + 1j * candidates[:, 1]
-    alike = np.abs(places[:, None] - places) <= distance
+    places = alignment.origins(candidates)
+    alike = np.abs(places - places.T) <= distance
     alike &= np.abs(wrap(candidates[:, 2:] - candidates[:, 2])) <= angle
     chosen, left = [], np.ones(len(candidates), dtype=bool)
     while left.any() and len(chosen) < count:
