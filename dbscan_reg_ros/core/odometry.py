@@ -226,6 +226,7 @@ class Odometry:
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
             self._twist = (before.inverse() @ middle).as_array() / time.interval
             self._twist_covariance = 2.0 * covariance / time.interval ** 2
+            self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
             self._step = _travel(self._usual_twist(), time.interval)
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
 
@@ -235,7 +236,6 @@ class Odometry:
         Walls always hold the rotation, but not the motion along them: a step that noise has made too long would be expected
         again, and found.
         """
-        self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
         return np.append(sum(self._velocities) / len(self._velocities), self._twist[2])
 
     def _is_due(self, frame, moved, registration):

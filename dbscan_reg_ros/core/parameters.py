@@ -298,7 +298,7 @@ _LEAST_KERNEL = 0.001
 class RefinementParameters(ParameterGroup):
     """Robust point-to-line iterations on the density."""
 
-    coarse: int = parameter(3, 'iterations of the coarse refinement', '', 0, 100)
+    coarse: int = parameter(3, 'iterations of the coarse refinement; 0: nor is a free direction searched', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
     fine: int = parameter(3, 'iterations of the fine refinement; half as many before the window is aligned', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
