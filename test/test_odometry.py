@@ -31,6 +31,10 @@ def scan_at(pose, index, geometry=FULL, noise=0.01):
     return dataclasses.replace(look(ROOM, pose, geometry, noise, index), stamp=index * TENTH)
 
 
+def noise_at(stamp, rng):
+    return Scan(stamp, rng.uniform(0.3, 8.0, FULL.size), FULL)
+
+
 def error(update, truth):
     e = truth.inverse() @ update.pose
     return math.hypot(e.x, e.y), abs(e.theta)
@@ -88,7 +92,7 @@ def test_a_scan_of_noise_is_coasted_over():
     rng = np.random.default_rng(5)
     for i, pose in enumerate(poses):
         wild = i in (15, 25)
-        scan = Scan(i * TENTH, rng.uniform(0.3, 8.0, FULL.size), FULL) if wild else scan_at(pose, i)
+        scan = noise_at(i * TENTH, rng) if wild else scan_at(pose, i)
         update = odometry.process(scan)
         if wild:
             assert update.status is not Status.OK
@@ -102,8 +106,7 @@ def test_a_scan_of_noise_is_coasted_over():
 def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
     odometry = Odometry(Parameters().replace({'prior.velocities': velocities}))
     run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
-    ranges = np.random.default_rng(6).uniform(0.3, 8.0, FULL.size)
-    update = odometry.process(Scan(21 * TENTH, ranges, FULL))
+    update = odometry.process(noise_at(21 * TENTH, np.random.default_rng(6)))
     assert update.status is Status.FAILED
     assert update.increment.x == pytest.approx(expected, abs=0.008)
 
@@ -112,7 +115,7 @@ def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
     odometry = Odometry()
     run(odometry, drive(20))
     rng = np.random.default_rng(6)
-    updates = [odometry.process(Scan((20 + i) * TENTH, rng.uniform(0.3, 8.0, FULL.size), FULL)) for i in range(60)]
+    updates = [odometry.process(noise_at((20 + i) * TENTH, rng)) for i in range(60)]
     moving = [math.hypot(u.increment.x, u.increment.y) > 0.015 for u in updates]
     assert all(moving[:8])
     assert not any(moving[12:45])
@@ -154,8 +157,7 @@ def test_after_a_gap_the_last_motion_goes_on():
     update = odometry.process(dataclasses.replace(scan_at(SE2(0.6), 20), stamp=20 * TENTH + late))
     assert error(update, SE2(0.6))[0] < 0.03
     assert np.diagonal(update.twist_covariance).min() > 0.9
-    ranges = np.random.default_rng(6).uniform(0.3, 8.0, FULL.size)
-    update = odometry.process(Scan(21 * TENTH + late, ranges, FULL))
+    update = odometry.process(noise_at(21 * TENTH + late, np.random.default_rng(6)))
     assert update.status is Status.FAILED
     assert update.increment.x == pytest.approx(0.03, abs=0.006)
 
