@@ -250,7 +250,7 @@ def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds()
 @pytest.mark.parametrize('recuts, labels', [(0, [0, 0, 0, 0]), (1, [1, 1, 2, 2]), (2, [3, 4, 5, 6])])
 def test_wide_clusters_are_cut_no_more_often_than_asked_for(recuts, labels):
     """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m, 0.05 m and 0.025 m."""
-    samples = np.array([(0.0, 0.0), (0.0, 0.04), (0.0, 0.13), (0.0, 0.17)])
+    samples = 1j * np.array([0.0, 0.04, 0.13, 0.17])
     parameters = TranslationParameters(min_points=1, width=0.001, recuts=recuts)
     assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
 

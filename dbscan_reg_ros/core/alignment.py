@@ -142,8 +142,15 @@ def mean_square(equations):
 
 
 def solve(equations, damping):
-    """Damped steps ``(H, 3)``; the damping is relative to each matrix's own trace."""
-    information = equations[:, :3, :3].copy()
-    diagonal = information.reshape(-1, 9)[:, ::4]
-    diagonal += damping * (diagonal[:, :1] + diagonal[:, 1:2] + 1e-6)
-    return np.linalg.solve(information, equations[:, :3, 3:])[:, :, 0]
+    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``; the damping is relative to each one's own trace.
+
+    By cofactors, in plain numbers: for so few and small matrices an array library costs more than they do.
+    """
+    steps = []
+    for xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ in equations.reshape(-1, 16).tolist():
+        lift = damping * (xx + yy + 1e-6)
+        xx, yy, tt = xx + lift, yy + lift, tt + lift
+        a, b, c, d, e, f = yy * tt - yt * yt, xt * yt - xy * tt, xy * yt - xt * yy, xx * tt - xt * xt, xy * xt - xx * yt, xx * yy - xy * xy
+        scale = 1.0 / (xx * a + xy * b + xt * c)
+        steps.append(((a * x + b * y + c * t) * scale, (b * x + d * y + e * t) * scale, (c * x + e * y + f * t) * scale))
+    return np.array(steps)

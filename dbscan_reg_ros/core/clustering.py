@@ -31,7 +31,7 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
         goes to the first of the clusters that reach it.
     """
     size = len(samples)
-    order = np.argsort(samples, kind='stable')
+    order = samples.argsort(kind='stable')
     x = samples[order]
     labels = np.full(size, NOISE)
     if weights is None and min_points <= 1:
@@ -42,12 +42,13 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
         mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
         total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
         core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
-    at = np.flatnonzero(core)
+    at = core.nonzero()[0]
     if not len(at):
         return labels
-    gap = np.diff(x[at]) > sigma
-    component = np.concatenate(([0], np.cumsum(gap)))
-    if period is not None and component[-1] > 0 and x[at[0]] + period - x[at[-1]] <= sigma:
+    place = x[at]
+    component = np.zeros(len(at), dtype=int)
+    (place[1:] - place[:-1] > sigma).cumsum(out=component[1:])
+    if period is not None and component[-1] > 0 and place[0] + period - place[-1] <= sigma:
         component[component == component[-1]] = 0
     component = _renumber(component, order[at])
     sorted_labels = np.full(size, NOISE)
@@ -121,16 +122,15 @@ def _components(one, two, size):
         np.minimum.at(least, np.maximum(a, b), np.minimum(a, b))
         least = least[least]
     first = np.arange(size) == least
-    return (np.cumsum(first) - 1)[least]
+    return (first.cumsum() - 1)[least]
 
 
 def _renumber(component, index):
     """Components numbered in the order of their least `index`."""
-    count = component.max() + 1
-    least = np.full(count, np.iinfo(np.int64).max)
+    least = np.full(component.max() + 1, index.max())
     np.minimum.at(least, component, index)
-    rank = np.empty(count, dtype=int)
-    rank[np.argsort(least, kind='stable')] = np.arange(count)
+    rank = np.empty(len(least), dtype=int)
+    rank[least.argsort()] = np.arange(len(least))
     return rank[component]
 
 
@@ -166,5 +166,5 @@ def knee(distances):
     size = len(distances)
     if size < 3 or distances[0] <= distances[-1]:
         return float(distances[-1]) if size else 0.0
-    chord = np.linspace(distances[0], distances[-1], size)
-    return float(distances[np.argmax(chord - distances)])
+    chord = distances[0] + np.arange(size) * ((distances[-1] - distances[0]) / (size - 1))
+    return float(distances[(chord - distances).argmax()])

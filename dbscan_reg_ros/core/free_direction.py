@@ -1,4 +1,6 @@
 """The direction that walls leave free, and the search along it (corridors)."""
+import math
+
 import numpy as np
 
 from . import alignment
@@ -43,21 +45,21 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
     (H, 3) array
     """
     cloud = current.cloud
-    turn = angles - candidates[:, 2]
-    facing = np.abs((np.exp(-1j * turn)[:, None] * cloud.normals).real).max(axis=0)
+    facing = np.abs((np.exp(1j * (candidates[:, 2] - angles))[:, None] * cloud.normals).real).max(axis=0)
     cloud = cloud.select(facing > parameters.facing)
     if len(cloud) < parameters.min_points:
         return candidates
+    along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
     for reach, step, scale in ((parameters.reach, 2.0 * parameters.scale, 3.0 * parameters.scale),
                                (2.5 * parameters.scale, 0.4 * parameters.scale, parameters.scale)):
-        shift = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1.0) * step
-        along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
+        count = math.floor(reach / step)
+        shift = np.arange(-count, count + 1) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
         _, weight, normals, arms = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
-        component = (normals * np.repeat(np.exp(1j * angles), len(shift))[:, None]).real
+        component = (normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
         violation = reference.view.violation(arms + alignment.origins(moved), density.violation_tolerance)
         value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
-        best = np.argmax(value, axis=1)
+        best = value.argmax(axis=1)
         candidates = candidates + shift[best][:, None] * along
     return candidates

@@ -63,7 +63,7 @@ def improve(candidates, reference, current, scales, p, prior, both_ways=False):
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:
         value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
-    order = np.argsort(-value, kind='stable')
+    order = (-value).argsort(kind='stable')
     return candidates[order], value[order], overlap[order], equations[order]
 
 

@@ -85,5 +85,5 @@ class SE2:
 
     @classmethod
     def from_array(cls, values) -> 'SE2':
-        x, y, theta = (float(v) for v in values)
+        x, y, theta = map(float, values)
         return cls(x, y, wrap(theta))

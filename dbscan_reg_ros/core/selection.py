@@ -23,11 +23,11 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
     off = np.maximum(near - radius, radius - far)
-    support = np.clip(1.0 - off / parameters.sieve_tolerance, 0.0, 1.0)
-    support[near <= 0.0] = 0.0
+    support = np.minimum(np.maximum(1.0 - off / parameters.sieve_tolerance, 0.0), 1.0)
+    support *= near > 0.0
     value = support.sum(axis=1)
     value -= density.violation * in_front(radius, near, parameters.sieve_tolerance).sum(axis=1)
-    return candidates[np.argsort(-value, kind='stable')[:parameters.refined]]
+    return candidates[(-value).argsort(kind='stable')[:parameters.refined]]
 
 
 def score(candidates, reference: Features, current: Features, scale, parameters: DensityParameters):
@@ -44,7 +44,7 @@ def score(candidates, reference: Features, current: Features, scale, parameters:
     _, weight, _, arms = alignment.residuals(candidates, cloud, reference.surface, scale, parameters.facing)
     violation = reference.view.violation(arms + alignment.origins(candidates), parameters.violation_tolerance)
     violation *= 1.0 - weight
-    return (weight - parameters.violation * violation) @ current.leverage, weight.mean(axis=1)
+    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / len(cloud)
 
 
 def reverse_violation(candidates, reference: Features, current: Features, parameters: DensityParameters):
@@ -66,12 +66,12 @@ def surprise(candidates, prior):
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
     places = alignment.origins(candidates)
-    alike = np.abs(places - places.T) <= distance
-    alike &= np.abs(wrap(candidates[:, 2:] - candidates[:, 2])) <= angle
+    differ = np.abs(places - places.T) > distance
+    differ |= np.abs(wrap(candidates[:, 2:] - candidates[:, 2])) > angle
     chosen, left = [], np.ones(len(candidates), dtype=bool)
     while left.any() and len(chosen) < count:
-        chosen.append(int(np.argmax(left)))
-        left &= ~alike[chosen[-1]]
+        chosen.append(int(left.argmax()))
+        left &= differ[chosen[-1]]
     return chosen
 
 

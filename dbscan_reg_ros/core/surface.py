@@ -90,9 +90,10 @@ class Surface:
 
     def nearest(self, places):
         """Index of the point nearest to each of the `places` (complex, any shape, [m])."""
-        at = (places - self.origin) * (1.0 / self.cell)
+        at = places - self.origin
+        at *= 1.0 / self.cell
         at = np.ravel_multi_index((at.real.astype(np.intp), at.imag.astype(np.intp)), self.shape, mode='clip')
-        return self.index.take(at)
+        return self.index.take(at).astype(np.intp)
 
 
 def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:

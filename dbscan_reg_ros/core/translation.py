@@ -7,6 +7,7 @@ from .clustering import NOISE, dbscan_plane, k_distances, knee
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
+from .se2 import as_complex, as_vectors
 from .squared import squared_samples
 
 
@@ -58,7 +59,7 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
     """
     if parameters.form == 'squared':
         solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi]
-        samples = np.concatenate([np.empty((0, 2)), *solutions])
+        samples = as_complex(np.concatenate([np.empty((0, 2)), *solutions]))
         mass, rotation = np.ones(len(samples)), np.repeat(np.arange(len(solutions)), [len(s) for s in solutions])
         shortest = np.empty((0, 3))
     else:
@@ -69,7 +70,8 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
         shortest = shortest_translations(pairs, equations, rotations.phi[:parameters.shortest])
     if not len(samples):
-        return Translations(np.empty((0, 3)), np.empty(0), samples, mass, rotation, np.empty(0, dtype=int), 0.0, shortest)
+        return Translations(np.empty((0, 3)), np.empty(0), as_vectors(samples), mass, rotation, np.empty(0, dtype=int), 0.0,
+                            shortest)
     sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)
     labels = cluster(samples, rotation, sigma, parameters)
     return _rank(samples, mass, rotation, labels, sigma, rotations.phi, shortest)
@@ -96,33 +98,32 @@ def match_lines(rotations, weights, parameters):
 
 
 def signed_equations(reference, current, rotations, pairs):
-    """``n . t = n . (m_R - Rot(phi) m_O)`` for each pair of lines (Eq. 13).
+    """The lines ``n . t = n . (m_R - Rot(phi) m_O)``, one for each pair of lines (Eq. 13).
 
     Returns
     -------
-    nx, ny, c : (L,) arrays
-        The unit normal n and the right side [m].
+    along : (L,) complex array
+        Direction of the line; the unit normal n lies to its left.
+    distance : (L,) array [m]
+        The right side.
     """
     rotation, r, o, _ = pairs
-    phi = rotations.phi[rotation]
-    angle = reference.direction[r] - 0.5 * wrap_period(rotations.difference[r, o] - phi, 2.0 * np.pi)
-    nx, ny = -np.sin(angle), np.cos(angle)
-    offset = reference.midpoint[r] - rotate(phi, current.midpoint[o])
-    return nx, ny, nx * offset[:, 0] + ny * offset[:, 1]
+    angle = reference.direction[r] - 0.5 * wrap_period(rotations.difference[r, o] - rotations.phi[rotation], 2.0 * np.pi)
+    along = np.exp(1j * angle)
+    apart = as_complex(reference.midpoint)[r] - np.exp(1j * rotations.phi)[rotation] * as_complex(current.midpoint)[o]
+    return along, (along.conj() * apart).imag
 
 
 def line_samples(pairs, equations, parameters):
-    """Translations from all pairs of non-parallel line equations (Eq. 14-15)."""
+    """Translations (complex [m]) from all pairs of non-parallel line equations (Eq. 14-15)."""
     rotation, _, _, weight = pairs
-    nx, ny, c = equations
+    along, distance = equations
     first, second = same_group_pairs(rotation)
-    determinant = nx[first] * ny[second] - ny[first] * nx[second]
+    determinant = (along.conj()[first] * along[second]).imag
     crossing = np.abs(determinant) > parameters.crossing
     first, second, determinant = first[crossing], second[crossing], determinant[crossing]
-    tx = (c[first] * ny[second] - c[second] * ny[first]) / determinant
-    ty = (nx[first] * c[second] - nx[second] * c[first]) / determinant
-    mass = np.minimum(weight[first], weight[second]) * np.abs(determinant)
-    return np.array((tx, ty)).T, mass, rotation[first]
+    samples = (distance[first] * along[second] - distance[second] * along[first]) / determinant
+    return samples, np.minimum(weight[first], weight[second]) * np.abs(determinant), rotation[first]
 
 
 def shortest_translations(pairs, equations, phi):
@@ -130,14 +131,15 @@ def shortest_translations(pairs, equations, phi):
 
     Robust and damped least squares: between parallel walls, where no two lines cross, what they leave open is no motion.
     """
-    used = pairs[0] < len(phi)
-    rotation, weight = pairs[0][used], pairs[3][used]
-    nx, ny, c = (part[used] for part in equations)
+    rotation, _, _, weight = pairs
+    along, distance = equations
+    weight = weight[:, None] * (rotation[:, None] == np.arange(len(phi)))
+    nx, ny, c = -along.imag, along.real, distance
+    products = np.array((nx * nx, nx * ny, ny * ny, nx * c, ny * c))
+    nx, ny, c = nx[:, None], ny[:, None], c[:, None]
     x, y = np.zeros((2, len(phi)))
     for scale in _SHORTEST_SCALES:
-        w = weight / (1.0 + ((nx * x[rotation] + ny * y[rotation] - c) / scale) ** 2)
-        xx, xy, yy, cx, cy = (np.bincount(rotation, w * part, len(phi))
-                              for part in (nx * nx, nx * ny, ny * ny, nx * c, ny * c))
+        xx, xy, yy, cx, cy = products @ (weight / (1.0 + ((nx * x + ny * y - c) / scale) ** 2))
         damping = _SHORTEST_DAMPING * (xx + yy) + 1e-9
         xx, yy = xx + damping, yy + damping
         determinant = xx * yy - xy * xy
@@ -151,18 +153,18 @@ _SHORTEST_DAMPING = 0.01
 
 
 def end_samples(reference, current, rotations, pairs, parameters):
-    """Translations from matched end points: starts onto starts, ends onto ends, where both are points of the world."""
+    """Translations (complex [m]) from matched end points: starts onto starts, ends onto ends, where both are points of the
+    world.
+    """
     rotation, r, o, weight = pairs
-    phi = rotations.phi[rotation]
+    turn = np.exp(1j * rotations.phi)
     samples, masses, groups = [], [], []
-    for side, name in enumerate(('start', 'end')):
-        kind_r, kind_o = reference.kinds[r, side], current.kinds[o, side]
-        worth = parameters.end_weight * _END_WORTH[kind_r, kind_o]
-        use = worth > 0.0
-        t = getattr(reference, name)[r[use]] - rotate(phi[use], getattr(current, name)[o[use]])
-        samples.append(t)
-        masses.append(weight[use] * worth[use])
+    for side, here, there in ((0, reference.start, current.start), (1, reference.end, current.end)):
+        worth = parameters.end_weight * _END_WORTH[reference.kinds[r, side], current.kinds[o, side]]
+        use = worth.nonzero()[0]
         groups.append(rotation[use])
+        samples.append(as_complex(here)[r[use]] - turn[groups[-1]] * as_complex(there)[o[use]])
+        masses.append(weight[use] * worth[use])
     return np.concatenate(samples), np.concatenate(masses), np.concatenate(groups)
 
 
@@ -173,42 +175,36 @@ _END_WORTH[EndKind.CORNER, EndKind.FREE] = _END_WORTH[EndKind.FREE, EndKind.CORN
 _END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
 
 
-def rotate(phi, points):
-    """Points ``(N, 2)`` each turned by its own angle ``(N,)`` (Eq. 10)."""
-    c, s = np.cos(phi), np.sin(phi)
-    x, y = points[:, 0], points[:, 1]
-    return np.array((c * x - s * y, s * x + c * y)).T
-
-
 def same_group_pairs(group):
     """All pairs ``i < j`` with equal `group`, which must be sorted."""
     size = len(group)
-    end = np.searchsorted(group, group, 'right')
+    end = group.searchsorted(group, 'right')
     count = end - np.arange(size) - 1
     first = np.repeat(np.arange(size), count)
-    start = np.cumsum(count) - count
+    start = count.cumsum() - count
     return first, first + 1 + np.arange(len(first)) - np.repeat(start, count)
 
 
 def knee_sigma(samples, rotation, parameters):
     """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
-    bend = knee(k_distances(_apart(samples, rotation, parameters.sigma_max), max(parameters.min_points - 1, 1)))
+    apart = _apart(samples, rotation, parameters.sigma_max)
+    bend = knee(k_distances(as_vectors(apart), max(parameters.min_points - 1, 1)))
     return min(max(bend, parameters.sigma_min), parameters.sigma_max)
 
 
 def _apart(samples, rotation, reach):
     """The samples of each rotation moved along x, out of the others' reach."""
-    x = samples[:, 0]
-    return np.column_stack((x + (10.0 * reach + x.max() - x.min()) * rotation, samples[:, 1]))
+    x = samples.real
+    return samples + (10.0 * reach + x.max() - x.min()) * rotation
 
 
 def cluster(samples, rotation, sigma, parameters):
-    """DBSCAN of the samples of each rotation; clusters wider than `width` are clustered again, twice as finely."""
+    """DBSCAN of the samples (complex [m]) of each rotation; clusters wider than `width` again, twice as finely."""
     labels = np.full(len(samples), NOISE)
-    samples = _apart(samples, rotation, max(sigma, parameters.sigma_max))
+    apart = as_vectors(_apart(samples, rotation, max(sigma, parameters.sigma_max)))
     todo, offset = np.arange(len(samples)), 0
     for _ in range(parameters.recuts + 1):
-        found = dbscan_plane(samples[todo], sigma, parameters.min_points)
+        found = dbscan_plane(apart[todo], sigma, parameters.min_points)
         kept = found != NOISE
         todo, found = todo[kept], found[kept]
         if not len(todo):
@@ -216,12 +212,9 @@ def cluster(samples, rotation, sigma, parameters):
         labels[todo] = found + offset
         if parameters.width <= 0.0:
             break
-        weight = np.bincount(found)
-        spread = np.zeros(len(weight))
-        for column in samples[todo].T:
-            mean = np.bincount(found, column) / weight
-            spread += np.bincount(found, (column - mean[found]) ** 2) / weight
-        wide = (spread > parameters.width ** 2)[found]
+        chosen, weight = samples[todo], np.bincount(found)
+        off = np.abs(chosen - _means(found, chosen, weight)[found])
+        wide = (np.bincount(found, off * off) > parameters.width ** 2 * weight)[found]
         if not wide.any():
             break
         offset += len(weight)
@@ -229,19 +222,26 @@ def cluster(samples, rotation, sigma, parameters):
     return labels
 
 
+def _means(group, values, weight, mass=1.0):
+    """Means of the complex `values` of each group, groups numbered from 0, from their `mass` and its sum, the `weight`."""
+    values = mass * values
+    return (np.bincount(group, values.real) + 1j * np.bincount(group, values.imag)) / weight
+
+
 def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
     """Weighted mean and weight of each cluster, heaviest first."""
-    at = np.flatnonzero(labels != NOISE)
-    index = labels[at]
+    at = (labels != NOISE).nonzero()[0]
+    # A cluster that was cut again has left its number empty.
+    used = np.bincount(labels[at]) > 0
+    index = (used.cumsum() - 1)[labels[at]]
     weight = np.bincount(index, mass[at])
-    order = np.argsort(-weight, kind='stable')[:np.count_nonzero(np.bincount(index))]
-    transform = np.empty((len(weight), 3))
-    with np.errstate(invalid='ignore'):
-        for column in (0, 1):
-            transform[:, column] = np.bincount(index, mass[at] * samples[at, column]) / weight
-    transform[index, 2] = phi[rotation[at]]
+    order = (-weight).argsort(kind='stable')
+    mean = _means(index, samples[at], weight, mass[at])
+    angle = np.empty(len(weight))
+    angle[index] = phi[rotation[at]]
     rank = np.empty(len(weight), dtype=int)
     rank[order] = np.arange(len(order))
     ranked = np.full(len(samples), NOISE)
     ranked[at] = rank[index]
-    return Translations(transform[order], weight[order], samples, mass, rotation, ranked, sigma, shortest)
+    transform = np.array((mean.real, mean.imag, angle)).T
+    return Translations(transform[order], weight[order], as_vectors(samples), mass, rotation, ranked, sigma, shortest)
