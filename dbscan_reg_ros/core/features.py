@@ -30,7 +30,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
                         f'{limits.min_returns}')
     noise = estimate_noise(scan.ranges[valid].astype(float), limits)
     filtered, _ = ring_band_filter(raw, noise, parameters.filter)
-    beams = np.flatnonzero(np.isfinite(filtered[:, 0]))
+    beams = np.isfinite(filtered[:, 0]).nonzero()[0]
     points = filtered[beams]
     if len(points) < limits.min_returns:
         raise ScanError(f'{len(points)} returns remain after the ring band filter; scan.min_returns asks for '
@@ -94,13 +94,14 @@ def estimate_normals(points, total, breaks, increment, parameters):
     onward = ~(breaks[:-2] | breaks[1:-1] | breaks[2:])
     step[1:-1][onward] = np.abs(points[3:] - points[:-3])[onward] / 3.0
     path = np.zeros(size)
-    np.cumsum(np.where(breaks, 0.0, step), out=path[1:])
-    edge = np.concatenate(([0], np.flatnonzero(breaks) + 1, [size]))
-    run = np.repeat(np.arange(len(edge) - 1), edge[1:] - edge[:-1])
-    index = np.arange(size)
-    low = np.minimum(np.searchsorted(path, path - parameters.normal_reach), index - parameters.normal_beams)
-    high = np.maximum(np.searchsorted(path, path + parameters.normal_reach, 'right'), index + parameters.normal_beams + 1)
-    low, high = np.maximum(low, edge[run]), np.minimum(high, edge[run + 1])
+    step[breaks] = 0.0
+    step.cumsum(out=path[1:])
+    edge = np.concatenate(([0], breaks.nonzero()[0] + 1, [size]))
+    first, end = edge[:-1], edge[1:]
+    index, length = np.arange(size), end - first
+    low = np.minimum(path.searchsorted(path - parameters.normal_reach), index - parameters.normal_beams)
+    high = np.maximum(path.searchsorted(path + parameters.normal_reach, 'right'), index + (parameters.normal_beams + 1))
+    low, high = np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))
     count = high - low
     _, angle, spread, residual = fit_lines(total[high] - total[low], count)
     normals = 1j * np.exp(1j * angle)

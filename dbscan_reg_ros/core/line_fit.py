@@ -5,13 +5,13 @@ import numpy as np
 def point_moments(points):
     """``(P, 5)``: x, y, xx, xy, yy of each point."""
     x, y = points[:, 0], points[:, 1]
-    return np.stack((x, y, x * x, x * y, y * y), axis=1)
+    return np.array((x, y, x * x, x * y, y * y)).T
 
 
 def summed_moments(points):
     """``(P + 1, 5)``: sums of the moments of all points before each; stretches are differences of its rows."""
     total = np.zeros((len(points) + 1, 5))
-    np.cumsum(point_moments(points), axis=0, out=total[1:])
+    point_moments(points).cumsum(axis=0, out=total[1:])
     return total
 
 

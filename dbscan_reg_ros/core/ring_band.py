@@ -104,9 +104,9 @@ def _anchor_outliers(points, parameters):
 
 _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
 _ONE_SIDED = [(0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b]
-_ACROSS = np.array([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0])
-_THROUGH = np.array(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
-_NEAREST = np.array([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
+_ACROSS = np.array([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0]).T
+_THROUGH = np.array(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER]).T
+_NEAREST = np.array([(0, -2, -1), (0, -1, 1), (0, 1, 2)]).T
 
 
 def _consensus_outliers(points, noise, parameters):
@@ -118,14 +118,14 @@ def _consensus_outliers(points, noise, parameters):
     """
     size = len(points)
     known = np.isfinite(points[:, 0])
-    padded = np.zeros(size + 2 * RING, dtype=complex)
+    padded = np.full(size + 2 * RING, np.nan, dtype=complex)
     padded[RING:-RING][known] = as_complex(points)[known]
     deviation, tolerance = _off_lines(padded, np.arange(size), _NEAREST, noise, parameters)
     before, astride, after = deviation <= tolerance
     straight = np.zeros(size + 4, dtype=bool)
     straight[2:-2] = astride
     corner = straight[:-4] & straight[4:]
-    doubtful = np.flatnonzero(known & ~(before | after | astride & ~corner))
+    doubtful = (known & ~(before | after | astride & ~corner)).nonzero()[0]
     candidate, deviation = np.zeros(size, dtype=bool), np.zeros(size)
     distance, tolerance = _off_lines(padded, doubtful, _THROUGH, noise, parameters)
     on = distance <= tolerance
@@ -133,7 +133,7 @@ def _consensus_outliers(points, noise, parameters):
     deviation[doubtful] = distance.min(axis=0)
     inner, outer = candidate.astype(int), candidate.astype(int)
     counted = candidate if parameters.gross == 0.0 else candidate & (deviation <= parameters.gross)
-    at = np.flatnonzero(counted)
+    at = counted.nonzero()[0]
     if len(at):
         distance, tolerance = _off_lines(padded, at, _ACROSS, noise, parameters)
         shape = (2 * RING, -1, len(at))
@@ -149,10 +149,10 @@ def _off_lines(padded, centre, triples, noise, parameters):
     Parameters
     ----------
     padded : (N + 2 * RING,) complex array
-        Points; 0 without a return.
+        Points; `nan` without a return.
     centre : (S,) int array
-    triples : (T, 3) int array
-        k, a, b of each.
+    triples : (3, T) int array
+        All k, all a and all b.
 
     Returns
     -------
@@ -160,14 +160,15 @@ def _off_lines(padded, centre, triples, noise, parameters):
         The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
         on the way to the third.
     """
-    k, a, b = triples.T[:, :, None]
-    beam, one, two = (padded.take(centre + RING + offset) for offset in (k, a, b))
+    beam, one, two = padded.take((triples + RING)[:, :, None] + centre)
     radius = np.abs(beam)
     # The line through `one` and `two` meets the beam p s at s = cross(one, two) / cross(p, two - one).
     with np.errstate(divide='ignore', invalid='ignore'):
         meeting = (one.conj() * two).imag / (beam.conj() * (two - one)).imag
         distance = np.abs(meeting - 1.0) * radius
-    distance[(beam == 0.0) | (one == 0.0) | (two == 0.0) | np.isnan(distance)] = np.inf
+    distance[np.isnan(distance)] = np.inf
+    k, a, b = triples
     growth = (np.abs(a - k) + np.abs(b - k)) / (b - a)
-    tolerance = parameters.noise_factor * noise * (1.0 + growth) + parameters.relative_tolerance * radius
+    tolerance = parameters.relative_tolerance * radius
+    tolerance += (parameters.noise_factor * noise * (1.0 + growth))[:, None]
     return distance, tolerance

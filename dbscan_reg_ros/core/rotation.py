@@ -42,7 +42,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
     """
     period = 2.0 * math.pi if parameters.directed else math.pi
     difference = reference.direction[:, None] - current.direction
-    difference = (difference + 0.5 * period) % period - 0.5 * period
+    difference = wrap_period(difference, period)
     samples = difference.ravel()
     if not len(samples):
         return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.sigma)
@@ -90,16 +90,17 @@ def knee_sigma(samples, parameters):
 
 
 def wrap_period(angle, period):
-    return (angle + 0.5 * period) % period - 0.5 * period
+    """Angle(s) less whole periods, at most half a period from 0."""
+    return angle - period * np.rint(angle * (1.0 / period))
 
 
 def _rank(samples, weights, labels, sigma, shape, period, parameters):
     """Weighted mean and weight of each cluster, heaviest first, the best `hypotheses` of them."""
-    at = np.flatnonzero(labels != NOISE)
+    at = (labels != NOISE).nonzero()[0]
     if not len(at):
         return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), sigma)
     used = np.bincount(labels[at]) > 0
-    index = (np.cumsum(used) - 1)[labels[at]]
+    index = (used.cumsum() - 1)[labels[at]]
     mass = np.bincount(index, weights[at])
     anchor = np.empty(len(mass))
     anchor[index] = samples[at]
@@ -107,7 +108,7 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     if parameters.focus > 0.0:
         weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.focus) ** 2)
     mean = np.bincount(index, weight * offset) / np.bincount(index, weight)
-    order = np.argsort(-mass, kind='stable')[:parameters.hypotheses]
+    order = (-mass).argsort(kind='stable')[:parameters.hypotheses]
     rank = np.full(len(mass), NOISE)
     rank[order] = np.arange(len(order))
     ranked = np.full(len(samples), NOISE)

@@ -49,20 +49,20 @@ def split_runs(points, breaks, noise, parameters: SegmentParameters):
     """
     split_distance = max(parameters.split_noise * noise + parameters.split_distance, 1e-9)
     starts = np.concatenate(([True], breaks))
-    first = np.flatnonzero(starts)
+    first = starts.nonzero()[0]
     for _ in range(parameters.split_levels):
         last = np.concatenate((first[1:], [len(points)])) - 1
         chord = points[last] - points[first]
         chord /= np.maximum(np.abs(chord), 1e-9)
-        stretch = np.cumsum(starts) - 1
+        stretch = starts.cumsum() - 1
         distance = np.abs((chord.conj()[stretch] * (points - points[first][stretch])).imag)
         farthest = np.maximum.reduceat(distance, first)
         farthest[farthest <= split_distance] = np.inf
-        at = np.flatnonzero(distance == farthest[stretch])
+        at = (distance == farthest[stretch]).nonzero()[0]
         if not len(at):
             break
         starts[at + 1] = True
-        first = np.flatnonzero(starts)
+        first = starts.nonzero()[0]
     return first
 
 
@@ -109,7 +109,7 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     kinds = _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters)
     return Segments(as_vectors(start), as_vectors(end), np.arctan2(along.imag, along.real), np.abs(end - start),
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
-                    np.column_stack((beams[first], beams[last])))
+                    np.array((beams[first], beams[last])).T)
 
 
 def _straight_stretches(points, total, breaks, noise, parameters):
@@ -155,7 +155,7 @@ def _on_different_lines(points, first, last, count, moments, noise, parameters):
 
 def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters):
     """What ends each segment; a `start` or `end` at a corner is moved to the point where its two lines meet."""
-    kinds = np.full((len(first), 2), EndKind.OCCLUSION, dtype=int)
+    kinds = np.full((len(first), 2), int(EndKind.OCCLUSION))
     margin = parameters.depth_margin + 3.0 * noise
     depth = np.concatenate(([-np.inf], radius, [-np.inf]))
     kinds[depth[first] > radius[first] + margin, 0] = EndKind.FREE
@@ -170,7 +170,7 @@ def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, pa
         half = 0.5 * np.abs(end - start)
         corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
         corner &= beyond > -half[:-1]
-        run = np.concatenate(([0], np.cumsum(breaks)))
+        run = np.concatenate(([0], breaks.cumsum()))
         corner &= (first[1:] - last[:-1] <= 3) & (run[first[1:]] == run[last[:-1]])
         end[:-1][corner] = start[1:][corner] = meeting[corner]
         kinds[:-1, 1][corner] = kinds[1:, 0][corner] = EndKind.CORNER

@@ -85,16 +85,14 @@ def match_lines(rotations, weights, parameters):
     rotation, line_r, line_o : (L,) int arrays
     weight : (L,) array
     """
-    count, (n, m) = len(rotations.phi), weights.shape
-    off = np.abs(wrap_period(rotations.difference - rotations.phi[:, None, None], 2.0 * np.pi))
-    fit = np.exp(-0.5 * (off / parameters.parallel) ** 2) * (off < 2.0 * parameters.parallel)
-    value = (fit * weights).reshape(count, n * m)
-    keep = min(parameters.pairs, n * m)
-    best = np.argpartition(-value, keep - 1, axis=1)[:, :keep]
-    value = value[np.arange(count)[:, None], best]
-    rotation, column = np.nonzero(value > 0.0)
-    line = best[rotation, column]
-    return rotation, line // m, line % m, value[rotation, column]
+    off = wrap_period(rotations.difference - rotations.phi[:, None, None], 2.0 * np.pi)
+    rotation, r, o = (np.abs(off) < 2.0 * parameters.parallel).nonzero()
+    weight = np.exp(-0.5 * (off[rotation, r, o] / parameters.parallel) ** 2) * weights[r, o]
+    order = np.lexsort((-weight, rotation))
+    size = np.bincount(rotation)
+    rank = np.arange(len(order)) - (size.cumsum() - size).repeat(size)
+    chosen = order[rank < parameters.pairs]
+    return rotation[chosen], r[chosen], o[chosen], weight[chosen]
 
 
 def signed_equations(reference, current, rotations, pairs):
