@@ -87,16 +87,16 @@ def test_the_weakest_direction_leaves_the_rotation_free():
     """Points at (0, 2) and (0, -2) that face along x tell a rotation, one point alone does not tell x from it."""
     def information(*rows):
         rows = np.array(rows)
-        return (rows.T @ rows)[None]
+        return rows.T @ rows
 
     one = (1.0, 0.0, 2.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
     angle, weak, strong = weakest_direction(information(*one))
-    assert (abs(math.cos(angle[0])), weak[0], strong[0]) == pytest.approx((1.0, 0.0, 2.0))
+    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 0.0, 2.0))
     angle, weak, strong = weakest_direction(information((1.0, 0.0, -2.0), *one, (0.0, 1.0, 0.0)))
-    assert (abs(math.cos(angle[0])), weak[0], strong[0]) == pytest.approx((1.0, 2.0, 3.0))
+    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 2.0, 3.0))
     slanted = np.array([math.cos(0.4), math.sin(0.4), 0.0])
-    angle, weak, strong = weakest_direction(np.diag([5.0, 5.0, 1.0])[None] - 4.0 * np.outer(slanted, slanted))
-    assert (math.sin(angle[0] - 0.4), weak[0], strong[0]) == pytest.approx((0.0, 1.0, 5.0))
+    angle, weak, strong = weakest_direction(np.diag([5.0, 5.0, 1.0]) - 4.0 * np.outer(slanted, slanted))
+    assert (math.sin(angle - 0.4), weak, strong) == pytest.approx((0.0, 1.0, 5.0))
 
 
 CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])

@@ -123,17 +123,10 @@ def polish(candidate, cloud, surface, facing, refinement):
     first, candidate, scale = candidate, candidate[None].copy(), refinement.final_scale
     for _ in range(refinement.polish):
         equations = normal_equations(*residuals(candidate, cloud, surface, scale, facing))
-        step = solve(equations, refinement.damping)
-        candidate -= step
-        narrower = refinement.narrowed(scale, mean_square(equations[0]) ** 0.5)
-        if np.abs(step).max() < _CONVERGED and narrower > 0.98 * scale:
-            break
-        scale = narrower
+        candidate -= solve(equations, refinement.damping)
+        scale = refinement.narrowed(scale, mean_square(equations[0]) ** 0.5)
     crept = np.hypot(*(candidate[0, :2] - first[:2]))
     return candidate[0] if crept < refinement.final_scale else first
-
-
-_CONVERGED = 1e-5
 
 
 def mean_square(equations):

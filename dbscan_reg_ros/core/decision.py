@@ -1,4 +1,5 @@
 """What the best hypothesis is worth: status, covariance and the segments that it lays onto one another."""
+import cmath
 import dataclasses
 import math
 
@@ -141,7 +142,7 @@ def calibrated(information, shared, variance, parameters: DecisionParameters):
         Information along it.
     """
     variance = variance * parameters.covariance_scale
-    angle, weak, _ = (float(value) for value in weakest_direction(shared))
+    angle, weak, _ = weakest_direction(shared)
     covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     free = 1.0 / parameters.prior_information()[0]
@@ -154,8 +155,8 @@ def match_segments(reference: Segments, current: Segments, transform: SE2, param
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
     turned = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
-    step = as_complex(transform.apply(current.midpoint)) - as_complex(reference.midpoint)[:, None]
-    step *= np.exp(-1j * reference.direction)[:, None]
+    moved = cmath.exp(1j * transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
+    step = (moved - as_complex(reference.midpoint)[:, None]) * np.exp(-1j * reference.direction)[:, None]
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
-    across = np.abs(step.imag)
-    return np.argwhere((turned < parameters.match_angle) & (across < parameters.match_distance) & (apart < 0.0))
+    alike = (turned < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
+    return np.array(alike.nonzero()).T

@@ -11,21 +11,19 @@ def weakest_direction(information):
 
     Parameters
     ----------
-    information : (..., 3, 3) array
+    information : (3, 3) array
 
     Returns
     -------
-    angle : (...) array [rad], modulo pi
-    weak, strong : (...) arrays
+    angle : float [rad], modulo pi
+    weak, strong : float
         Information along it and across it.
     """
-    turn = np.maximum(information[..., 2, 2], 1e-12)
-    x, y = information[..., 0, 2], information[..., 1, 2]
-    xx = information[..., 0, 0] - x * x / turn
-    xy = information[..., 0, 1] - x * y / turn
-    yy = information[..., 1, 1] - y * y / turn
-    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    return 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi, np.maximum(half - root, 0.0), half + root
+    (xx, xy, x), (_, yy, y), (_, _, turn) = information.tolist()
+    turn = max(turn, 1e-12)
+    xx, xy, yy = xx - x * x / turn, xy - x * y / turn, yy - y * y / turn
+    half, root = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    return 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi, max(half - root, 0.0), half + root
 
 
 def search_free_direction(candidates, angles, reference, current, parameters, density):

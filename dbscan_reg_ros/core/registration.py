@@ -69,7 +69,7 @@ def improve(candidates, reference, current, scales, p, prior, both_ways=False):
 
 def follow_free_direction(candidates, equations, reference, current, p):
     """Where the normal equations leave a direction all but free, the best place along it joins as a further hypothesis."""
-    angle, weak, strong = weakest_direction(equations)
+    angle, weak, strong = np.array([weakest_direction(each[:3, :3]) for each in equations]).T
     free = weak < p.free.ratio * strong
     if not free.any():
         return candidates

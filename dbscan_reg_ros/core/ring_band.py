@@ -1,5 +1,6 @@
 """Ring band filter: judges each beam by the slopes in the ring of beams around it (section 2.1, Eq. 3-4)."""
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -102,11 +103,31 @@ def _anchor_outliers(points, parameters):
     return candidate, inner, outer, deviation
 
 
+class _Lines(NamedTuple):
+    """Pairs of beams near a centre, T of them, and for each a third that may lie on the line through both.
+
+    Attributes
+    ----------
+    beams : (3, T, 1) int array
+        Offsets from ``centre - RING`` to the third, the first and the second beam.
+    growth : (T, 1) array
+        How the noise of the two grows on the way to the third.
+    """
+
+    beams: np.ndarray
+    growth: np.ndarray
+
+
+def _lines(triples):
+    k, a, b = triples = np.array(triples).T[:, :, None]
+    return _Lines(triples + RING, (np.abs(a - k) + np.abs(b - k)) / (b - a))
+
+
 _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
 _ONE_SIDED = [(0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b]
-_ACROSS = np.array([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0]).T
-_THROUGH = np.array(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER]).T
-_NEAREST = np.array([(0, -2, -1), (0, -1, 1), (0, 1, 2)]).T
+_ACROSS = _lines([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0])
+_THROUGH = _lines(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
+_NEAREST = _lines([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
 
 
 def _consensus_outliers(points, noise, parameters):
@@ -143,16 +164,15 @@ def _consensus_outliers(points, noise, parameters):
     return candidate, inner, outer, deviation
 
 
-def _off_lines(padded, centre, triples, noise, parameters):
-    """How far beam ``centre + k`` lies from the line through ``centre + a`` and ``centre + b``, along the beam.
+def _off_lines(padded, centre, lines, noise, parameters):
+    """How far the third beam of each of the `lines` lies from it, along the beam.
 
     Parameters
     ----------
     padded : (N + 2 * RING,) complex array
         Points; `nan` without a return.
     centre : (S,) int array
-    triples : (3, T) int array
-        All k, all a and all b.
+    lines : _Lines
 
     Returns
     -------
@@ -160,15 +180,13 @@ def _off_lines(padded, centre, triples, noise, parameters):
         The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
         on the way to the third.
     """
-    beam, one, two = padded.take((triples + RING)[:, :, None] + centre)
+    beam, one, two = padded.take(lines.beams + centre)
     radius = np.abs(beam)
     # The line through `one` and `two` meets the beam p s at s = cross(one, two) / cross(p, two - one).
     with np.errstate(divide='ignore', invalid='ignore'):
         meeting = (one.conj() * two).imag / (beam.conj() * (two - one)).imag
         distance = np.abs(meeting - 1.0) * radius
     distance[np.isnan(distance)] = np.inf
-    k, a, b = triples
-    growth = (np.abs(a - k) + np.abs(b - k)) / (b - a)
     tolerance = parameters.relative_tolerance * radius
-    tolerance += (parameters.noise_factor * noise * (1.0 + growth))[:, None]
+    tolerance += parameters.noise_factor * noise * (1.0 + lines.growth)
     return distance, tolerance

@@ -37,33 +37,33 @@ def find_breaks(points, radius, beams, geometry, noise, parameters: SegmentParam
 
 
 def split_runs(points, breaks, noise, parameters: SegmentParameters):
-    """First point of each straight stretch: runs cut at their corners, all at once, level by level.
+    """Straight stretches: runs cut at their corners, all at once, level by level.
 
     Within each stretch the point farthest from the chord becomes a corner when it lies more than the split distance
     from it.
 
     Returns
     -------
-    (S,) int array
-        Indices into `points`, ascending, first one 0.
+    first, last : (S,) int arrays
+        First and last point of each stretch.
     """
     split_distance = max(parameters.split_noise * noise + parameters.split_distance, 1e-9)
-    starts = np.concatenate(([True], breaks))
-    first = starts.nonzero()[0]
+    edges = np.concatenate(([True], breaks, [True]))
+    edge = edges.nonzero()[0]
     for _ in range(parameters.split_levels):
-        last = np.concatenate((first[1:], [len(points)])) - 1
-        chord = points[last] - points[first]
+        first, length = edge[:-1], edge[1:] - edge[:-1]
+        start = points[first]
+        chord = points[edge[1:] - 1] - start
         chord /= np.maximum(np.abs(chord), 1e-9)
-        stretch = starts.cumsum() - 1
-        distance = np.abs((chord.conj()[stretch] * (points - points[first][stretch])).imag)
+        distance = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
         farthest = np.maximum.reduceat(distance, first)
         farthest[farthest <= split_distance] = np.inf
-        at = (distance == farthest[stretch]).nonzero()[0]
+        at = (distance == farthest.repeat(length)).nonzero()[0]
         if not len(at):
             break
-        starts[at + 1] = True
-        first = starts.nonzero()[0]
-    return first
+        edges[at + 1] = True
+        edge = edges.nonzero()[0]
+    return edge[:-1], edge[1:] - 1
 
 
 def extract_segments(points, total, radius, beams, breaks, noise, parameters: SegmentParameters) -> Segments:
@@ -120,8 +120,7 @@ def _straight_stretches(points, total, breaks, noise, parameters):
     first, last, count : (S,) int arrays
     moments : (S, 5) array
     """
-    first = split_runs(points, breaks, noise, parameters)
-    last = np.concatenate((first[1:], [len(points)])) - 1
+    first, last = split_runs(points, breaks, noise, parameters)
     keep = last - first >= 2
     first, last = first[keep], last[keep]
     count, moments = last - first + 1, total[last + 1] - total[first]
