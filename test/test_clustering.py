@@ -79,13 +79,14 @@ def test_duplicates_and_distances_equal_to_sigma(seed):
                                           expected(samples, sigma, min_points))
 
 
-def test_table_and_tree_give_the_same_clusters():
-    """Few samples are compared in a table, many by a k-d tree."""
+def test_samples_above_one_another_are_clustered_like_those_beside_one_another():
+    """Neighbours are looked for along the first axis; where nearly all are near along it, in a tree."""
     rng = np.random.default_rng(0)
-    samples = rng.integers(0, 20, (100, 2)).astype(float)
-    many = np.concatenate((samples, rng.integers(1000, 1400, (200, 2)).astype(float)))
+    above = np.column_stack((rng.integers(0, 3, 300), rng.integers(0, 400, 300))).astype(float)
     for min_points in (1, 2, 4):
-        np.testing.assert_array_equal(dbscan_plane(many, 1.0, min_points)[:100], dbscan_plane(samples, 1.0, min_points))
+        clusters = expected(above, 1.0, min_points)
+        np.testing.assert_array_equal(dbscan_plane(above, 1.0, min_points), clusters)
+        np.testing.assert_array_equal(dbscan_plane(above[:, ::-1], 1.0, min_points), clusters)
 
 
 def test_a_border_sample_goes_to_the_first_cluster_that_reaches_it():

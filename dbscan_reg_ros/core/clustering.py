@@ -82,7 +82,7 @@ def _neighbour_range(x, sigma, period):
 
 
 def dbscan_plane(samples, sigma, min_points, weights=None):
-    """DBSCAN of points: neighbours from a k-d tree, clusters as connected components.
+    """DBSCAN of points: pairs of neighbours, clusters as connected components.
 
     Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
     call when they are moved apart.
@@ -90,8 +90,7 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     size = len(samples)
     if size == 0:
         return np.empty(0, dtype=int)
-    pairs = cKDTree(samples, balanced_tree=False, compact_nodes=False).query_pairs(sigma, output_type='ndarray')
-    one, two = pairs[:, 0], pairs[:, 1]
+    one, two = _near_pairs(samples, sigma)
     if weights is None and min_points <= 1:
         return _components(one, two, size)
     mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)
@@ -110,6 +109,31 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     border = best < size
     labels[border] = best[border]
     return labels
+
+
+def _near_pairs(samples, sigma):
+    """All pairs of samples at most `sigma` apart: among those near along the first axis, or by a tree where these are many."""
+    order = samples[:, 0].argsort()
+    place = samples[order, 0]
+    end = place.searchsorted(place + sigma, 'right')
+    if (end - np.arange(1, len(end) + 1)).sum() > _MANY * len(samples):
+        return cKDTree(samples).query_pairs(sigma, output_type='ndarray').T
+    one, two = pairs_before(end)
+    one, two = order[one], order[two]
+    near = (((samples[one] - samples[two]) ** 2).sum(axis=1) <= sigma * sigma).nonzero()[0]
+    return one[near], two[near]
+
+
+_MANY = 50
+"""Of such pairs for each sample."""
+
+
+def pairs_before(end):
+    """All pairs ``i < j`` with j below ``end[i]``."""
+    index = np.arange(len(end))
+    count = end - index - 1
+    first = index.repeat(count)
+    return first, np.arange(1, len(first) + 1) + (index - count.cumsum() + count).repeat(count)
 
 
 def _components(one, two, size):

@@ -189,16 +189,16 @@ def build_view(points, increment) -> View:
     """
     size = int(np.clip(round(2.0 * math.pi / abs(increment)), 60, 2880))
     bearing, radius = np.arctan2(points[:, 1], points[:, 0]), np.abs(as_complex(points))
-    order = np.argsort(bearing, kind='stable')
+    order = bearing.argsort(kind='stable')
     bearing, radius = bearing[order], radius[order]
     bearing = np.concatenate((bearing[-1:] - 2.0 * math.pi, bearing, bearing[:1] + 2.0 * math.pi))
     radius = np.concatenate((radius[-1:], radius, radius[:1], radius[:1]))
     edges = np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
-    last = np.searchsorted(bearing, edges[:-1], 'right') - 1
-    first = np.searchsorted(bearing, edges[1:], 'left')
+    last = bearing.searchsorted(edges[:-1], 'right') - 1
+    first = bearing.searchsorted(edges[1:], 'left')
     # A moved scan is sparse in places: what counts is that both neighbours exist, not that they are in adjacent beams.
     known = bearing[first] - bearing[last] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
-    span = np.column_stack((last, first + 1)).ravel()
+    span = np.array((last, first + 1)).T.ravel()
     near = np.minimum.reduceat(radius, span)[::2]
     far = np.maximum.reduceat(radius, span)[::2]
     return View(np.where(known, near, 0.0), np.where(known, far, 0.0))

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clustering import NOISE, dbscan_plane, k_distances, knee
+from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
@@ -116,7 +116,7 @@ def line_samples(pairs, equations, parameters):
     """Translations (complex [m]) from all pairs of non-parallel line equations (Eq. 14-15)."""
     rotation, _, _, weight = pairs
     along, distance = equations
-    first, second = same_group_pairs(rotation)
+    first, second = pairs_before(rotation.searchsorted(rotation, 'right'))
     determinant = (along.conj()[first] * along[second]).imag
     crossing = np.abs(determinant) > parameters.crossing
     first, second, determinant = first[crossing], second[crossing], determinant[crossing]
@@ -171,16 +171,6 @@ _END_WORTH[EndKind.CORNER, EndKind.CORNER] = 1.0
 _END_WORTH[EndKind.FREE, EndKind.FREE] = 0.7
 _END_WORTH[EndKind.CORNER, EndKind.FREE] = _END_WORTH[EndKind.FREE, EndKind.CORNER] = 0.4
 _END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
-
-
-def same_group_pairs(group):
-    """All pairs ``i < j`` with equal `group`, which must be sorted."""
-    size = len(group)
-    end = group.searchsorted(group, 'right')
-    count = end - np.arange(size) - 1
-    first = np.repeat(np.arange(size), count)
-    start = count.cumsum() - count
-    return first, first + 1 + np.arange(len(first)) - np.repeat(start, count)
 
 
 def knee_sigma(samples, rotation, parameters):
