@@ -6,6 +6,7 @@ costs a fixed number of array operations, whatever the number of candidates.
 import numpy as np
 
 from .se2 import as_complex
+from .symmetric import solve
 
 
 def origins(candidates):
@@ -132,18 +133,3 @@ def polish(candidate, cloud, surface, facing, refinement):
 def mean_square(equations):
     """Weighted mean of the squared errors [m^2] of normal equations ``(4, 4)``: normals are of unit length."""
     return float(equations[3, 3]) / max(float(equations[0, 0] + equations[1, 1]), 1e-9)
-
-
-def solve(equations, damping):
-    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``; the damping is relative to each one's own trace.
-
-    By cofactors, in plain numbers: for so few and small matrices an array library costs more than they do.
-    """
-    steps = []
-    for xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ in equations.reshape(-1, 16).tolist():
-        lift = damping * (xx + yy + 1e-6)
-        xx, yy, tt = xx + lift, yy + lift, tt + lift
-        a, b, c, d, e, f = yy * tt - yt * yt, xt * yt - xy * tt, xy * yt - xt * yy, xx * tt - xt * xt, xy * xt - xx * yt, xx * yy - xy * xy
-        scale = 1.0 / (xx * a + xy * b + xt * c)
-        steps.append(((a * x + b * y + c * t) * scale, (b * x + d * y + e * t) * scale, (c * x + e * y + f * t) * scale))
-    return np.array(steps)

@@ -12,6 +12,7 @@ from .records import Features, Hypothesis, Prior, Registration, Segments, Status
 from .rotation import wrap_period
 from .se2 import SE2, as_complex, turn_matrix, turned, wrap
 from .selection import same
+from .symmetric import inverse
 
 
 def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features, current: Features, p: Parameters):
@@ -143,7 +144,7 @@ def calibrated(information, shared, variance, parameters: DecisionParameters):
     """
     variance = variance * parameters.covariance_scale
     angle, weak, _ = weakest_direction(shared)
-    covariance = np.linalg.inv(information / variance + np.diag(parameters.prior_information()))
+    covariance = inverse(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     free = 1.0 / parameters.prior_information()[0]
     extra = free if weak < parameters.min_information else min(variance * parameters.few / weak ** 2, free)

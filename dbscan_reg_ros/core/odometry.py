@@ -14,6 +14,7 @@ from .registration import register
 from .rest import Rest
 from .scan import Scan
 from .se2 import SE2, turned
+from .symmetric import inverse, mahalanobis
 from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
 
@@ -130,9 +131,7 @@ class Odometry:
         usual = self._pose @ own.transform
         first, pending = None, self._pending
         self._pending = None
-        frames = self._window.frames
-        older = sorted(frames[:-1], key=lambda f: math.hypot(f.pose.x - expected.x, f.pose.y - expected.y))
-        for frame in (frames[-1], *older[:p.odometry.retries]):
+        for frame in self._references(expected):
             back = frame.pose.inverse()
             guess = Prior(back @ expected, prior.covariance)
             registration, seen = self._match(frame, features, standing, guess)
@@ -154,6 +153,13 @@ class Odometry:
                     return frame, pose, registration, seen
                 self._pending = self._pending or pose
         return None, None, first, None
+
+    def _references(self, expected):
+        """The latest key frame, and then the nearest of the older ones."""
+        *older, latest = self._window.frames
+        yield latest
+        older.sort(key=lambda frame: math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y))
+        yield from older[:self.parameters.odometry.retries]
 
     def _match(self, frame, features, standing, guess):
         """The scan without what moves registered to a key frame, and what was registered.
@@ -180,7 +186,7 @@ class Odometry:
 
     def _agrees(self, pose, expected, covariance):
         off = (expected.inverse() @ pose).as_array()
-        return off @ np.linalg.solve(covariance, off) <= self.parameters.prior.limit ** 2
+        return mahalanobis(off, covariance) <= self.parameters.prior.limit ** 2
 
     def _follow(self, features, frame, pose, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
@@ -188,7 +194,7 @@ class Odometry:
         registration = doubted(registration, prior, p.decision)
         known = np.zeros((3, 3))
         if self._agrees(pose, expected, prior.covariance):
-            known = np.linalg.inv(prior.covariance)
+            known = inverse(prior.covariance)
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             strength = p.prior.point ** 2 * turned(known, expected.theta)
@@ -199,7 +205,7 @@ class Odometry:
             matched = self._match_covariance(features, pose, partners)
         else:
             matched = registration.covariance
-        covariance = np.linalg.inv(np.linalg.inv(matched) + known)
+        covariance = inverse(inverse(matched) + known)
         moved = frame.pose.inverse() @ pose
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
@@ -236,7 +242,8 @@ class Odometry:
         Walls always hold the rotation, but not the motion along them: a step that noise has made too long would be expected
         again, and found.
         """
-        return np.append(sum(self._velocities) / len(self._velocities), self._twist[2])
+        vx, vy = sum(self._velocities) / len(self._velocities)
+        return np.array((vx, vy, self._twist[2]))
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry

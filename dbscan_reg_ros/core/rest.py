@@ -1,9 +1,8 @@
 """A sensor that stands: its place is the mean of what the scans say, not the last one's noise."""
 import math
 
-import numpy as np
-
 from .se2 import SE2, wrap
+from .symmetric import mahalanobis
 
 
 class Rest:
@@ -38,7 +37,7 @@ class Rest:
             The mean since the sensor stopped, once it has stood for a second; `pose` until then.
         """
         off = (self._mean.inverse() @ pose).as_array()
-        if off @ np.linalg.solve(covariance, off) > limit ** 2:
+        if mahalanobis(off, covariance) > limit ** 2:
             self._mean, self._count, self._lasted = pose, 1, 0.0
             return pose
         self._count, self._lasted = min(self._count + 1, _MOST), self._lasted + interval

@@ -1,11 +1,13 @@
 """The local map: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from .alignment import kernel, normal_equations, origins
 from .records import Features
 from .se2 import SE2, wrap
+from .symmetric import solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +31,21 @@ class KeyFrame:
 class SurfaceStack:
     """Several surfaces behind one another: row k of a table of places is looked up in surface k.
 
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    origins, turns : (K, 1) complex arrays
+        Where each lies in the odometry frame [m], and what turns places into its own.
+
     Attributes
     ----------
     normals, offsets : (N,) arrays
         Of all surfaces, as in `Surface`.
     """
 
-    def __init__(self, surfaces):
-        self._origin = np.array([[s.origin] for s in surfaces])
-        self._inverse_cell = np.array([[1.0 / s.cell] for s in surfaces])
+    def __init__(self, surfaces, origins, turns):
+        self._scale = turns / np.array([[s.cell] for s in surfaces])
+        self._corner = origins * self._scale + np.array([[s.origin / s.cell] for s in surfaces])
         self._last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
         # The tables are large: they stay where they are.
         self._tables = [s.index for s in surfaces]
@@ -46,7 +54,7 @@ class SurfaceStack:
         self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
 
     def nearest(self, places):
-        """The points nearest to those of the `places` ``(K, P)`` (complex, [m]) that have one, M of them.
+        """The points nearest to those of the `places` ``(K, P)`` (complex, [m], odometry frame) that have one, M of them.
 
         Returns
         -------
@@ -55,7 +63,8 @@ class SurfaceStack:
         nearest : (M,) int array
             Index of the point.
         """
-        cells = (places - self._origin) * self._inverse_cell
+        cells = places * self._scale
+        cells -= self._corner
         cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
         for part, last in zip((cells, column), self._last):
             np.maximum(part, 0, out=part)
@@ -63,7 +72,7 @@ class SurfaceStack:
         cells *= self._last[1] + 1
         cells += column
         found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
-        at = np.flatnonzero(found != self._none)
+        at = (found != self._none).ravel().nonzero()[0]
         row = at // found.shape[1]
         return at, row, found.take(at) + self._first.take(row)
 
@@ -116,9 +125,9 @@ class Window:
 
     def __init__(self, frames):
         self.frames = tuple(frames)
-        self._stack = SurfaceStack([frame.features.surface for frame in self.frames])
         poses = np.array([frame.pose.as_array() for frame in self.frames])
         self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
+        self._stack = SurfaceStack([frame.features.surface for frame in self.frames], self._origins, self._turns)
 
     @property
     def latest(self):
@@ -134,10 +143,10 @@ class Window:
         Where a scan has more than `density.points`, they are dealt to the key frames in turn, each of them to several.
         """
         hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
-        dealt = np.arange(len(cloud) // hands * hands).reshape(-1, hands).T[np.arange(len(self.frames)) % hands]
+        dealt = _dealt(len(cloud), len(self.frames), hands)
         turn = np.exp(1j * pose.theta)
-        places = (turn * cloud.points + complex(pose.x, pose.y)).take(dealt)
-        at, row, nearest = self._stack.nearest(self._turns * (places - self._origins))
+        places = turn * cloud.points + complex(pose.x, pose.y)
+        at, row, nearest = self._stack.nearest(places.take(dealt))
         index = dealt.take(at)
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
@@ -148,7 +157,12 @@ class Window:
 
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
-_DIAGONAL = np.diag_indices(3)
+
+
+@lru_cache(maxsize=4)
+def _dealt(points, frames, hands):
+    """``(frames, points // hands)`` numbers of the points that are looked up in each key frame."""
+    return np.arange(points // hands * hands).reshape(-1, hands).T[np.arange(frames) % hands]
 
 
 def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
@@ -176,10 +190,8 @@ def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, den
         if k == 1 or 0 < k == len(scales) - 1:
             partners = window.partners(pose, cloud, density)
         equations = partners.equations(pose, scale)
-        information = equations[:3, :3]
-        off = np.array([pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta)])
-        information += strength
-        information[_DIAGONAL] += damping * (information[0, 0] + information[1, 1] + 1e-6)
-        step = np.linalg.solve(information, equations[:3, 3] + strength @ off)
-        pose = SE2(pose.x - step[0], pose.y - step[1], wrap(pose.theta - step[2]))
+        equations[:3, :3] += strength
+        equations[:3, 3] += strength @ (pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta))
+        x, y, theta = solve(equations[None], damping)[0].tolist()
+        pose = SE2(pose.x - x, pose.y - y, wrap(pose.theta - theta))
     return pose, partners
