@@ -168,24 +168,28 @@ def test_points_are_dealt_to_key_frames_when_there_are_many():
 def test_key_frames_are_looked_up_each_in_its_own_surface():
     """Each sees a part of the room only; together they find the scan."""
     poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
-    found, _ = align(window(*poses), END @ SE2(0.04, -0.03, 0.03), features(END).dense_cloud, SE2(), np.zeros((3, 3)),
-                     [0.2, 0.1, 0.05, 0.05], DENSITY, 1e-6)
+    near = END @ SE2(0.04, -0.03, 0.03)
+    partners = window(*poses).partners(near, features(END).dense_cloud, DENSITY)
+    found = align(partners, near, SE2(), np.zeros((3, 3)), [0.2, 0.1, 0.05, 0.05], 1e-6)
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
+
+
+def partners_of_nothing(pose):
+    return window(SE2()).partners(pose, Cloud(np.array([50.0 + 50.0j]), np.array([-1j])), DENSITY)
 
 
 def test_where_no_point_has_a_partner_the_prior_has_its_way():
     """The turn wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
-    cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
-    expected = SE2(30.0, -1.0, -3.1)
+    pose, expected = SE2(29.0, 1.0, 3.1), SE2(30.0, -1.0, -3.1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
-    found, _ = align(window(SE2()), SE2(29.0, 1.0, 3.1), cloud, expected, root @ root.T, [0.1], DENSITY, 0.0)
+    found = align(partners_of_nothing(pose), pose, expected, root @ root.T, [0.1], 0.0)
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
 def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
     """A quarter of 2 + 2 is added to 2, 2 and 4."""
-    cloud = Cloud(np.array([50.0 + 50.0j]), np.array([-1j]))
-    found, _ = align(window(SE2()), SE2(0.3, 0.0, 0.0), cloud, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], DENSITY, 0.25)
+    pose = SE2(0.3, 0.0, 0.0)
+    found = align(partners_of_nothing(pose), pose, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], 0.25)
     assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
 
 

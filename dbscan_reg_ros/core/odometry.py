@@ -198,10 +198,10 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales = p.refinement.window_scales(features.noise)
             strength = p.prior.point ** 2 * turned(known, expected.theta)
+            partners = self._window.partners(pose, features.dense_cloud, p.density)
             if registration.free_direction is not None:
-                strength = self._stiffened(strength, features, pose, frame.pose.theta + registration.free_direction)
-            pose, partners = align(self._window, pose, features.dense_cloud, expected, strength, scales, p.density,
-                                   p.refinement.damping)
+                strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
+            pose = align(partners, pose, expected, strength, scales, p.refinement.damping)
             matched = self._match_covariance(features, pose, partners)
         else:
             matched = registration.covariance
@@ -251,15 +251,13 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
-    def _stiffened(self, strength, features, pose, angle):
+    def _stiffened(self, strength, features, pose, partners, angle):
         """The `strength` of a prior, more along the free direction `angle` [rad].
 
         Most of what the points seem to know of it is noise of their normals. The prior counts for as many times more as all
         their information is more than what both scans agree on.
         """
-        p = self.parameters
-        partners = self._window.partners(pose, features.dense_cloud, p.density)
-        match = partners.residuals(pose, p.refinement.window_first_scale)
+        match = partners.residuals(pose, self.parameters.refinement.window_first_scale)
         along = np.array([math.cos(angle), math.sin(angle), 0.0])
         equations, shared = seeming_and_shared(match, _own_normals(features, pose, partners))
         seeming, shared = along @ equations[:3, :3] @ along, along @ shared @ along

@@ -165,33 +165,24 @@ def _dealt(points, frames, hands):
     return np.arange(points // hands * hands).reshape(-1, hands).T[np.arange(frames) % hands]
 
 
-def align(window: Window, pose: SE2, cloud, expected: SE2, strength, scales, density, damping):
-    """Robust point-to-line iterations against all key frames, one for each of the `scales` [m].
-
-    Partners are looked for in the first two iterations and in the last.
+def align(partners: Partners, pose: SE2, expected: SE2, strength, scales, damping) -> SE2:
+    """The pose of a scan after robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
     Parameters
     ----------
+    partners : Partners
+        Of the scan at `pose`.
     pose : SE2
         Where to start.
     expected : SE2
         The pose that a prior asks for.
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
-
-    Returns
-    -------
-    pose : SE2
-    partners : Partners
-        Of the last iteration.
     """
-    partners = window.partners(pose, cloud, density)
-    for k, scale in enumerate(scales):
-        if k == 1 or 0 < k == len(scales) - 1:
-            partners = window.partners(pose, cloud, density)
+    for scale in scales:
         equations = partners.equations(pose, scale)
         equations[:3, :3] += strength
         equations[:3, 3] += strength @ (pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta))
         x, y, theta = solve(equations[None], damping)[0].tolist()
         pose = SE2(pose.x - x, pose.y - y, wrap(pose.theta - theta))
-    return pose, partners
+    return pose
