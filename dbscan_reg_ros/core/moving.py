@@ -1,7 +1,9 @@
 """What moves: points of a scan in space that key frames saw to be free (people, doors, other robots)."""
+import cmath
+
 import numpy as np
 
-from .alignment import transform_points
+from .alignment import origins
 from .se2 import SE2
 from .surface import Cloud, bins
 
@@ -25,15 +27,16 @@ def moving_points(cloud: Cloud, pose: SE2, frames, margin):
     -------
     (P,) bool array
     """
-    relative = np.array([(frame.pose.inverse() @ pose).as_array() for frame in frames])
-    places = transform_points(relative, cloud.points)
+    poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in frames])
+    places = cmath.exp(1j * pose.theta) * cloud.points + complex(pose.x, pose.y) - origins(poses)
+    places *= np.exp(-1j * poses[:, 2:])
     nearby = [frame.features.view.nearby for frame in frames]
     size = np.array([[len(near)] for near in nearby])
-    near = np.concatenate(nearby).take(np.cumsum(size, axis=0) - size + bins(places, size))
+    near = np.concatenate(nearby).take(size.cumsum(axis=0) - size + bins(places, size))
     moving = (near - np.abs(places) > margin).any(axis=0)
     if not moving.any():
         return moving
-    run = np.concatenate(([0], np.cumsum(np.abs(np.diff(cloud.points)) > margin)))
+    run = np.concatenate(([0], (np.abs(np.diff(cloud.points)) > margin).cumsum()))
     share = np.bincount(run, moving) / np.bincount(run)
     moving |= share[run] > _GOOD_PART
     return moving if moving.mean() < _MOST else np.zeros_like(moving)

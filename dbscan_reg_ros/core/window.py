@@ -125,7 +125,7 @@ class Window:
 
     def __init__(self, frames):
         self.frames = tuple(frames)
-        poses = np.array([frame.pose.as_array() for frame in self.frames])
+        poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
         self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames], self._origins, self._turns)
 
