@@ -9,8 +9,8 @@ from .recordings.files import replacing
 
 MOST_POINTS = 3_000_000
 """Larger maps are thinned to about this many points."""
-CELLS = 1600
-"""Cells of the map's longer side."""
+CELLS = 1500
+"""Cells of the map's longer side: one for each point of the picture, so that none is drawn anew."""
 
 
 class DensityMap(NamedTuple):
