@@ -114,14 +114,14 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
 def _near_pairs(samples, sigma):
     """All pairs of samples at most `sigma` apart: among those near along the first axis, or by a tree where these are many."""
     order = samples[:, 0].argsort()
-    place = samples[order, 0]
-    end = place.searchsorted(place + sigma, 'right')
+    axes = samples[order].T.copy()
+    end = axes[0].searchsorted(axes[0] + sigma, 'right')
     if (end - np.arange(1, len(end) + 1)).sum() > _MANY * len(samples):
         return cKDTree(samples).query_pairs(sigma, output_type='ndarray').T
     one, two = pairs_before(end)
-    one, two = order[one], order[two]
-    near = (((samples[one] - samples[two]) ** 2).sum(axis=1) <= sigma * sigma).nonzero()[0]
-    return one[near], two[near]
+    apart = axes.take(one, axis=1) - axes.take(two, axis=1)
+    near = ((apart * apart).sum(axis=0) <= sigma * sigma).nonzero()[0]
+    return order[one[near]], order[two[near]]
 
 
 _MANY = 50

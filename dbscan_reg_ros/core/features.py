@@ -103,7 +103,7 @@ def estimate_normals(points, total, breaks, increment, parameters):
     high = np.maximum(path.searchsorted(path + parameters.normal_reach, 'right'), index + (parameters.normal_beams + 1))
     low, high = np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))
     count = high - low
-    _, angle, spread, residual = fit_lines(total[high] - total[low], count)
+    _, angle, spread, residual = fit_lines(total.take(high, axis=0) - total.take(low, axis=0), count)
     normals = 1j * np.exp(1j * angle)
     onward = points[high - 1] - points[low]
     normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0

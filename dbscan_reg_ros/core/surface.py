@@ -187,7 +187,7 @@ def build_view(points, increment) -> View:
 
     A bin is known when beams on both of its sides have a return, no farther apart than three increments.
     """
-    size = int(np.clip(round(2.0 * math.pi / abs(increment)), 60, 2880))
+    size = min(max(round(2.0 * math.pi / abs(increment)), 60), 2880)
     bearing, radius = np.arctan2(points[:, 1], points[:, 0]), np.abs(as_complex(points))
     order = bearing.argsort(kind='stable')
     bearing, radius = bearing[order], radius[order]
