@@ -10,6 +10,7 @@ from .parameters import DensityParameters, SelectionParameters
 from .records import Features
 from .se2 import wrap
 from .surface import in_front
+from .symmetric import inverse
 
 
 def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
@@ -60,7 +61,7 @@ def surprise(candidates, prior):
     step = candidates - expected.as_array()
     c, s = np.cos(expected.theta), np.sin(expected.theta)
     error = np.array((c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0], wrap(step[:, 2])))
-    return (error * np.linalg.solve(prior.covariance, error)).sum(axis=0)
+    return (error * (inverse(prior.covariance) @ error)).sum(axis=0)
 
 
 def distinct(candidates, count, distance, angle):
