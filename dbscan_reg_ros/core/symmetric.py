@@ -1,9 +1,9 @@
-"""Symmetric 3 x 3 matrices in plain numbers: for so small ones an array library costs more than they do."""
+"""Symmetric positive definite 3 x 3 matrices in plain numbers: for so small ones an array library costs more than they do."""
 import numpy as np
 
 
 def inverse(matrix):
-    """Inverse of a symmetric ``(3, 3)`` matrix.
+    """Inverse of a ``(3, 3)`` matrix.
 
     Raises
     ------
@@ -11,8 +11,14 @@ def inverse(matrix):
         When it is singular.
     """
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = matrix.tolist()
-    a, b, c, d, e, f = _inverse(xx, xy, xt, yy, yt, tt)
-    return np.array(((a, b, c), (b, d, e), (c, e, f)))
+    a, b, c, p, q, r = _factors(xx, xy, xt, yy, yt, tt)
+    tt = 1.0 / c
+    yt = -r * tt
+    yy = 1.0 / b - r * yt
+    xt = -p * yt - q * tt
+    xy = -p * yy - q * yt
+    xx = 1.0 / a - p * xy - q * xt
+    return np.array(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt)))
 
 
 def mahalanobis(off, covariance):
@@ -28,14 +34,17 @@ def solve(equations, damping):
     steps = []
     for xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ in equations.reshape(-1, 16).tolist():
         lift = damping * (xx + yy + 1e-6)
-        a, b, c, d, e, f = _inverse(xx + lift, xy, xt, yy + lift, yt, tt + lift)
-        steps.append((a * x + b * y + c * t, b * x + d * y + e * t, c * x + e * y + f * t))
+        a, b, c, p, q, r = _factors(xx + lift, xy, xt, yy + lift, yt, tt + lift)
+        y -= p * x
+        t = (t - q * x - r * y) / c
+        y = y / b - r * t
+        steps.append((x / a - p * y - q * t, y, t))
     return np.array(steps)
 
 
-def _inverse(xx, xy, xt, yy, yt, tt):
-    """The upper right triangle of the inverse, row by row, from that of the matrix: by cofactors."""
-    a, b, c = yy * tt - yt * yt, xt * yt - xy * tt, xy * yt - xt * yy
-    scale = 1.0 / (xx * a + xy * b + xt * c)
-    return (a * scale, b * scale, c * scale,
-            (xx * tt - xt * xt) * scale, (xy * xt - xx * yt) * scale, (xx * yy - xy * xy) * scale)
+def _factors(xx, xy, xt, yy, yt, tt):
+    """``L D L'``: the diagonal of D, and row by row what stands below the ones of L."""
+    p, q = xy / xx, xt / xx
+    b, rest = yy - p * xy, yt - p * xt
+    r = rest / b
+    return xx, b, tt - q * xt - r * rest, p, q, r
