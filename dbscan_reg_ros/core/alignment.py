@@ -46,15 +46,32 @@ def residuals(candidates, cloud, surface, scale, facing):
     arms : (H, P) complex array [m]
         Turned points.
     """
+    placed = _place(candidates, cloud)
+    return _errors(placed, _partners(placed, cloud, surface, facing), scale)
+
+
+def _place(candidates, cloud):
+    """What turns the scan's points, the turned points and their places, under every candidate."""
     turn = np.exp(1j * candidates[:, 2:])
     arms = turn * cloud.points
-    places = arms + origins(candidates)
+    return turn, arms, arms + origins(candidates)
+
+
+def _partners(placed, cloud, surface, facing):
+    """Normals and offsets ``(H, P)`` of the nearest points' lines, and whether they face the same way."""
+    turn, _, places = placed
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
+    return normals, surface.offsets.take(nearest), (normals * (turn * cloud.normals)).real > facing
+
+
+def _errors(placed, partners, scale):
+    """As `residuals`."""
+    (_, arms, places), (normals, offsets, alike) = placed, partners
     error = (normals * places).real
-    error -= surface.offsets.take(nearest)
+    error -= offsets
     weight = kernel(error, scale)
-    weight *= (normals * (turn * cloud.normals)).real > facing
+    weight *= alike
     return error, weight, normals, arms
 
 
@@ -118,11 +135,14 @@ def refine(candidates, cloud, surface, scales, facing, damping):
 def polish(candidate, cloud, surface, facing, refinement):
     """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
 
-    A candidate that creeps farther than the first kernel reaches, as along a corridor, stays where it was.
+    Partners are looked for once. A candidate that creeps farther than the first kernel reaches, as along a corridor, stays
+    where it was.
     """
-    first, candidate, scale = candidate, candidate[None].copy(), refinement.final_scale
+    first, candidate, scale, partners = candidate, candidate[None].copy(), refinement.final_scale, None
     for _ in range(refinement.polish):
-        equations = normal_equations(*residuals(candidate, cloud, surface, scale, facing))
+        placed = _place(candidate, cloud)
+        partners = partners or _partners(placed, cloud, surface, facing)
+        equations = normal_equations(*_errors(placed, partners, scale))
         candidate -= solve(equations, refinement.damping)
         scale = refinement.narrowed(scale, mean_square(equations[0]) ** 0.5)
     crept = np.hypot(*(candidate[0, :2] - first[:2]))
