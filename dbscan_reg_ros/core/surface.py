@@ -192,13 +192,13 @@ def build_view(points, increment) -> View:
     order = bearing.argsort(kind='stable')
     bearing, radius = bearing[order], radius[order]
     bearing = np.concatenate((bearing[-1:] - 2.0 * math.pi, bearing, bearing[:1] + 2.0 * math.pi))
-    radius = np.concatenate((radius[-1:], radius, radius[:1], radius[:1]))
+    radius = np.concatenate((radius[-1:], radius, radius[:1]))
     edges = np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
-    last = bearing.searchsorted(edges[:-1], 'right') - 1
-    first = bearing.searchsorted(edges[1:], 'left')
+    before = bearing.searchsorted(edges, 'right') - 1
+    after = before + (bearing[before] < edges)
     # A moved scan is sparse in places: what counts is that both neighbours exist, not that they are in adjacent beams.
-    known = bearing[first] - bearing[last] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
-    span = np.array((last, first + 1)).T.ravel()
-    near = np.minimum.reduceat(radius, span)[::2]
-    far = np.maximum.reduceat(radius, span)[::2]
-    return View(np.where(known, near, 0.0), np.where(known, far, 0.0))
+    known = bearing[after[1:]] - bearing[before[:-1]] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
+    ends = radius[before[1:]], radius[after[1:]]
+    near = np.minimum(np.minimum.reduceat(radius, before)[:-1], np.minimum(*ends))
+    far = np.maximum(np.maximum.reduceat(radius, before)[:-1], np.maximum(*ends))
+    return View(near * known, far * known)

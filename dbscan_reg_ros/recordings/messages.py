@@ -31,19 +31,17 @@ class MessageMaker:
         return self.store.serialize_cdr(self._make(kind, fields), kind)
 
     def _make(self, kind, fields):
-        members, parts = self._members(kind)
-        values = dict(members)
-        for name, value in fields.items():
-            part = parts.get(name)
-            if part and isinstance(value, list):
-                value = [self._make(part, item) for item in value]
-            elif part:
-                value = self._make(part, value)
-            values[name] = value
-        return self.store.types[kind](**values)
+        message, members, parts = self._members(kind)
+        if parts:
+            fields = {name: self._part(parts[name], value) if name in parts else value for name, value in fields.items()}
+        return message(**(members | fields))
+
+    def _part(self, kind, value):
+        return [self._make(kind, item) for item in value] if isinstance(value, list) else self._make(kind, value)
 
     def _members(self, kind):
-        """Name -> default of every field, and name -> type of those that are messages or sequences of messages."""
+        """The message's class, name -> default of every field, and name -> type of those that are messages or sequences of them.
+        """
         from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}
         for name, (node, detail) in self.store.fielddefs[kind][1]:
@@ -61,4 +59,4 @@ class MessageMaker:
                     defaults[name] = np.zeros(length, dtype=np.uint8 if what[0] == 'octet' else what[0])
         if kind == 'geometry_msgs/msg/Quaternion':
             defaults['w'] = 1.0
-        return defaults, parts
+        return self.store.types[kind], defaults, parts
