@@ -196,12 +196,15 @@ class Odometry:
         if self._agrees(pose, expected, prior.covariance):
             known = inverse(prior.covariance)
         if p.odometry.reference == 'window':
-            scales = p.refinement.window_scales(features.noise)
+            scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
             strength = p.prior.point ** 2 * turned(known, expected.theta)
             partners = self._window.partners(pose, features.dense_cloud, p.density)
             if registration.free_direction is not None:
                 strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
-            pose = align(partners, pose, expected, strength, scales, p.refinement.damping)
+            pose = align(partners, pose, expected, strength, scales[:-1], damping)
+            # Once more, for the last iteration and the covariance.
+            partners = self._window.partners(pose, features.dense_cloud, p.density)
+            pose = align(partners, pose, expected, strength, scales[-1:], damping)
             matched = self._match_covariance(features, pose, partners)
         else:
             matched = registration.covariance
