@@ -8,6 +8,9 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.alignment import (
+    NO_STEP,
+    derivatives,
+    linear_errors,
     mean_square,
     normal_equations,
     polish,
@@ -33,6 +36,10 @@ def features(pose):
 
 def rows(*motions):
     return np.array([motion.as_array() for motion in motions])
+
+
+def equations_of(error, weight, normals, arms):
+    return normal_equations(linear_errors(error, normals, arms), weight)
 
 
 def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
@@ -61,17 +68,18 @@ def test_the_equations_are_those_of_the_numeric_derivatives():
     assert smooth.mean() > 0.98
     design = np.vstack((*columns, error))[:, smooth]
     expected = (design * weight[smooth]) @ design.T
-    equations = normal_equations(*(part[:, smooth] for part in found))
+    equations = equations_of(*(part[:, smooth] for part in found))
     assert equations.shape == (2, 4, 4)
     np.testing.assert_allclose(equations[0], expected, atol=1e-4)
 
 
 def test_scans_with_the_same_normals_agree_on_all_information():
     reference, current = features(START), features(END)
-    error, weight, normals, arms = residuals(rows(NEAR, MOTION), current.cloud, reference.surface, 0.1, DENSITY.facing)
-    found = shared_information(weight, normals, arms, normals)
-    assert found.shape == (2, 3, 3)
-    np.testing.assert_allclose(found, normal_equations(error, weight, normals, arms)[:, :3, :3], atol=1e-9)
+    error, weight, normals, arms = (part[0] for part in residuals(
+        rows(NEAR), current.cloud, reference.surface, 0.1, DENSITY.facing))
+    same = derivatives(normals, arms)
+    np.testing.assert_allclose(
+        shared_information(same, weight, same), equations_of(error, weight, normals, arms)[:3, :3], atol=1e-9)
 
 
 def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
@@ -80,9 +88,8 @@ def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
     size = 4000
     places = rng.uniform(-5.0, 5.0, size) + 1j * rng.choice((-1.0, 1.0), size)
     theirs, own = (-1j * np.sign(places.imag) * np.exp(1j * rng.normal(0.0, 0.2, size)) for _ in range(2))
-    weight = np.ones((1, size))
-    single = normal_equations(np.zeros((1, size)), weight, theirs[None], places[None])[0, 0, 0]
-    shared = shared_information(weight, theirs[None], places[None], own[None])[0, 0, 0]
+    weight, theirs, own = np.ones(size), derivatives(theirs, places), derivatives(own, places)
+    single, shared = normal_equations(theirs, weight)[0, 0], shared_information(theirs, weight, own)[0, 0]
     assert single == pytest.approx(0.04 * size, rel=0.1)
     # The sum of as many products of two independent normals of that spread: three standard deviations.
     assert abs(shared) < 3.0 * 0.04 * math.sqrt(size)
@@ -99,10 +106,8 @@ def test_a_damped_step_is_that_of_the_damped_matrix():
 
 def test_the_mean_square_is_that_of_the_points_errors():
     """Three points with errors of 1, 2 and 3 m, of which the last weighs twice."""
-    normals, arms = np.exp(1j * np.array([[0.0, 1.0, 2.0]])), np.ones((1, 3), dtype=complex)
-    equations = normal_equations(np.array([[1.0, 2.0, 3.0]]), np.array([[1.0, 1.0, 2.0]]), normals, arms)[0]
-    assert mean_square(equations) == pytest.approx((1.0 + 4.0 + 2.0 * 9.0) / 4.0)
-    assert mean_square(np.zeros((4, 4))) == 0.0
+    assert mean_square(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 2.0])) == (1.0 + 4.0 + 2.0 * 9.0) / 4.0
+    assert mean_square(np.ones(3), np.zeros(3)) == 0.0
 
 
 def test_every_candidate_is_refined_to_the_motion():
@@ -129,8 +134,9 @@ def window(*poses):
 def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
     origin, current = SE2(), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
-    plain = normal_equations(*residuals(rows(near), current.cloud, features(origin).surface, 0.1, DENSITY.facing))[0]
-    np.testing.assert_allclose(window(origin).partners(near, current.cloud, DENSITY).equations(near, 0.1), plain, atol=1e-9)
+    plain = equations_of(*residuals(rows(near), current.cloud, features(origin).surface, 0.1, DENSITY.facing))[0]
+    found = window(origin).partners(near, current.cloud, DENSITY).equations(NO_STEP, 0.1)
+    np.testing.assert_allclose(found, plain, atol=1e-9)
 
 
 def test_equations_are_turned_into_the_odometry_frame():
@@ -138,16 +144,16 @@ def test_equations_are_turned_into_the_odometry_frame():
     frame, current = SE2(-0.6, 0.3, 0.25 * math.pi), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
     inside = frame.inverse() @ near
-    plain = normal_equations(*residuals(rows(inside), current.cloud, features(frame).surface, 0.1, DENSITY.facing))[0]
+    plain = equations_of(*residuals(rows(inside), current.cloud, features(frame).surface, 0.1, DENSITY.facing))[0]
     turn = np.eye(4)
     turn[:2, :2] = frame.rotation()
-    found = window(frame).partners(near, current.cloud, DENSITY).equations(near, 0.1)
+    found = window(frame).partners(near, current.cloud, DENSITY).equations(NO_STEP, 0.1)
     np.testing.assert_allclose(found, turn @ plain @ turn.T, atol=1e-9)
 
 
 def test_a_point_on_several_key_frames_counts_once():
     current = features(END)
-    one, two = (window(*[START] * count).partners(END, current.cloud, DENSITY).equations(END, 0.1) for count in (1, 3))
+    one, two = (window(*[START] * count).partners(END, current.cloud, DENSITY).equations(NO_STEP, 0.1) for count in (1, 3))
     assert one[0, 0] + one[1, 1] > 0.99 * len(current.cloud)
     np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
 
@@ -159,8 +165,8 @@ def test_points_are_dealt_to_key_frames_when_there_are_many():
     size = len(current.dense_cloud)
     whole, dealt = (views.partners(near, current.dense_cloud, dataclasses.replace(DENSITY, points=points))
                     for points in (size, -(-size // 3)))
-    expected = whole.equations(near, 0.1)
-    np.testing.assert_allclose(dealt.equations(near, 0.1), expected, rtol=0.02, atol=0.02 * expected[2, 2])
+    expected = whole.equations(NO_STEP, 0.1)
+    np.testing.assert_allclose(dealt.equations(NO_STEP, 0.1), expected, rtol=0.02, atol=0.02 * expected[2, 2])
     times = np.bincount(whole.index)
     assert set(times) <= {0, 9} and np.array_equal(3 * np.bincount(dealt.index), times[:size // 3 * 3])
 
@@ -170,7 +176,7 @@ def test_key_frames_are_looked_up_each_in_its_own_surface():
     poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
     near = END @ SE2(0.04, -0.03, 0.03)
     partners = window(*poses).partners(near, features(END).dense_cloud, DENSITY)
-    found = align(partners, near, SE2(), np.zeros((3, 3)), [0.2, 0.1, 0.05, 0.05], 1e-6)
+    found = align(partners, SE2(), np.zeros((3, 3)), [0.2, 0.1, 0.05, 0.05], 1e-6)
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
 
 
@@ -182,15 +188,31 @@ def test_where_no_point_has_a_partner_the_prior_has_its_way():
     """The turn wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
     pose, expected = SE2(29.0, 1.0, 3.1), SE2(30.0, -1.0, -3.1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
-    found = align(partners_of_nothing(pose), pose, expected, root @ root.T, [0.1], 0.0)
+    found = align(partners_of_nothing(pose), expected, root @ root.T, [0.1], 0.0)
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
 def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
     """A quarter of 2 + 2 is added to 2, 2 and 4."""
     pose = SE2(0.3, 0.0, 0.0)
-    found = align(partners_of_nothing(pose), pose, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], 0.25)
+    found = align(partners_of_nothing(pose), SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], 0.25)
     assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
+
+
+def test_a_step_from_where_partners_were_looked_for_moves_their_errors():
+    """As at the place itself, to a tenth of a millimetre, and with the same weights."""
+    current, views = features(END), window(START)
+    near, step = END @ SE2(0.02, -0.02, 0.01), SE2(0.004, 0.003, 0.002)
+    there = SE2(near.x + step.x, near.y + step.y, near.theta + step.theta)
+    before, after = (views.partners(pose, current.dense_cloud, DENSITY) for pose in (near, there))
+    error, weight = before.match(before.step(there), 0.1)
+    at, weight_at = after.match(NO_STEP, 0.1)
+    both, one, two = np.intersect1d(before.index, after.index, return_indices=True)
+    assert len(both) > 0.95 * len(current.dense_cloud)
+    same = np.abs(before.rows[:2, one] - after.rows[:2, two]).max(axis=0) < 1e-9
+    assert same.mean() > 0.9
+    np.testing.assert_allclose(error[one][same], at[two][same], atol=1e-4)
+    np.testing.assert_allclose(weight[one][same], weight_at[two][same], atol=1e-3)
 
 
 def test_a_window_drops_its_oldest_key_frames():

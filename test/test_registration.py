@@ -91,6 +91,19 @@ def test_the_best_hypothesis_is_the_result():
     assert found.hypotheses[0].transform == found.transform
 
 
+def test_a_clear_winner_is_found_without_a_comparison_and_the_others_are_named_all_the_same():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
+    alone, compared = (register(*pair, Parameters().replace({'selection.clear': clear})) for clear in (0.0, 2.0))
+    for found in (alone, compared):
+        distance, angle = off(found, start.inverse() @ end)
+        assert distance < 0.005 and angle < 0.002
+        best, second = found.hypotheses
+        assert best.score - second.score > Parameters().selection.clear
+    # Who is not compared is not refined any further.
+    assert alone.hypotheses[1] != compared.hypotheses[1]
+
+
 def test_a_square_room_is_ambiguous():
     square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
     found = register(features(SE2(), walls=square), features(SE2(0.0, 0.0, 0.4), walls=square))

@@ -3,6 +3,8 @@
 Pure functions, arrays in and arrays out. Candidates are rows ``(x, y, theta)`` of an ``(H, 3)`` array; every kernel
 costs a fixed number of array operations, whatever the number of candidates.
 """
+import math
+
 import numpy as np
 
 from .symmetric import solve
@@ -47,7 +49,11 @@ def residuals(candidates, cloud, surface, scale, facing):
         Turned points.
     """
     placed = _place(candidates, cloud)
-    return _errors(placed, _partners(placed, cloud, surface, facing), scale)
+    partners = _partners(placed, cloud, surface, facing)
+    error = _errors(placed, partners)
+    weight = kernel(error, scale)
+    weight *= partners[2]
+    return error, weight, partners[0], placed[1]
 
 
 def _place(candidates, cloud):
@@ -65,53 +71,67 @@ def _partners(placed, cloud, surface, facing):
     return normals, surface.offsets.take(nearest), (normals * (turn * cloud.normals)).real > facing
 
 
-def _errors(placed, partners, scale):
-    """As `residuals`."""
-    (_, arms, places), (normals, offsets, alike) = placed, partners
+def _errors(placed, partners):
+    """``(H, P)`` distances [m] of the places from the partners' lines."""
+    (_, _, places), (normals, offsets, _) = placed, partners
     error = (normals * places).real
     error -= offsets
-    weight = kernel(error, scale)
-    weight *= alike
-    return error, weight, normals, arms
+    return error
 
 
-def normal_equations(error, weight, normals, arms):
-    """``(H, 4, 4)`` weighted squares of the errors' derivatives by x, y [m] and theta [rad], and of the errors.
+def derivatives(normals, arms, rows=3):
+    """``(..., rows, P)``: of the points' errors by x, y [m] and theta [rad] in the first three rows.
 
-    The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
-    the sum of the squared errors.
+    Parameters
+    ----------
+    normals, arms : (..., P) complex arrays
+        Conjugated normals of the lines, and turned points [m].
     """
-    rows = _derivatives(normals, arms, 4)
-    rows[:, 3] = error
-    return (rows * weight[:, None]) @ rows.transpose(0, 2, 1)
-
-
-def _derivatives(normals, arms, rows):
-    """``(H, rows, P)``: of the points' errors by x, y [m] and theta [rad] in the first three rows."""
-    table = np.empty((len(normals), rows, normals.shape[1]))
-    table[:, 0] = normals.real
-    np.negative(normals.imag, out=table[:, 1])
-    np.negative((normals * arms).imag, out=table[:, 2])
+    table = np.empty((*normals.shape[:-1], rows, normals.shape[-1]))
+    table[..., 0, :] = normals.real
+    np.negative(normals.imag, out=table[..., 1, :])
+    np.negative((normals * arms).imag, out=table[..., 2, :])
     return table
 
 
-def shared_information(weight, normals, arms, own):
-    """``(H, 3, 3)`` information of points for a unit error of each, as far as both scans agree on it.
+def linear_errors(error, normals, arms):
+    """``(..., 4, P)``: the `derivatives`, and the errors [m] themselves; times a step ``(x, y, theta, 1)`` the errors after it."""
+    rows = derivatives(normals, arms, 4)
+    rows[..., 3, :] = error
+    return rows
 
-    One factor of each product is the partner's normal and one the point's `own`: what noise makes of either cancels, so
+
+NO_STEP = np.array((0.0, 0.0, 0.0, 1.0))
+
+
+def normal_equations(rows, weight):
+    """``(..., 4, 4)`` weighted squares of `linear_errors`.
+
+    The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
+    the sum of the squared errors. Of the `derivatives` alone: the information.
+    """
+    return (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
+
+
+def shared_information(rows, weight, own):
+    """``(3, 3)`` information of points for a unit error of each, as far as both scans agree on it.
+
+    One factor of each product is the partner's normal and one the point's own: what noise makes of either cancels, so
     that a smooth wall does not seem to hold the motion along it. It may be indefinite where there is nothing but noise.
 
     Parameters
     ----------
-    weight, normals, arms : (H, P) arrays
-        As from `residuals`.
-    own : (H, P) complex array
-        Turned normals of the points, conjugated.
+    rows, own : (3, P) arrays
+        `derivatives` by the normals of the partners, and by the points' own.
+    weight : (P,) array
     """
-    partners, points = _derivatives(normals, arms, 3), _derivatives(own, arms, 3)
-    partners *= weight[:, None]
-    product = partners @ points.transpose(0, 2, 1)
-    return 0.5 * (product + product.transpose(0, 2, 1))
+    product = (rows * weight) @ own.T
+    return 0.5 * (product + product.T)
+
+
+def mean_square(error, weight):
+    """Weighted mean [m^2] of squared errors."""
+    return float(error * weight @ error) / max(float(weight.sum()), 1e-9)
 
 
 def refine(candidates, cloud, surface, scales, facing, damping):
@@ -127,7 +147,8 @@ def refine(candidates, cloud, surface, scales, facing, damping):
     """
     candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
-        equations = normal_equations(*residuals(candidates, cloud, surface, scale, facing))
+        error, weight, normals, arms = residuals(candidates, cloud, surface, scale, facing)
+        equations = normal_equations(linear_errors(error, normals, arms), weight)
         candidates -= solve(equations, damping)
     return candidates, equations
 
@@ -135,20 +156,19 @@ def refine(candidates, cloud, surface, scales, facing, damping):
 def polish(candidate, cloud, surface, facing, refinement):
     """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
 
-    Partners are looked for once. A candidate that creeps farther than the first kernel reaches, as along a corridor, stays
-    where it was.
+    Partners are looked for once; from there on the errors are linear in the step. A candidate that creeps farther than the
+    first kernel reaches, as along a corridor, stays where it was.
     """
-    first, candidate, scale, partners = candidate, candidate[None].copy(), refinement.final_scale, None
+    if not refinement.polish:
+        return candidate
+    placed = _place(candidate[None], cloud)
+    partners = normals, _, alike = _partners(placed, cloud, surface, facing)
+    rows = linear_errors(_errors(placed, partners), normals, placed[1])[0].compress(alike[0], axis=1)
+    step, scale = NO_STEP.copy(), refinement.final_scale
     for _ in range(refinement.polish):
-        placed = _place(candidate, cloud)
-        partners = partners or _partners(placed, cloud, surface, facing)
-        equations = normal_equations(*_errors(placed, partners, scale))
-        candidate -= solve(equations, refinement.damping)
-        scale = refinement.narrowed(scale, mean_square(equations[0]) ** 0.5)
-    crept = np.hypot(*(candidate[0, :2] - first[:2]))
-    return candidate[0] if crept < refinement.final_scale else first
-
-
-def mean_square(equations):
-    """Weighted mean of the squared errors [m^2] of normal equations ``(4, 4)``: normals are of unit length."""
-    return float(equations[3, 3]) / max(float(equations[0, 0] + equations[1, 1]), 1e-9)
+        error = step @ rows
+        weight = kernel(error, scale)
+        step[:3] = -solve(normal_equations(rows, weight)[None], refinement.damping)[0]
+        scale = refinement.narrowed(scale, math.sqrt(mean_square(error, weight)))
+    crept = math.hypot(step[0], step[1])
+    return candidate + step[:3] if crept < refinement.final_scale else candidate

@@ -158,6 +158,12 @@ def _renumber(component, index):
     return rank[component]
 
 
+def without_gaps(labels):
+    """Cluster numbers from 0, those that a cluster cut again has left empty closed up."""
+    used = np.bincount(labels) > 0
+    return (used.cumsum() - 1)[labels]
+
+
 def k_distances(samples, k):
     """Sorted distances, largest first, from each sample to its k-th nearest neighbour (the k-dist graph).
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from .alignment import mean_square, normal_equations, residuals, shared_information
+from .alignment import derivatives, mean_square, normal_equations, residuals, shared_information
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
@@ -96,36 +96,29 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
-    match = residuals(candidate[None], current.cloud, reference.surface, p.refinement.score_scale, p.density.facing)
-    own = np.exp(1j * candidate[2]) * current.cloud.normals
-    covariance, angle, weak = match_covariance(match, own, max(reference.noise, current.noise), p.decision)
+    error, weight, normals, arms = (part[0] for part in residuals(
+        candidate[None], current.cloud, reference.surface, p.refinement.score_scale, p.density.facing))
+    rows, own = derivatives(normals, arms), own_derivatives(current.cloud.normals, candidate[2], arms)
+    covariance, angle, weak = match_covariance(error, weight, rows, own, max(reference.noise, current.noise), p.decision)
     return turned(covariance, -candidate[2]), angle, weak
 
 
-def match_covariance(match, own, noise, parameters: DecisionParameters):
-    """As `calibrated`, from what a match consists of, as in `seeming_and_shared`, and the noise [m] of a range."""
-    equations, shared = seeming_and_shared(match, own)
-    return calibrated(equations[:3, :3], shared, mean_square(equations) + noise ** 2, parameters)
+def own_derivatives(normals, theta, arms):
+    """``(3, P)`` `derivatives` by the points' own `normals` (complex), turned by `theta` [rad]."""
+    return derivatives((cmath.exp(1j * theta) * normals).conj(), arms)
 
 
-def seeming_and_shared(match, own):
-    """What the points of one candidate seem to know, and what both scans agree on.
+def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters):
+    """As `calibrated`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
 
     Parameters
     ----------
-    match : tuple of (1, P) arrays
-        The `residuals` of the candidate.
-    own : (P,) complex array
-        The points' own normals, turned.
-
-    Returns
-    -------
-    equations : (4, 4) array
-        As from `normal_equations`.
-    shared : (3, 3) array
-        As from `shared_information`.
+    error, weight : (P,) arrays
+    rows, own : (3, P) arrays
+        As for `shared_information`.
     """
-    return normal_equations(*match)[0], shared_information(*match[1:], own.conj()[None])[0]
+    return calibrated(normal_equations(rows, weight), shared_information(rows, weight, own),
+                      mean_square(error, weight) + noise ** 2, parameters)
 
 
 def calibrated(information, shared, variance, parameters: DecisionParameters):

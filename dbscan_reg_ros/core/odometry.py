@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from .decision import doubted, match_covariance, seeming_and_shared
+from .alignment import NO_STEP, normal_equations, shared_information
+from .decision import doubted, match_covariance, own_derivatives
 from .deskew import deskew
 from .features import extract_features
 from .moving import moving_points
@@ -201,10 +202,10 @@ class Odometry:
             partners = self._window.partners(pose, features.dense_cloud, p.density)
             if registration.free_direction is not None:
                 strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
-            pose = align(partners, pose, expected, strength, scales[:-1], damping)
+            pose = align(partners, expected, strength, scales[:-1], damping)
             # Once more, for the last iteration and the covariance.
             partners = self._window.partners(pose, features.dense_cloud, p.density)
-            pose = align(partners, pose, expected, strength, scales[-1:], damping)
+            pose = align(partners, expected, strength, scales[-1:], damping)
             matched = self._match_covariance(features, pose, partners)
         else:
             matched = registration.covariance
@@ -260,18 +261,20 @@ class Odometry:
         Most of what the points seem to know of it is noise of their normals. The prior counts for as many times more as all
         their information is more than what both scans agree on.
         """
-        match = partners.residuals(pose, self.parameters.refinement.window_first_scale)
+        _, weight = partners.match(NO_STEP, self.parameters.refinement.window_first_scale)
         along = np.array([math.cos(angle), math.sin(angle), 0.0])
-        equations, shared = seeming_and_shared(match, _own_normals(features, pose, partners))
-        seeming, shared = along @ equations[:3, :3] @ along, along @ shared @ along
+        rows, own = partners.rows[:3], _own_derivatives(features, pose, partners)
+        seeming = along @ normal_equations(rows, weight) @ along
+        shared = along @ shared_information(rows, weight, own) @ along
         times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
         return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * np.outer(along, along)
 
     def _match_covariance(self, features, pose, partners):
         """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
-        match = partners.residuals(pose, p.refinement.score_scale)
-        covariance, _, _ = match_covariance(match, _own_normals(features, pose, partners), features.noise, p.decision)
+        error, weight = partners.match(partners.step(pose), p.refinement.score_scale)
+        own = _own_derivatives(features, pose, partners)
+        covariance, _, _ = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision)
         return turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):
@@ -315,9 +318,9 @@ _LEAST_SHARED = 1e-3
 _LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
 
 
-def _own_normals(features, pose, partners):
-    """Normals of the scan's points, turned, one for each of the `partners`."""
-    return np.exp(1j * pose.theta) * features.dense_cloud.normals.take(partners.index)
+def _own_derivatives(features, pose, partners):
+    """`own_derivatives` of the scan's points, one for each of the `partners`."""
+    return own_derivatives(features.dense_cloud.normals.take(partners.index), pose.theta, partners.arms)
 
 
 def _travel(twist, time):

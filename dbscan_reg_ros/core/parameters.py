@@ -277,7 +277,8 @@ class SelectionParameters(ParameterGroup):
     refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
     widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
-    finalists: int = parameter(2, 'hypotheses refined finely', '', 1, 1000)
+    finalists: int = parameter(2, 'hypotheses refined finely and compared,', '', 1, 1000)
+    clear: float = parameter(0.4, 'unless they score lower than the best by more than this', '', 0.0, 2.0)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
     same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
 

@@ -44,10 +44,17 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
     candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
-    coarse, coarse_score, _, equations = improve(candidates, reference, current, p.refinement.coarse_scales(), p, prior)
+    coarse, coarse_score, coarse_overlap, equations = improve(
+        candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
-    finalists = follow_free_direction(coarse[chosen], equations[chosen], reference, current, p)
-    fine, fine_score, overlap, _ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+    close = [each for each in chosen if coarse_score[each] >= coarse_score[0] - p.selection.clear]
+    finalists = follow_free_direction(coarse[close], equations[close], reference, current, p)
+    if len(finalists) > 1:
+        fine, fine_score, overlap, _ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+    else:
+        fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
+        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
+                             p.refinement.damping)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
     if found.score < p.selection.doubt and p.selection.widen > 1:
@@ -68,10 +75,10 @@ def improve(candidates, reference, current, scales, p, prior, both_ways=False):
 
 
 def follow_free_direction(candidates, equations, reference, current, p):
-    """Where the normal equations leave a direction all but free, the best place along it joins as a further hypothesis."""
+    """Where the normal equations leave a direction all but free, a better place along it joins as a further hypothesis."""
     angle, weak, strong = np.array([weakest_direction(each[:3, :3]) for each in equations]).T
     free = weak < p.free.ratio * strong
     if not free.any():
         return candidates
     slid = search_free_direction(candidates[free], angle[free], reference, current, p.free, p.density)
-    return np.concatenate((candidates, slid))
+    return np.concatenate((candidates, slid[(slid != candidates[free]).any(axis=1)]))

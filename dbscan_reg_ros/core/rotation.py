@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clustering import NOISE, dbscan_line, k_distances, knee
+from .clustering import NOISE, dbscan_line, k_distances, knee, without_gaps
 from .parameters import RotationParameters
 from .records import Segments
 from .se2 import wrap
@@ -99,8 +99,7 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     at = (labels != NOISE).nonzero()[0]
     if not len(at):
         return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), sigma)
-    used = np.bincount(labels[at]) > 0
-    index = (used.cumsum() - 1)[labels[at]]
+    index = without_gaps(labels[at])
     mass = np.bincount(index, weights[at])
     anchor = np.empty(len(mass))
     anchor[index] = samples[at]

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before
+from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before, without_gaps
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
@@ -219,9 +219,7 @@ def _means(group, values, weight, mass=1.0):
 def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
     """Weighted mean and weight of each cluster, heaviest first."""
     at = (labels != NOISE).nonzero()[0]
-    # A cluster that was cut again has left its number empty.
-    used = np.bincount(labels[at]) > 0
-    index = (used.cumsum() - 1)[labels[at]]
+    index = without_gaps(labels[at])
     weight = np.bincount(index, mass[at])
     order = (-weight).argsort(kind='stable')
     mean = _means(index, samples[at], weight, mass[at])

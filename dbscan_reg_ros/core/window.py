@@ -1,10 +1,11 @@
 """The local map: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
+import cmath
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from .alignment import kernel, normal_equations, origins
+from .alignment import NO_STEP, kernel, linear_errors, normal_equations, origins
 from .records import Features
 from .se2 import SE2, wrap
 from .symmetric import solve
@@ -83,36 +84,45 @@ class Partners:
 
     Attributes
     ----------
-    points : (P,) complex [m]
-        All points of the scan.
+    pose : SE2
+        Where the scan was when they were looked for, in the odometry frame.
+    size : int
+        Points of the scan.
     index : (M,) int
         The point of each pair.
-    normals : (M,) complex
-        Unit normals of the lines in the odometry frame, conjugated.
-    offsets : (M,) float [m]
-        Distance of each line from the origin, along its normal.
+    arms : (M,) complex [m]
+        Turned points.
+    rows : (4, M) float
+        `alignment.linear_errors` at the pose, the rotation about the sensor.
     """
 
-    points: np.ndarray
+    pose: SE2
+    size: int
     index: np.ndarray
-    normals: np.ndarray
-    offsets: np.ndarray
+    arms: np.ndarray
+    rows: np.ndarray
 
-    def residuals(self, pose: SE2, scale):
-        """As `alignment.residuals`, ``(1, M)`` each: of the scan at `pose`, in the odometry frame.
+    def match(self, step, scale):
+        """Errors [m] and weights ``(M,)`` after a `step` ``(4,)`` from the pose, as for `alignment.linear_errors`.
 
         Every point counts at most once, however many lines it lies on.
         """
-        arms = (np.exp(1j * pose.theta) * self.points).take(self.index)
-        error = (self.normals * (arms + complex(pose.x, pose.y))).real
-        error -= self.offsets
+        error = step @ self.rows
         weight = kernel(error, scale)
-        weight /= np.maximum(np.bincount(self.index, weight, len(self.points)), 1.0).take(self.index)
-        return tuple(part[None] for part in (error, weight, self.normals, arms))
+        weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
+        return error, weight
 
-    def equations(self, pose: SE2, scale):
-        """``(4, 4)``, as `alignment.normal_equations`, the rotation about the sensor."""
-        return normal_equations(*self.residuals(pose, scale))[0]
+    def equations(self, step, scale):
+        """``(4, 4)``, as `alignment.normal_equations`, at the pose, with the weights after a `step`."""
+        return normal_equations(self.rows, self.match(step, scale)[1])
+
+    def step(self, other: SE2):
+        """The step ``(4,)`` from the pose to another [m, m, rad, 1]."""
+        return np.array((*_apart(self.pose, other), 1.0))
+
+
+def _apart(one, other):
+    return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
 
 
 class Window:
@@ -144,15 +154,16 @@ class Window:
         """
         hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
         dealt = _dealt(len(cloud), len(self.frames), hands)
-        turn = np.exp(1j * pose.theta)
-        places = turn * cloud.points + complex(pose.x, pose.y)
-        at, row, nearest = self._stack.nearest(places.take(dealt))
+        turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
+        arms = turn * cloud.points
+        at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
         index = dealt.take(at)
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
-        return Partners(cloud.points, index, normals,
-                        self._stack.offsets.take(nearest) + (normals * self._origins.take(row)).real)
+        arms = arms.take(index)
+        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
+        return Partners(pose, len(cloud), index, arms, linear_errors(error, normals, arms))
 
 
 _FRAMES_A_POINT = 3
@@ -165,24 +176,24 @@ def _dealt(points, frames, hands):
     return np.arange(points // hands * hands).reshape(-1, hands).T[np.arange(frames) % hands]
 
 
-def align(partners: Partners, pose: SE2, expected: SE2, strength, scales, damping) -> SE2:
+def align(partners: Partners, expected: SE2, strength, scales, damping) -> SE2:
     """The pose of a scan after robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
     Parameters
     ----------
     partners : Partners
-        Of the scan at `pose`.
-    pose : SE2
-        Where to start.
+        Of the scan at the pose to start from.
     expected : SE2
         The pose that a prior asks for.
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
     """
+    pose, step = partners.pose, NO_STEP.copy()
+    pull = strength @ _apart(expected, pose)
     for scale in scales:
-        equations = partners.equations(pose, scale)
+        equations = partners.equations(step, scale)
         equations[:3, :3] += strength
-        equations[:3, 3] += strength @ (pose.x - expected.x, pose.y - expected.y, wrap(pose.theta - expected.theta))
-        x, y, theta = solve(equations[None], damping)[0].tolist()
-        pose = SE2(pose.x - x, pose.y - y, wrap(pose.theta - theta))
-    return pose
+        equations[:3, 3] += pull
+        step[:3] = -solve(equations[None], damping)[0]
+    x, y, theta, _ = step.tolist()
+    return SE2(pose.x + x, pose.y + y, wrap(pose.theta + theta))

@@ -8,6 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from ..core.records import Status
+from .events import NO_PUBLISHER_EVENTS
 from .health import Health
 
 PERIOD = 1.0
@@ -34,7 +35,7 @@ class Diagnostics:
         self._notices = notices
         self._transforms = transforms
         self._is_paused = is_paused
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=NO_PUBLISHER_EVENTS)
         self._inbox = None
         self._begin()
         node.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -11,6 +11,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import LaserScan
 
 from ..core.scan import SECOND, Scan
+from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import angles_disagree
 from .subscriptions import taken
 
@@ -48,7 +49,7 @@ class ScanInbox:
         self._waiting = deque()
         self._alarm = node.create_timer(1.0, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
         self._subscription = node.create_subscription(
-            LaserScan, 'scan', self._on_message, QUALITY,
+            LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     @property

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
 
+from .events import NO_PUBLISHER_EVENTS
 from .messages import odometry_to_message, pose_to_message, segments_to_message, stamp_to_message
 
 ODOM_DEPTH = 50
@@ -30,10 +31,10 @@ class Outputs:
 
     def __init__(self, node: Node, parameters):
         self.parameters = parameters
-        self._odom = node.create_publisher(Odometry, 'odom', ODOM_DEPTH)
-        self._segments = node.create_publisher(MarkerArray, 'segments', PICTURE_DEPTH)
-        self._path = node.create_publisher(Path, 'path', PICTURE_DEPTH)
-        self._map = node.create_publisher(PointCloud2, 'local_map', PICTURE_DEPTH)
+        self._odom, self._segments, self._path, self._map = (
+            node.create_publisher(kind, topic, depth, event_callbacks=NO_PUBLISHER_EVENTS)
+            for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
+                                       (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
         self._timer = node.create_timer(PICTURE_PERIOD, self._publish_pictures, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.reset()
 

@@ -5,6 +5,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from .events import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
 from .messages import stamp_from_message, transform_to_message
 from .subscriptions import Urgent, taken
 from .transform_store import make_store
@@ -45,8 +46,9 @@ class TransformListener:
         self._store = make_store() if keep else None
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._moving = node.create_subscription(transform_type(), '/tf', self._hear_moving, UNHEARD,
-                                                callback_group=Urgent(is_urgent))
-        node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched)
+                                                callback_group=Urgent(is_urgent), event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched,
+                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
         node.create_timer(PERIOD, self._hear_all, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def lookup(self, target, source, stamp):
@@ -113,7 +115,7 @@ class TransformSender:
                                                 'install it, or set publish_tf to false')
             self._warned = True
         elif self._publisher is None and not self.conflict:
-            self._publisher = self._node.create_publisher(self._type, '/tf', DEPTH)
+            self._publisher = self._node.create_publisher(self._type, '/tf', DEPTH, event_callbacks=NO_PUBLISHER_EVENTS)
 
     def _withdraw(self):
         if self._publisher:
