@@ -141,7 +141,7 @@ def calibrated(information, shared, variance, parameters: DecisionParameters):
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     free = 1.0 / parameters.prior_information()[0]
     extra = free if weak < parameters.min_information else min(variance * parameters.few / weak ** 2, free)
-    return covariance + extra * np.outer(along, along), angle, weak
+    return covariance + extra * (along[:, None] * along), angle, weak
 
 
 def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):

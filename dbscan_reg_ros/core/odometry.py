@@ -80,7 +80,7 @@ class Odometry:
             When the scan holds too few returns to be used; the state is unchanged.
         """
         p = self.parameters
-        timed = p.odometry.deskew and abs(scan.time_increment) * scan.geometry.size < p.time.jump
+        timed = p.odometry.deskew and 0.0 < abs(scan.time_increment) * scan.geometry.size < p.time.jump
         features = extract_features(deskew(scan, self._twist) if timed else scan, p)
         half = scan.time_increment * float(features.beams.mean()) if timed else 0.0
         time = self._intervals.next(scan.stamp, half, p.time)
@@ -267,7 +267,7 @@ class Odometry:
         seeming = along @ normal_equations(rows, weight) @ along
         shared = along @ shared_information(rows, weight, own) @ along
         times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
-        return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * np.outer(along, along)
+        return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * (along[:, None] * along)
 
     def _match_covariance(self, features, pose, partners):
         """Covariance of the scan's place among the key frames, in its own frame."""

@@ -43,7 +43,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
-    candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
+    candidates = sieve(sure, candidates, reference, current, p.selection, p.density)
     coarse, coarse_score, coarse_overlap, equations = improve(
         candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)

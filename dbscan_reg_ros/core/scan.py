@@ -1,4 +1,5 @@
 """Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
+import array
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,8 +49,9 @@ class ScanGeometry:
     bearings_given: tuple | None = None
 
     def __post_init__(self):
-        for name in ('angle_min', 'angle_increment', 'range_min', 'range_max'):
-            object.__setattr__(self, name, _single(getattr(self, name)))
+        names = 'angle_min', 'angle_increment', 'range_min', 'range_max'
+        for name, value in zip(names, _single(*(getattr(self, name) for name in names))):
+            object.__setattr__(self, name, value)
         if not (math.isfinite(self.angle_min) and math.isfinite(self.angle_increment)):
             raise ScanError(f'angle_min {self.angle_min} and angle_increment {self.angle_increment} must be finite')
         if self.angle_increment == 0.0:
@@ -130,7 +132,7 @@ class Scan:
         if ranges.ndim != 1 or len(ranges) != self.geometry.size:
             raise ScanError(f'{ranges.size} ranges for {self.geometry.size} beams')
         object.__setattr__(self, 'ranges', _frozen(ranges))
-        increment = _single(self.time_increment)
+        increment, = _single(self.time_increment)
         object.__setattr__(self, 'time_increment', increment if math.isfinite(increment) else 0.0)
 
     @cached_property
@@ -207,10 +209,9 @@ class Scan:
         return cls(stamp, ranges, geometry, 0.0, frame_id)
 
 
-def _single(value):
-    """`value` rounded to float32; infinite beyond its range."""
-    with np.errstate(over='ignore'):
-        return float(np.float32(value))
+def _single(*values):
+    """The `values` rounded to float32; infinite beyond its range."""
+    return array.array('f', values).tolist()
 
 
 def _frozen(array):

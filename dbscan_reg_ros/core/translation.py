@@ -129,10 +129,11 @@ def shortest_translations(pairs, equations, phi):
 
     Robust and damped least squares: between parallel walls, where no two lines cross, what they leave open is no motion.
     """
-    rotation, _, _, weight = pairs
-    along, distance = equations
+    last = pairs[0].searchsorted(len(phi))
+    rotation, _, _, weight = (part[:last] for part in pairs)
+    along, c = (part[:last] for part in equations)
     weight = weight[:, None] * (rotation[:, None] == np.arange(len(phi)))
-    nx, ny, c = -along.imag, along.real, distance
+    nx, ny = -along.imag, along.real
     products = np.array((nx * nx, nx * ny, ny * ny, nx * c, ny * c))
     nx, ny, c = nx[:, None], ny[:, None], c[:, None]
     x, y = np.zeros((2, len(phi)))
@@ -155,15 +156,12 @@ def end_samples(reference, current, rotations, pairs, parameters):
     world.
     """
     rotation, r, o, weight = pairs
-    turn = np.exp(1j * rotations.phi)
-    samples, masses, groups = [], [], []
-    for side, here, there in ((0, reference.start, current.start), (1, reference.end, current.end)):
-        worth = parameters.end_weight * _END_WORTH[reference.kinds[r, side], current.kinds[o, side]]
-        use = worth.nonzero()[0]
-        groups.append(rotation[use])
-        samples.append(as_complex(here)[r[use]] - turn[groups[-1]] * as_complex(there)[o[use]])
-        masses.append(weight[use] * worth[use])
-    return np.concatenate(samples), np.concatenate(masses), np.concatenate(groups)
+    worth = parameters.end_weight * _END_WORTH[reference.kinds.T[:, r], current.kinds.T[:, o]]
+    side, use = worth.nonzero()
+    here, there = (np.array((as_complex(each.start), as_complex(each.end))) for each in (reference, current))
+    group = rotation[use]
+    samples = here[side, r[use]] - np.exp(1j * rotations.phi)[group] * there[side, o[use]]
+    return samples, weight[use] * worth[side, use], group
 
 
 _END_WORTH = np.zeros((3, 3))

@@ -160,16 +160,16 @@ class ScanReader:
                                'clock synchronised, and use_sim_time set where it should be?')
 
     def _masked(self, scan, mounting, parameters):
-        sectors = np.reshape(parameters.input.mask, (-1, 2))
-        sectors = sectors[sectors[:, 0] != sectors[:, 1]]
-        if not len(sectors):
-            return scan
         key = parameters.input.mask, mounting
         if self._mask is None or self._mask[0] != key:
+            sectors = np.reshape(parameters.input.mask, (-1, 2))
+            sectors = sectors[sectors[:, 0] != sectors[:, 1]]
             bearings = scan.geometry.bearings - mounting.pose.theta
             self._mask = key, within(-bearings if mounting.upside_down else bearings, sectors)
         limit = parameters.input.mask_range
         hidden = self._mask[1] & (scan.ranges < limit) if limit > 0.0 else self._mask[1]
+        if not hidden.any():
+            return scan
         return Scan(scan.stamp, np.where(hidden, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
                     scan.frame_id)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..core.errors import DbscanRegError
 from ..core.records import OdometryUpdate
-from ..core.se2 import SE2
+from ..core.se2 import SE2, turn_matrix
 
 LEVEL = math.cos(math.radians(20.0))
 IDENTITY = SE2()
@@ -109,17 +109,16 @@ def base_state(update: OdometryUpdate, origin: SE2, laser: SE2, start: Start = A
     start : Start
         The base's place when the odometry started.
     """
-    back = laser.inverse()
-    pose = origin @ update.pose @ back
-    c, s = math.cos(update.pose.theta), math.sin(update.pose.theta)
-    jacobian = np.eye(3)
-    jacobian[:2, 2] = -s * back.x - c * back.y, c * back.x - s * back.y
-    turn = np.eye(3)
-    turn[:2, :2] = origin.rotation()
-    jacobian = turn @ jacobian
-    carried = np.eye(3)
-    carried[:2, 2] = start.pose.y - pose.y, pose.x - start.pose.x
-    covariance = jacobian @ update.covariance @ jacobian.T + carried @ start.covariance @ carried.T
+    sensor = origin @ update.pose
+    pose = sensor @ laser.inverse()
+    moved = _lever(sensor, pose) @ turn_matrix(origin.theta)
+    carried = _lever(start.pose, pose)
+    covariance = moved @ update.covariance @ moved.T + carried @ start.covariance @ carried.T
     adjoint = laser.adjoint()
     return BaseState(update.stamp, pose, covariance, adjoint @ update.twist,
                      adjoint @ update.twist_covariance @ adjoint.T)
+
+
+def _lever(place, pose):
+    """``(3, 3)``: what a small motion at one place of a rigid body (x, y, theta) does at another."""
+    return np.array([[1.0, 0.0, place.y - pose.y], [0.0, 1.0, pose.x - place.x], [0.0, 0.0, 1.0]])
