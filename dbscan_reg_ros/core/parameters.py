@@ -225,7 +225,7 @@ class RotationParameters(ParameterGroup):
     recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
     focus: float = parameter(0.0, 'in a cluster\'s mean samples this far from its median weigh half; 0: distance does not matter',
                              'rad', 0.0, 3.2)
-    hypotheses: int = parameter(8, 'clusters that are followed further, heaviest first', '', 1, _MOST)
+    hypotheses: int = parameter(5, 'clusters that are followed further, heaviest first', '', 1, _MOST)
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class TranslationParameters(ParameterGroup):
     parallel: float = parameter(0.06, 'eps1 of Eq. 12: lines this far from parallel still count (one standard deviation)', 'rad',
                                 0.0001, 1.6)
     crossing: float = parameter(0.35, 'eps2 of Eq. 13, as the sine of the angle between two pairs', '', 0.0001, 1.0)
-    pairs: int = parameter(20, 'line pairs used for each rotation, heaviest first', '', 2, 10000)
+    pairs: int = parameter(14, 'line pairs used for each rotation, heaviest first', '', 2, 10000)
     end_weight: float = parameter(1.0, 'weight of matched end points against line pairs; 0: lines only', '', 0.0, 100.0)
     sigma: float = parameter(0.06, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'm', 0.0, 100.0)
     sigma_min: float = parameter(0.02, 'least neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
@@ -271,7 +271,7 @@ class SelectionParameters(ParameterGroup):
     method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
                             'divergence (least K-L divergence within the key clusters, the paper)', '',
                             choices=('density', 'divergence'))
-    candidates: int = parameter(60, 'heaviest translation clusters that are sieved', '', 1, _MOST)
+    candidates: int = parameter(30, 'heaviest translation clusters that are sieved', '', 1, _MOST)
     sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
     refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
