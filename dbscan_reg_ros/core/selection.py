@@ -29,7 +29,7 @@ def sieve(sure, candidates, reference: Features, current: Features, parameters: 
     support = np.minimum(np.maximum(1.0 - off / parameters.sieve_tolerance, 0.0), 1.0)
     support *= near > 0.0
     support -= density.violation * in_front(radius, near, parameters.sieve_tolerance)
-    value = support.mean(axis=1)
+    value = support.sum(axis=1) / len(cloud)
     order = (-value[len(sure):]).argsort(kind='stable')[:parameters.refined] + len(sure)
     chosen = np.concatenate((np.arange(len(sure)), order))
     return hypotheses[chosen[value[chosen] >= value.max() - parameters.clear]]

@@ -1,7 +1,7 @@
 """No events of publishers and subscriptions: each is one more thing that a node looks at for every scan.
 
-What they tell is known without them: the diagnostics look at the quality of service of whoever publishes scans, and who
-subscribes to what we publish is told by its own side.
+What they would tell is known without them: the diagnostics compare our quality of service with that of whoever publishes
+scans, and of the other topics the other side tells.
 """
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 

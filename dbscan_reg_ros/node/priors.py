@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu
 from ..core.errors import ParameterError
 from ..core.records import Prior
 from ..core.se2 import SE2, wrap
+from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import PoseError, planar_from_message, stamp_from_message
 from .mounting import Mounting, MountingError
 from .pose_history import HeadingHistory, PoseHistory
@@ -100,7 +101,8 @@ class _Wheels:
         self._poses = PoseHistory()
         self._notices = notices
         self._heard = heard
-        self.name = node.create_subscription(Odometry, 'wheel_odom', self._on_message, QUALITY).topic_name
+        self.name = node.create_subscription(Odometry, 'wheel_odom', self._on_message, QUALITY,
+                                             event_callbacks=NO_SUBSCRIPTION_EVENTS).topic_name
 
     def _on_message(self, message):
         try:
@@ -130,7 +132,8 @@ class _Gyroscope:
     def __init__(self, node, heard):
         self._headings = HeadingHistory()
         self._heard = heard
-        self.name = node.create_subscription(Imu, 'imu', self._on_message, QUALITY).topic_name
+        self.name = node.create_subscription(Imu, 'imu', self._on_message, QUALITY,
+                                             event_callbacks=NO_SUBSCRIPTION_EVENTS).topic_name
 
     def _on_message(self, message):
         self._headings.add_rate(stamp_from_message(message.header.stamp), message.angular_velocity.z)
