@@ -164,11 +164,11 @@ def polish(candidate, cloud, surface, facing, refinement):
     placed = _place(candidate[None], cloud)
     partners = normals, _, alike = _partners(placed, cloud, surface, facing)
     rows = linear_errors(_errors(placed, partners), normals, placed[1])[0].compress(alike[0], axis=1)
-    step, scale = NO_STEP.copy(), refinement.final_scale
+    way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
-        error = step @ rows
-        weight = kernel(error, scale)
-        step[:3] = -solve(normal_equations(rows, weight)[None], refinement.damping)[0]
-        scale = refinement.narrowed(scale, math.sqrt(mean_square(error, weight)))
-    crept = math.hypot(step[0], step[1])
-    return candidate + step[:3] if crept < refinement.final_scale else candidate
+        weight = kernel(rows[3], scale)
+        step = solve(normal_equations(rows, weight)[None], refinement.damping)[0]
+        scale = refinement.narrowed(scale, math.sqrt(mean_square(rows[3], weight)))
+        way += step
+        rows[3] -= step @ rows[:3]
+    return candidate - way if math.hypot(way[0], way[1]) < refinement.final_scale else candidate

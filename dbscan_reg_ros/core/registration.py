@@ -43,7 +43,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
-    candidates = sieve(sure, candidates, reference, current, p.selection, p.density)
+    candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
     coarse, coarse_score, coarse_overlap, equations = improve(
         candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
@@ -53,7 +53,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         fine, fine_score, overlap, _ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
     else:
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
-        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales()[-1:], p.density.facing,
+        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
                              p.refinement.damping)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)

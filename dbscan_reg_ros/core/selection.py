@@ -13,26 +13,21 @@ from .surface import in_front
 from .symmetric import inverse
 
 
-def sieve(sure, candidates, reference: Features, current: Features, parameters: SelectionParameters,
-          density: DensityParameters):
-    """Of two sets of hypotheses ``(., 3)`` those that fit the outline of the reference best.
+def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
+    """The hypotheses ``(C, 3)`` that fit the outline of the reference best, at most `refined` of them, best first.
 
-    All of the `sure` ones and at most `refined` of the `candidates`, best first, but none that is far behind the best.
-    A table of hypotheses x beams: no surface is built for it.
+    A table of candidates x beams: no surface is built for it.
     """
-    cloud, hypotheses = current.cloud.thinned(parameters.sieve_points), np.concatenate((sure, candidates))
+    cloud = current.cloud.thinned(parameters.sieve_points)
     view = reference.view
-    places = alignment.transform_points(hypotheses, cloud.points)
+    places = alignment.transform_points(candidates, cloud.points)
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
     off = np.maximum(near - radius, radius - far)
     support = np.minimum(np.maximum(1.0 - off / parameters.sieve_tolerance, 0.0), 1.0)
     support *= near > 0.0
     support -= density.violation * in_front(radius, near, parameters.sieve_tolerance)
-    value = support.sum(axis=1) / len(cloud)
-    order = (-value[len(sure):]).argsort(kind='stable')[:parameters.refined] + len(sure)
-    chosen = np.concatenate((np.arange(len(sure)), order))
-    return hypotheses[chosen[value[chosen] >= value.max() - parameters.clear]]
+    return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.refined]]
 
 
 def score(candidates, reference: Features, current: Features, scale, parameters: DensityParameters):
