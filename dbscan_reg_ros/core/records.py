@@ -161,7 +161,8 @@ class Registration:
     overlap : float
         Share of the current scan's points that lie on the reference's surfaces, 0..1.
     score : float
-        The winning hypothesis' score, 0..1.
+        The winning hypothesis' score, 0..1; of a winner that was compared with nobody that of the coarse refinement, and so
+        the overlap.
     hypotheses : tuple of Hypothesis
         Best first; the first is the result.
     free_direction : float or None
