@@ -18,6 +18,8 @@ UNKNOWN_VARIANCE = 1e6
 """Of z, roll and pitch [m^2, rad^2], of which a planar lidar says nothing."""
 LEAST_VARIANCE = 1e-9
 """Added to the planar variances [m^2, rad^2]: a filter cannot take in a covariance of zero, that of the first pose."""
+UNKNOWN = np.diag(np.full(6, UNKNOWN_VARIANCE))
+LEAST = LEAST_VARIANCE * np.eye(3)
 LINE_WIDTH = 0.03
 LINE_LIST, ADD, DELETE = 5, 0, 2
 """Of a Marker."""
@@ -119,6 +121,6 @@ def _yaw(theta):
 
 def _spatial(planar):
     """The 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
-    covariance = np.diag(np.full(6, UNKNOWN_VARIANCE))
-    covariance[PLANE] = planar + LEAST_VARIANCE * np.eye(3)
+    covariance = UNKNOWN.copy()
+    covariance[PLANE] = planar + LEAST
     return covariance.ravel()

@@ -3,7 +3,6 @@ import statistics
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
@@ -38,7 +37,6 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=NO_PUBLISHER_EVENTS)
         self._inbox = None
         self._begin()
-        node.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def watch(self, inbox):
         """Report on the scans of `inbox` from now on; None while the node does not listen."""
@@ -49,7 +47,8 @@ class Diagnostics:
         self._last = None
         self._heard = time.monotonic()
 
-    def _publish(self):
+    def publish(self):
+        """Tell how the odometry has been doing since the last call, one `PERIOD` ago."""
         self._transforms.look_at_conflict()
         now = time.monotonic()
         counts = self._counts()

@@ -13,7 +13,7 @@ from sensor_msgs.msg import LaserScan
 from ..core.scan import SECOND, Scan
 from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import angles_disagree
-from .subscriptions import taken
+from .subscriptions import Urgent, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
@@ -47,7 +47,8 @@ class ScanInbox:
         self._ready = ready
         self._handle = handle
         self._waiting = deque()
-        self._alarm = node.create_timer(1.0, self._next, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
+        self._alarm = node.create_timer(1.0, self._next, callback_group=Urgent(self.is_waiting),
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
         self._subscription = node.create_subscription(
             LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())

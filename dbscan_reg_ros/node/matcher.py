@@ -1,7 +1,7 @@
 """What the node does, whatever kind of node it is."""
 import time
 
-from rclpy.clock import JumpThreshold
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -9,7 +9,7 @@ from ..core.errors import DbscanRegError
 from ..core.odometry import Odometry
 from ..core.records import Status
 from ..core.scan import SECOND
-from .diagnostics import Diagnostics
+from .diagnostics import PERIOD, Diagnostics
 from .entities import Entities
 from .health import Health
 from .inputs import ScanInbox, ScanReader, Stamps
@@ -64,6 +64,7 @@ class ScanMatcher:
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
+        node.create_timer(PERIOD, self._look_round, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._start = Start()
         self._origin = None
         self._reconfigure(parameters)
@@ -143,6 +144,13 @@ class ScanMatcher:
             part.reset()
         for part in (self._priors, self._stamps, self._sender):
             part.restart()
+
+    def _look_round(self):
+        """What is done once in a `PERIOD`, whether there are scans or not."""
+        if self._listener:
+            self._listener.hear()
+        self._outputs.publish_pictures()
+        self._diagnostics.publish()
 
     def _is_waiting(self):
         return self._inbox is not None and self._inbox.is_waiting()

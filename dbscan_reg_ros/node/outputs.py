@@ -1,11 +1,11 @@
 """What the node publishes; what is costly only while somebody listens."""
 import array
 import math
+import time
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
@@ -35,7 +35,6 @@ class Outputs:
             node.create_publisher(kind, topic, depth, event_callbacks=NO_PUBLISHER_EVENTS)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
-        self._timer = node.create_timer(PICTURE_PERIOD, self._publish_pictures, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.reset()
 
     @property
@@ -48,6 +47,7 @@ class Outputs:
         self._poses = []
         self._key_frames = []
         self._latest = None
+        self._next_picture = 0.0
 
     def publish(self, update, state, origin):
         """Publish what one scan told.
@@ -66,6 +66,8 @@ class Outputs:
         self._lengthen_path(state)
         self._renew_map(update)
         self._latest = state, origin
+        if time.monotonic() >= self._next_picture:
+            self.publish_pictures()
 
     def _renew_map(self, update):
         """Keep the key frames that the odometry keeps."""
@@ -83,9 +85,11 @@ class Outputs:
             self._poses.append((state.stamp, state.pose))
         del self._poses[:-path.size]
 
-    def _publish_pictures(self):
+    def publish_pictures(self):
+        """Publish path and map as they are now, unless that was done."""
         if self._latest is None:
             return
+        self._next_picture = time.monotonic() + PICTURE_PERIOD
         (state, origin), self._latest = self._latest, None
         if self._path.get_subscription_count():
             self._path.publish(self._path_message(state))

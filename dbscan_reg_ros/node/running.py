@@ -1,14 +1,18 @@
 """From a command line to a running node, and back to its exit status."""
 import argparse
+import contextlib
 import os
 import signal
 import sys
 import threading
+import time
 
 from ..allocation import keep_freed_memory
 from .ros_arguments import split_arguments
 
 BAD_INPUT = 2
+IDLE = 1e-3
+"""Who waits so long [s] for work has nothing else to do."""
 
 
 def run_node(name, description, make, argv=None) -> int:
@@ -56,13 +60,32 @@ def run_node(name, description, make, argv=None) -> int:
         node = make(name)
         executor.add_node(node)
         while not stop.requested:
-            executor.spin_once()
+            _spin_once(executor)
         node.destroy_node()
     except ParameterError as error:
         return _complain(name, error)
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _spin_once(executor):
+    """Handle what comes next.
+
+    After each callback, rclpy's executor wakes itself once more, in case another thread waits, and asks all that is on the
+    node whether it is ready. Where that was idle before, the wake-up is taken with no node to ask, at a tenth of the cost;
+    under load all who are ready have their turn.
+    """
+    from rclpy.executors import TimeoutException
+
+    began = time.monotonic()
+    task, _, _ = executor.wait_for_ready_callbacks()
+    idle = time.monotonic() - began > IDLE
+    task()
+    task.result()
+    if idle:
+        with contextlib.suppress(TimeoutException):
+            executor.wait_for_ready_callbacks(0.0, [])
 
 
 def _complain(name, problem):

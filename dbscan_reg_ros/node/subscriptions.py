@@ -10,9 +10,9 @@ def taken(subscription):
 
 
 class Urgent(MutuallyExclusiveCallbackGroup):
-    """Its subscriptions wake the node only while that is urgent; otherwise what comes waits until it is `taken`.
+    """Its subscriptions and timers wake the node only while that is urgent; what comes otherwise waits until it is `taken`.
 
-    To be woken for each message costs the node far more than to take it.
+    To be woken for each message costs the node far more than to take it, and each entity that can wake it a little.
 
     Parameters
     ----------

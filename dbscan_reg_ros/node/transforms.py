@@ -1,7 +1,4 @@
 """/tf, without tf2_ros: sending needs tf2_msgs only."""
-from collections import deque
-
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -13,7 +10,6 @@ from .transform_store import make_store
 DEPTH = 100
 UNHEARD = 1000
 """So many messages on /tf may wait to be heard."""
-PERIOD = 1.0
 REMEMBERED = 500
 """Transforms of our own that are known again when they are heard."""
 
@@ -38,7 +34,7 @@ class TransformListener:
     keep : bool
         Keep the transforms for `lookup`.
     is_urgent : callable
-        Whether to hear /tf as soon as there is something, and not only before a `lookup` and once a second.
+        Whether to hear /tf as soon as there is something, and not only before a `lookup` and in `hear`.
     """
 
     def __init__(self, node: Node, on_transform, keep, is_urgent):
@@ -49,20 +45,20 @@ class TransformListener:
                                                 callback_group=Urgent(is_urgent), event_callbacks=NO_SUBSCRIPTION_EVENTS)
         node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched,
                                  event_callbacks=NO_SUBSCRIPTION_EVENTS)
-        node.create_timer(PERIOD, self._hear_all, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def lookup(self, target, source, stamp):
         """As `TransformStore.lookup`."""
-        self._hear_all()
+        self.hear()
         return self._store.lookup(target, source, stamp)
 
     def restart(self):
         """Forget what moves: time has started anew."""
-        self._hear_all()
+        self.hear()
         if self._store:
             self._store.clear()
 
-    def _hear_all(self):
+    def hear(self):
+        """Hear what has come on /tf."""
         for message in taken(self._moving):
             self._hear_moving(message)
 
@@ -99,7 +95,7 @@ class TransformSender:
         self._publisher = None
         self._warned = False
         self._last_stamp = None
-        self._sent = deque(maxlen=REMEMBERED)
+        self._sent: dict = {}
         self._other = None
         self.conflict = ''
         self.enable(parameters.publish_tf)
@@ -132,7 +128,9 @@ class TransformSender:
             return
         self._last_stamp = state.stamp
         transform = transform_to_message(state, *self._frames, self._invert)
-        self._sent.append(_signature(transform))
+        self._sent[_signature(transform)] = None
+        if len(self._sent) > REMEMBERED:
+            del self._sent[next(iter(self._sent))]
         self._publisher.publish(self._type(transforms=[transform]))
 
     def on_transform(self, transform, topic):
