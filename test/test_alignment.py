@@ -10,12 +10,11 @@ from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.alignment import (
     NO_STEP,
     derivatives,
-    linear_errors,
+    fit,
     mean_square,
     normal_equations,
     polish,
     refine,
-    residuals,
     shared_information,
     solve,
 )
@@ -38,8 +37,8 @@ def rows(*motions):
     return np.array([motion.as_array() for motion in motions])
 
 
-def equations_of(error, weight, normals, arms):
-    return normal_equations(linear_errors(error, normals, arms), weight)
+def fitted(reference, current, *motions):
+    return fit(rows(*motions), current.cloud, reference.surface, DENSITY.facing)
 
 
 def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
@@ -48,38 +47,38 @@ def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
     surface = build_surface(Cloud(np.concatenate((x + 2j, x - 2j)), np.repeat((-1j, 1j), 200)), DENSITY)
     point = Cloud(np.array([0.3 + 1.9j]), np.array([-1j]))
     before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
-    error, weight, normals, arms = residuals(np.array([before, turned, far]), point, surface, 0.1, 0.5)
-    assert (error[0, 0], normals[0, 0], arms[0, 0]) == pytest.approx((0.05, 1j, 0.3 + 1.9j))
-    assert weight[:, 0] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
+    found = fit(np.array([before, turned, far]), point, surface, 0.5)
+    assert (found.error[0, 0], found.normals[0, 0], found.arms[0, 0]) == pytest.approx((0.05, 1j, 0.3 + 1.9j))
+    assert found.places[1, 0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
+    assert found.weight(0.1)[:, 0] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
 
 
 def test_the_equations_are_those_of_the_numeric_derivatives():
     reference, current = features(START), features(END)
-    found = residuals(rows(NEAR, MOTION), current.cloud, reference.surface, 0.1, DENSITY.facing)
-    error, weight = found[0][0], found[1][0]
+    found = fitted(reference, current, NEAR, MOTION)
+    error, weight = found.error[0], found.weight(0.1)[0]
     assert np.count_nonzero(weight) > 100
     step, columns = 1e-7, []
     for axis in range(3):
         moved = NEAR.as_array()
         moved[axis] += step
-        columns.append((residuals(moved[None], current.cloud, reference.surface, 0.1, DENSITY.facing)[0][0] - error) / step)
+        columns.append((fitted(reference, current, SE2(*moved)).error[0] - error) / step)
     # Where a point comes into another cell, its partner may be another.
     smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
     assert smooth.mean() > 0.98
     design = np.vstack((*columns, error))[:, smooth]
     expected = (design * weight[smooth]) @ design.T
-    equations = equations_of(*(part[:, smooth] for part in found))
+    equations = normal_equations(found.rows()[..., smooth], found.weight(0.1)[:, smooth])
     assert equations.shape == (2, 4, 4)
     np.testing.assert_allclose(equations[0], expected, atol=1e-4)
 
 
 def test_scans_with_the_same_normals_agree_on_all_information():
     reference, current = features(START), features(END)
-    error, weight, normals, arms = (part[0] for part in residuals(
-        rows(NEAR), current.cloud, reference.surface, 0.1, DENSITY.facing))
-    same = derivatives(normals, arms)
+    found = fitted(reference, current, NEAR)
+    weight, same = found.weight(0.1)[0], derivatives(found.normals[0], found.arms[0])
     np.testing.assert_allclose(
-        shared_information(same, weight, same), equations_of(error, weight, normals, arms)[:3, :3], atol=1e-9)
+        shared_information(same, weight, same), normal_equations(found.rows()[0], weight)[:3, :3], atol=1e-9)
 
 
 def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
@@ -120,11 +119,25 @@ def test_every_candidate_is_refined_to_the_motion():
     assert np.abs(last - MOTION.as_array()).max() < 5e-4
 
 
+def test_refining_from_a_known_fit_is_refining():
+    reference, current = features(START), features(END)
+    usual, known = (refine(rows(NEAR), current.cloud, reference.surface, [0.1, 0.05], DENSITY.facing, 1e-6, known)
+                    for known in (None, fitted(reference, current, MOTION, NEAR).of(1)))
+    np.testing.assert_array_equal(usual[0], known[0])
+    np.testing.assert_array_equal(usual[1], known[1])
+
+
 def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
     reference, current, refinement = features(START), features(END), PARAMETERS.refinement
     near, far = ((MOTION @ SE2(share * refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
     assert np.abs(polish(near, current.dense_cloud, reference.surface, DENSITY.facing, refinement) - MOTION.as_array()).max() < 1e-3
     assert (polish(far, current.dense_cloud, reference.surface, DENSITY.facing, refinement) == far).all()
+
+
+def plainly(reference, current, motion):
+    """The equations of a registration."""
+    found = fitted(reference, current, motion)
+    return normal_equations(found.rows(), found.weight(0.1))[0]
 
 
 def window(*poses):
@@ -134,7 +147,7 @@ def window(*poses):
 def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
     origin, current = SE2(), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
-    plain = equations_of(*residuals(rows(near), current.cloud, features(origin).surface, 0.1, DENSITY.facing))[0]
+    plain = plainly(features(origin), current, near)
     found = window(origin).partners(near, current.cloud, DENSITY).equations(NO_STEP, 0.1)
     np.testing.assert_allclose(found, plain, atol=1e-9)
 
@@ -144,7 +157,7 @@ def test_equations_are_turned_into_the_odometry_frame():
     frame, current = SE2(-0.6, 0.3, 0.25 * math.pi), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
     inside = frame.inverse() @ near
-    plain = equations_of(*residuals(rows(inside), current.cloud, features(frame).surface, 0.1, DENSITY.facing))[0]
+    plain = plainly(features(frame), current, inside)
     turn = np.eye(4)
     turn[:2, :2] = frame.rotation()
     found = window(frame).partners(near, current.cloud, DENSITY).equations(NO_STEP, 0.1)

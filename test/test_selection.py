@@ -7,6 +7,7 @@ from rooms import FULL, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
+from dbscan_reg_ros.core.alignment import fit
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.free_direction import search_free_direction, weakest_direction
 from dbscan_reg_ros.core.parameters import FreeDirectionParameters
@@ -41,7 +42,8 @@ def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
     empty, current = features(START), features(END, np.concatenate((ROOM, BOX)))
     share = on_the_box(current, END)
     assert share > 0.05
-    value, overlap = score(rows(MOTION), empty, current, 0.05, DENSITY)
+    found = fit(rows(MOTION), current.cloud, empty.surface, DENSITY.facing)
+    value, overlap = score(found, empty, current, 0.05, DENSITY)
     assert overlap[0] == pytest.approx(1.0 - share, abs=0.01)
     assert value[0] == pytest.approx(1.0 - share - DENSITY.violation * share, abs=0.02)
 

@@ -4,6 +4,7 @@ Pure functions, arrays in and arrays out. Candidates are rows ``(x, y, theta)`` 
 costs a fixed number of array operations, whatever the number of candidates.
 """
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,56 +28,63 @@ def kernel(error, scale):
     return np.exp(weight, out=weight)
 
 
-def residuals(candidates, cloud, surface, scale, facing):
-    """Distances of a scan's points from the surface's lines under every candidate.
+class Fit(NamedTuple):
+    """A scan's points beside a surface's lines, under every candidate.
+
+    Attributes
+    ----------
+    error : (H, P) float [m]
+        Signed distance from the line of the nearest point.
+    alike : (H, P) bool
+        Whether that point faces the same way.
+    normals : (H, P) complex
+        Its normal, conjugated.
+    arms : (H, P) complex [m]
+        Turned points.
+    places : (H, P) complex [m]
+        Turned and moved points.
+    """
+
+    error: np.ndarray
+    alike: np.ndarray
+    normals: np.ndarray
+    arms: np.ndarray
+    places: np.ndarray
+
+    def weight(self, scale):
+        """``(H, P)`` Gaussian kernel of the `scale` [m] of the distances (Eq. 18), 0 without a partner that faces the same way."""
+        weight = kernel(self.error, scale)
+        weight *= self.alike
+        return weight
+
+    def rows(self):
+        """``(H, 4, P)`` `linear_errors`."""
+        return linear_errors(self.error, self.normals, self.arms)
+
+    def of(self, candidate):
+        """Of one candidate, as of so many."""
+        return Fit(*(part[candidate:candidate + 1] for part in self))
+
+
+def fit(candidates, cloud, surface, facing) -> Fit:
+    """The `Fit` of a scan's points to a surface.
 
     Parameters
     ----------
-    scale : float [m]
-        Of the kernel.
+    candidates : (H, 3) array
+    cloud : Cloud
+    surface : Surface
     facing : float
         Least cosine of the angle between the normals of partners.
-
-    Returns
-    -------
-    error : (H, P) array [m]
-        Signed distance from the line of the nearest point.
-    weight : (H, P) array
-        Gaussian kernel of the distance (Eq. 18), 0 without a partner that faces the same way.
-    normals : (H, P) complex array
-        Normals of the partners, conjugated.
-    arms : (H, P) complex array [m]
-        Turned points.
     """
-    placed = _place(candidates, cloud)
-    partners = _partners(placed, cloud, surface, facing)
-    error = _errors(placed, partners)
-    weight = kernel(error, scale)
-    weight *= partners[2]
-    return error, weight, partners[0], placed[1]
-
-
-def _place(candidates, cloud):
-    """What turns the scan's points, the turned points and their places, under every candidate."""
     turn = np.exp(1j * candidates[:, 2:])
     arms = turn * cloud.points
-    return turn, arms, arms + origins(candidates)
-
-
-def _partners(placed, cloud, surface, facing):
-    """Normals and offsets ``(H, P)`` of the nearest points' lines, and whether they face the same way."""
-    turn, _, places = placed
+    places = arms + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
-    return normals, surface.offsets.take(nearest), (normals * (turn * cloud.normals)).real > facing
-
-
-def _errors(placed, partners):
-    """``(H, P)`` distances [m] of the places from the partners' lines."""
-    (_, _, places), (normals, offsets, _) = placed, partners
     error = (normals * places).real
-    error -= offsets
-    return error
+    error -= surface.offsets.take(nearest)
+    return Fit(error, (normals * (turn * cloud.normals)).real > facing, normals, arms, places)
 
 
 def derivatives(normals, arms, rows=3):
@@ -134,10 +142,15 @@ def mean_square(error, weight):
     return float(error * weight @ error) / max(float(weight.sum()), 1e-9)
 
 
-def refine(candidates, cloud, surface, scales, facing, damping):
+def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     """Robust point-to-line iterations of all candidates together, one for each of the `scales` [m].
 
     A little damping keeps a direction that the points do not determine where it is.
+
+    Parameters
+    ----------
+    known : Fit, optional
+        Of the candidates as they are.
 
     Returns
     -------
@@ -147,8 +160,8 @@ def refine(candidates, cloud, surface, scales, facing, damping):
     """
     candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
-        error, weight, normals, arms = residuals(candidates, cloud, surface, scale, facing)
-        equations = normal_equations(linear_errors(error, normals, arms), weight)
+        now, known = known or fit(candidates, cloud, surface, facing), None
+        equations = normal_equations(now.rows(), now.weight(scale))
         candidates -= solve(equations, damping)
     return candidates, equations
 
@@ -161,9 +174,8 @@ def polish(candidate, cloud, surface, facing, refinement):
     """
     if not refinement.polish:
         return candidate
-    placed = _place(candidate[None], cloud)
-    partners = normals, _, alike = _partners(placed, cloud, surface, facing)
-    rows = linear_errors(_errors(placed, partners), normals, placed[1])[0].compress(alike[0], axis=1)
+    found = fit(candidate[None], cloud, surface, facing)
+    rows = found.rows()[0].compress(found.alike[0], axis=1)
     way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
         weight = kernel(rows[3], scale)

@@ -2,10 +2,11 @@
 import cmath
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 
-from .alignment import derivatives, mean_square, normal_equations, residuals, shared_information
+from .alignment import derivatives, fit, mean_square, normal_equations, shared_information
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
@@ -37,7 +38,7 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
     transform = SE2.from_array(best)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), float(value))
                        for candidate, value in zip(fine, fine_score))
-    matches = match_segments(reference.segments, current.segments, transform, p.decision)
+    matches = partial(match_segments, reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
                         math.remainder(angle, math.pi) if free else None, matches, reason, weak)
 
@@ -96,10 +97,10 @@ def uncertainty(candidate, reference, current, p: Parameters):
 
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
-    error, weight, normals, arms = (part[0] for part in residuals(
-        candidate[None], current.cloud, reference.surface, p.refinement.score_scale, p.density.facing))
-    rows, own = derivatives(normals, arms), own_derivatives(current.cloud.normals, candidate[2], arms)
-    covariance, angle, weak = match_covariance(error, weight, rows, own, max(reference.noise, current.noise), p.decision)
+    found = fit(candidate[None], current.cloud, reference.surface, p.density.facing)
+    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(current.cloud.normals, candidate[2], found.arms[0])
+    covariance, angle, weak = match_covariance(
+        found.error[0], found.weight(p.refinement.score_scale)[0], rows, own, max(reference.noise, current.noise), p.decision)
     return turned(covariance, -candidate[2]), angle, weak
 
 

@@ -1,9 +1,11 @@
 """Selection within the key clusters: kernel densities of x and y, K-L divergence (section 2.3, Eq. 16-21)."""
 import math
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
 
+from .alignment import fit
 from .decision import failed, match_segments
 from .parameters import DivergenceParameters, Parameters
 from .records import Features, Hypothesis, Registration, Status
@@ -34,11 +36,12 @@ def select_by_divergence(reference: Features, current: Features, rotations: Rota
     leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
-    _, overlap = score(candidates[leaders[:1]], reference, current, p.refinement.score_scale, p.density)
+    best = fit(candidates[leaders[:1]], current.cloud, reference.surface, p.density.facing)
+    _, overlap = score(best, reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
-    matches = match_segments(reference.segments, current.segments, winner.transform, p.decision)
+    matches = partial(match_segments, reference.segments, current.segments, winner.transform, p.decision)
     return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses,
-                        matches=matches)
+                        find_matches=matches)
 
 
 def _scatter(transform, sample, rotations, translations):

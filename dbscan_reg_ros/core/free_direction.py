@@ -53,9 +53,10 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
         count = math.floor(reach / step)
         shift = np.arange(-count, count + 1) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
-        _, weight, normals, arms = alignment.residuals(moved, cloud, reference.surface, scale, density.facing)
-        component = (normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
-        violation = reference.view.violation(arms + alignment.origins(moved), density.violation_tolerance)
+        fit = alignment.fit(moved, cloud, reference.surface, density.facing)
+        component = (fit.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
+        violation = reference.view.violation(fit.places, density.violation_tolerance)
+        weight = fit.weight(scale)
         value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
         best = value.argmax(axis=1)

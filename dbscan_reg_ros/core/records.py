@@ -1,6 +1,7 @@
 """The records that flow through the registration, each made by one step and read by the next."""
 import dataclasses
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from functools import cached_property
 
@@ -147,6 +148,11 @@ class Hypothesis:
     score: float
 
 
+def no_matches():
+    """Where nothing was found."""
+    return np.empty((0, 2), dtype=int)
+
+
 @dataclass(frozen=True, eq=False)
 class Registration:
     """Result of registering one scan onto another.
@@ -167,8 +173,10 @@ class Registration:
         Best first; the first is the result.
     free_direction : float or None
         Angle [rad] in the reference's frame along which the scans leave the translation free.
+    find_matches : callable
+        Makes `matches`.
     matches : (K, 2) int
-        Matched segments: index into the reference's and the current scan's.
+        Matched segments: index into the reference's and the current scan's; found when first asked for.
     reason : str
         Why the status is not ``OK``; empty otherwise.
     weakest : float or None
@@ -182,9 +190,13 @@ class Registration:
     score: float = 0.0
     hypotheses: tuple = ()
     free_direction: float | None = None
-    matches: np.ndarray = field(default_factory=lambda: np.empty((0, 2), dtype=int))
+    find_matches: Callable = no_matches
     reason: str = ''
     weakest: float | None = None
+
+    @cached_property
+    def matches(self):
+        return self.find_matches()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The registration of one scan onto another (Figure 13)."""
 import numpy as np
 
-from .alignment import polish, refine
+from .alignment import fit, polish, refine
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
@@ -44,17 +44,17 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
     candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
-    coarse, coarse_score, coarse_overlap, equations = improve(
+    coarse, coarse_score, coarse_overlap, equations, known = improve(
         candidates, reference, current, p.refinement.coarse_scales(), p, prior)
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
     close = [each for each in chosen if coarse_score[each] >= coarse_score[0] - p.selection.clear]
     finalists = follow_free_direction(coarse[close], equations[close], reference, current, p)
     if len(finalists) > 1:
-        fine, fine_score, overlap, _ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+        fine, fine_score, overlap, *_ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
     else:
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
         fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
-                             p.refinement.damping)
+                             p.refinement.damping, known)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
     found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
     if found.score < p.selection.doubt and p.selection.widen > 1:
@@ -63,15 +63,19 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):
-    """Refine all hypotheses together and score them; best first. The normal equations of the last iteration as well."""
+    """Refine all hypotheses together and score them.
+
+    Best first: hypotheses, scores, overlaps and the normal equations of the last iteration; the `Fit` of the best.
+    """
     candidates, equations = refine(candidates, current.cloud, reference.surface, scales, p.density.facing, p.refinement.damping)
-    value, overlap = score(candidates, reference, current, p.refinement.score_scale, p.density)
+    fits = fit(candidates, current.cloud, reference.surface, p.density.facing)
+    value, overlap = score(fits, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
         value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:
         value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
     order = (-value).argsort(kind='stable')
-    return candidates[order], value[order], overlap[order], equations[order]
+    return candidates[order], value[order], overlap[order], equations[order], fits.of(order[0])
 
 
 def follow_free_direction(candidates, equations, reference, current, p):

@@ -30,8 +30,8 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.refined]]
 
 
-def score(candidates, reference: Features, current: Features, scale, parameters: DensityParameters):
-    """How well each hypothesis ``(H, 3)`` explains the points of the current scan.
+def score(fit: alignment.Fit, reference: Features, current: Features, scale, parameters: DensityParameters):
+    """How well each hypothesis explains the points of the current scan, whose `fit` to the reference it is.
 
     Returns
     -------
@@ -40,11 +40,10 @@ def score(candidates, reference: Features, current: Features, scale, parameters:
     overlap : (H,) array
         Plain share of the points on the reference's surfaces.
     """
-    cloud = current.cloud
-    _, weight, _, arms = alignment.residuals(candidates, cloud, reference.surface, scale, parameters.facing)
-    violation = reference.view.violation(arms + alignment.origins(candidates), parameters.violation_tolerance)
+    weight = fit.weight(scale)
+    violation = reference.view.violation(fit.places, parameters.violation_tolerance)
     violation *= 1.0 - weight
-    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / len(cloud)
+    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / len(current.cloud)
 
 
 def reverse_violation(candidates, reference: Features, current: Features, parameters: DensityParameters):

@@ -33,6 +33,7 @@ import math
 import os
 import zipfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -210,7 +211,7 @@ def _update(fields, k, scans, arrays):
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
             _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
-            told['score'], hypotheses, told['free_direction'], arrays[f'matches_{k}'], told['reason'],
+            told['score'], hypotheses, told['free_direction'], partial(np.asarray, arrays[f'matches_{k}']), told['reason'],
             told['weakest'])
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
