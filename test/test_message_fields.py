@@ -2,15 +2,12 @@
 import numpy as np
 import pytest
 import rclpy.serialization
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry as OdometryMessage
 
 from dbscan_reg_ros import Odometry
 from dbscan_reg_ros.message_fields import odometry_fields, scan_fields, segments_fields, transform_fields
-from dbscan_reg_ros.node.messages import (
-    odometry_to_message,
-    scan_to_message,
-    segments_to_message,
-    transform_to_message,
-)
+from dbscan_reg_ros.node.messages import filled, scan_to_message, segments_to_message
 from dbscan_reg_ros.node.mounting import Mounting, base_state
 from dbscan_reg_ros.recordings.messages import MessageMaker
 from dbscan_reg_ros.simulation import demo
@@ -24,14 +21,14 @@ def updates():
 
 def test_a_message_is_the_same_with_and_without_ros(updates):
     maker, mounting = MessageMaker(), Mounting()
+    odometry_message, transform_message = OdometryMessage(), TransformStamped()
     for update in updates:
         state, scan = base_state(update, mounting.pose, mounting.pose), update.features.scan
+        told, place = (fields(state, 'odom', 'base') for fields in (odometry_fields, transform_fields))
         for kind, fields, message in (
                 ('sensor_msgs/msg/LaserScan', scan_fields(scan), scan_to_message(scan)),
-                ('nav_msgs/msg/Odometry', odometry_fields(state, 'odom', 'base'),
-                 odometry_to_message(state, 'odom', 'base')),
-                ('geometry_msgs/msg/TransformStamped', transform_fields(state, 'odom', 'base'),
-                 transform_to_message(state, 'odom', 'base')),
+                ('nav_msgs/msg/Odometry', told, filled(odometry_message, told)),
+                ('geometry_msgs/msg/TransformStamped', place, filled(transform_message, place)),
                 ('visualization_msgs/msg/MarkerArray', segments_fields(update, mounting.pose, 'odom'),
                  segments_to_message(update, mounting.pose, 'odom'))):
             with_ros = maker.store.deserialize_cdr(rclpy.serialization.serialize_message(message), kind)

@@ -5,17 +5,18 @@ import math
 import numpy as np
 import pytest
 import rclpy.serialization
-from geometry_msgs.msg import Transform
+from geometry_msgs.msg import Transform, TransformStamped
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, Status
+from dbscan_reg_ros.message_fields import odometry_fields, transform_fields
 from dbscan_reg_ros.node.messages import (
     angles_disagree,
+    filled,
     matrix_from_message,
-    odometry_to_message,
     scan_to_message,
     stamp_from_message,
-    transform_to_message,
 )
 from dbscan_reg_ros.node.mounting import BaseState, Mounting, MountingError, base_state
 from dbscan_reg_ros.simulation import demo
@@ -34,6 +35,10 @@ def scan():
 
 def state(pose=SE2(1.0, -2.0, 0.5), covariance=np.diag([1e-4, 4e-4, 9e-6])):  # noqa: B008
     return BaseState(STAMP, pose, covariance, np.array([0.3, -0.1, 0.2]), 2.0 * covariance)
+
+
+def odometry_message(base):
+    return filled(Odometry(), odometry_fields(base, 'odom', 'base'))
 
 
 def test_a_scan_survives_its_message_and_the_wire(scan):
@@ -71,8 +76,8 @@ def test_angle_max_that_is_no_number_is_odd(scan):
 
 
 def test_odometry_and_transform_hold_the_state():
-    odometry = odometry_to_message(state(), 'odom', 'base')
-    transform = transform_to_message(state(), 'odom', 'base')
+    odometry = odometry_message(state())
+    transform = filled(TransformStamped(), transform_fields(state(), 'odom', 'base'))
     assert stamp_from_message(odometry.header.stamp) == STAMP
     assert odometry.header == transform.header
     assert (odometry.child_frame_id, transform.child_frame_id) == ('base', 'base')
@@ -85,7 +90,7 @@ def test_odometry_and_transform_hold_the_state():
 
 
 def test_covariances_are_never_zero_and_large_where_nothing_is_known():
-    message = odometry_to_message(state(covariance=np.zeros((3, 3))), 'odom', 'base')
+    message = odometry_message(state(covariance=np.zeros((3, 3))))
     for covariance in (message.pose.covariance, message.twist.covariance):
         matrix = covariance.reshape(6, 6)
         assert np.diag(matrix) == pytest.approx([1e-9, 1e-9, 1e6, 1e6, 1e6, 1e-9])
@@ -94,7 +99,7 @@ def test_covariances_are_never_zero_and_large_where_nothing_is_known():
 
 def test_planar_covariances_stand_in_the_rows_of_x_y_and_yaw():
     planar = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
-    matrix = odometry_to_message(state(covariance=planar), 'odom', 'base').pose.covariance.reshape(6, 6)
+    matrix = odometry_message(state(covariance=planar)).pose.covariance.reshape(6, 6)
     assert matrix[np.ix_([0, 1, 5], [0, 1, 5])] == pytest.approx(planar)
 
 

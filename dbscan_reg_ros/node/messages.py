@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, TransformStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import Point, Pose
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -13,8 +12,7 @@ from ..core.errors import DbscanRegError
 from ..core.records import OdometryUpdate
 from ..core.scan import SECOND
 from ..core.se2 import SE2
-from ..message_fields import odometry_fields, pose_fields, scan_fields, segments_fields, time_fields, transform_fields
-from .mounting import BaseState
+from ..message_fields import pose_fields, scan_fields, segments_fields, time_fields
 
 ELEMENTS = {'markers': Marker, 'points': Point}
 """What the sequences of messages hold."""
@@ -41,7 +39,7 @@ def scan_to_message(scan) -> LaserScan:
     ScanError
         When the bearings are not uniform: a LaserScan cannot hold such a scan.
     """
-    return _filled(LaserScan(), scan_fields(scan))
+    return filled(LaserScan(), scan_fields(scan))
 
 
 def stamp_from_message(stamp) -> int:
@@ -51,22 +49,12 @@ def stamp_from_message(stamp) -> int:
 
 def stamp_to_message(stamp) -> Time:
     """The Time message of `stamp` [ns]."""
-    return _filled(Time(), time_fields(stamp))
-
-
-def odometry_to_message(state: BaseState, odom_frame, base_frame) -> Odometry:
-    """The Odometry message of the base's pose (in `odom_frame`) and twist (in `base_frame`)."""
-    return _filled(Odometry(), odometry_fields(state, odom_frame, base_frame))
-
-
-def transform_to_message(state: BaseState, odom_frame, base_frame, inverted=False) -> TransformStamped:
-    """The transform from `odom_frame` to `base_frame`, or the other way round."""
-    return _filled(TransformStamped(), transform_fields(state, odom_frame, base_frame, inverted))
+    return filled(Time(), time_fields(stamp))
 
 
 def pose_to_message(pose: SE2) -> Pose:
     """The Pose message of a planar pose."""
-    return _filled(Pose(), pose_fields(pose.as_array()))
+    return filled(Pose(), pose_fields(pose.as_array()))
 
 
 def pose_from_message(transform):
@@ -115,16 +103,16 @@ def planar_from_message(pose) -> SE2:
 
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame) -> MarkerArray:
     """The segments of the reference and of the scan, as `segments_fields` says."""
-    return _filled(MarkerArray(), segments_fields(update, origin, odom_frame))
+    return filled(MarkerArray(), segments_fields(update, origin, odom_frame))
 
 
-def _filled(message, fields):
-    """`message` with its `fields` set."""
+def filled(message, fields):
+    """`message` with its `fields` set; the others stay as they are."""
     for name, value in fields.items():
         if isinstance(value, dict):
-            _filled(getattr(message, name), value)
+            filled(getattr(message, name), value)
         elif isinstance(value, list):
-            setattr(message, name, [_filled(ELEMENTS[name](), item) for item in value])
+            setattr(message, name, [filled(ELEMENTS[name](), item) for item in value])
         elif isinstance(value, np.ndarray) and value.dtype == np.float32:
             setattr(message, name, array.array('f', value.tobytes()))
         else:

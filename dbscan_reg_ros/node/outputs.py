@@ -10,8 +10,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
 
+from ..message_fields import odometry_fields
 from .events import NO_PUBLISHER_EVENTS
-from .messages import odometry_to_message, pose_to_message, segments_to_message, stamp_to_message
+from .messages import filled, pose_to_message, segments_to_message, stamp_to_message
 
 ODOM_DEPTH = 50
 PICTURE_DEPTH = 5
@@ -35,6 +36,8 @@ class Outputs:
             node.create_publisher(kind, topic, depth, event_callbacks=NO_PUBLISHER_EVENTS)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
+        # Filled anew for each scan: to make one takes longer than to fill it.
+        self._odometry = Odometry()
         self.reset()
 
     @property
@@ -60,7 +63,7 @@ class Outputs:
             Where the odometry's own frame lies in `odom_frame`.
         """
         frame = self.parameters.odom_frame
-        self._odom.publish(odometry_to_message(state, frame, self.parameters.base_frame))
+        self._odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, frame))
         self._lengthen_path(state)

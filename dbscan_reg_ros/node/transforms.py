@@ -1,9 +1,11 @@
 """/tf, without tf2_ros: sending needs tf2_msgs only."""
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from ..message_fields import transform_fields
 from .events import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
-from .messages import stamp_from_message, transform_to_message
+from .messages import filled, stamp_from_message
 from .subscriptions import Urgent, taken
 from .transform_store import make_store
 
@@ -92,6 +94,8 @@ class TransformSender:
         self._invert = parameters.invert_tf
         self._parent, self._child = reversed(self._frames) if self._invert else self._frames
         self._type = transform_type()
+        self._transform = TransformStamped()
+        self._message = self._type and self._type(transforms=[self._transform])
         self._publisher = None
         self._warned = False
         self._last_stamp = None
@@ -127,11 +131,11 @@ class TransformSender:
         if self._publisher is None or self._last_stamp is not None and state.stamp <= self._last_stamp:
             return
         self._last_stamp = state.stamp
-        transform = transform_to_message(state, *self._frames, self._invert)
+        transform = filled(self._transform, transform_fields(state, *self._frames, self._invert))
         self._sent[_signature(transform)] = None
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
-        self._publisher.publish(self._type(transforms=[transform]))
+        self._publisher.publish(self._message)
 
     def on_transform(self, transform, topic):
         """Look at a transform that was heard: when it is not ours but has our child frame, send no more."""
