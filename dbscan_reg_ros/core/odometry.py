@@ -202,10 +202,11 @@ class Odometry:
             partners = self._window.partners(pose, features.dense_cloud, p.density)
             if registration.free_direction is not None:
                 strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
-            pose = align(partners, expected, strength, scales[:-1], damping)
-            # Once more, for the last iteration and the covariance.
-            partners = self._window.partners(pose, features.dense_cloud, p.density)
-            pose = align(partners, expected, strength, scales[-1:], damping)
+            pose = align(partners, pose, expected, strength, scales[:-1], damping)
+            # Points that lie close together have other partners soon, points far apart hardly.
+            if len(features.dense_cloud) > p.density.points or partners.moved(pose) > p.refinement.window_scale:
+                partners = self._window.partners(pose, features.dense_cloud, p.density)
+            pose = align(partners, pose, expected, strength, scales[-1:], damping)
             matched = self._match_covariance(features, pose, partners)
         else:
             matched = registration.covariance

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .alignment import NO_STEP, kernel, linear_errors, normal_equations, origins
+from .alignment import kernel, linear_errors, normal_equations, origins
 from .records import Features
 from .se2 import SE2, wrap
 from .symmetric import solve
@@ -116,6 +116,12 @@ class Partners:
         """``(4, 4)``, as `alignment.normal_equations`, at the pose, with the weights after a `step`."""
         return normal_equations(self.rows, self.match(step, scale)[1])
 
+    def moved(self, other: SE2):
+        """How far [m] the points have come, on average, when the scan is at another pose."""
+        x, y, theta = _apart(self.pose, other)
+        ways = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.arms)
+        return float(ways.sum()) / max(len(ways), 1)
+
     def step(self, other: SE2):
         """The step ``(4,)`` from the pose to another [m, m, rad, 1]."""
         return np.array((*_apart(self.pose, other), 1.0))
@@ -176,19 +182,21 @@ def _dealt(points, frames, hands):
     return np.arange(points // hands * hands).reshape(-1, hands).T[np.arange(frames) % hands]
 
 
-def align(partners: Partners, expected: SE2, strength, scales, damping) -> SE2:
+def align(partners: Partners, start: SE2, expected: SE2, strength, scales, damping) -> SE2:
     """The pose of a scan after robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
     Parameters
     ----------
     partners : Partners
-        Of the scan at the pose to start from.
+        Of the scan at a pose nearby.
+    start : SE2
+        The pose to start from.
     expected : SE2
         The pose that a prior asks for.
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
     """
-    pose, step = partners.pose, NO_STEP.copy()
+    pose, step = partners.pose, partners.step(start)
     pull = strength @ _apart(expected, pose)
     for scale in scales:
         equations = partners.equations(step, scale)
