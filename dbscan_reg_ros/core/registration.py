@@ -35,9 +35,9 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     if p.selection.method == 'divergence':
         return select_by_divergence(reference, current, rotations, translations, p)
-    sure = np.empty((0, 3)) if prior is None else prior.transform.as_array()[None]
-    if prior is None or p.selection.widen <= 1:
-        sure = np.concatenate((sure, translations.shortest))
+    sure = translations.shortest
+    if prior is not None:
+        sure = np.concatenate((prior.transform.as_array()[None], sure))
     candidates = translations.transform[:p.selection.candidates]
     if not len(sure) + len(candidates):
         return failed('no line of one scan has a partner in the other')
