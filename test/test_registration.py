@@ -137,6 +137,20 @@ def test_a_prior_that_lies_does_not_beat_the_scans():
     assert angle < 0.002
 
 
+def test_between_bare_walls_a_prior_that_lies_does_not_move_the_scan_across():
+    """No lines cross: what says how the walls lie on one another is the shortest translation alone."""
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    start, end = SE2(0.0, 0.1, 0.2), SE2(0.1, -0.15, -0.3)
+    truth = start.inverse() @ end
+    for turn in (0.3, 0.6, 1.0):
+        lie = Prior(truth @ SE2(0.0, 0.0, turn), np.diag([0.01, 0.01, 0.01]) ** 2)
+        found = register(features(start, walls=walls), features(end, walls=walls), prior=lie)
+        left = end.inverse() @ start @ found.transform
+        assert abs(left.theta) < 1e-3
+        assert abs((SE2(0.0, 0.0, end.theta) @ left).y) < 0.05
+        assert found.status is not Status.OK
+
+
 def test_matched_segments_lie_on_one_another():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
     reference, current = features(start), features(end)
