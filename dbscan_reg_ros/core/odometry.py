@@ -204,7 +204,7 @@ class Odometry:
                 strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
             pose = align(partners, pose, expected, strength, scales[:-1], damping)
             # Points that lie close together have other partners soon, points far apart hardly.
-            if len(features.dense_cloud) > p.density.points or partners.moved(pose) > p.refinement.window_scale:
+            if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
                 partners = self._window.partners(pose, features.dense_cloud, p.density)
             pose = align(partners, pose, expected, strength, scales[-1:], damping)
             matched = self._match_covariance(features, pose, partners)
@@ -311,6 +311,8 @@ class Odometry:
             frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 
 
+_STALE = 0.25
+"""Share of a cell of the table: a scan that has moved farther may have other partners."""
 _GLIMMER = 0.3
 """Share of the least score from which on a place is worth a second look."""
 _LEAST_SHARED = 1e-3

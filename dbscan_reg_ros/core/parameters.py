@@ -308,8 +308,8 @@ class RefinementParameters(ParameterGroup):
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
     window: int = parameter(4, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
-    window_scale: float = parameter(0.01, 'kernel of the last of them, at least the range noise; partners are looked for again '
-                                    'before it where the scan has moved by more than this', 'm', 0.001, 10.0)
+    window_scale: float = parameter(0.01, 'kernel of the last of them; at least the range noise', 'm',
+                                    0.001, 10.0)
     score_scale: float = parameter(0.05, 'kernel of the score', 'm', 0.001, 10.0)
     damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 1e-6, 1.0)
 
