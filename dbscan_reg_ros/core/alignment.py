@@ -62,7 +62,7 @@ class Fit(NamedTuple):
         return linear_errors(self.error, self.normals, self.arms)
 
     def of(self, candidate):
-        """Of one candidate, as of so many."""
+        """The fit of one candidate alone, H = 1."""
         return Fit(*(part[candidate:candidate + 1] for part in self))
 
 
