@@ -55,6 +55,19 @@ def test_undirected_lines_tell_a_rotation_up_to_a_half_turn(degrees):
     assert abs(wrap(turned.phi[0] - math.radians(degrees))) < 1e-9
 
 
+def test_hypotheses_near_an_angle_keep_their_samples():
+    found = rotations(lines([0.0, 1.0, 3.0], [3.0, 2.0, 1.0]), lines([3.1, -2.2, 0.1], [3.0, 2.0, 1.0]), DEFAULT)
+    near = found.near(math.pi, 0.3)
+    kept = np.abs(wrap(found.phi - math.pi)) <= 0.3
+    assert 0 < len(near.phi) == kept.sum() < len(found.phi)
+    np.testing.assert_array_equal(near.phi, found.phi[kept])
+    np.testing.assert_array_equal(near.weight, found.weight[kept])
+    for cluster, before in enumerate(np.flatnonzero(kept)):
+        np.testing.assert_array_equal(near.labels == cluster, found.labels == before)
+    assert (near.labels >= 0).sum() == np.isin(found.labels, np.flatnonzero(kept)).sum()
+    assert not len(found.near(1.5, 1e-6).phi)
+
+
 def test_all_differences_are_there():
     found = rotations(lines([0.0, 1.0]), lines([0.3, 0.5, -3.0]), DEFAULT)
     np.testing.assert_allclose(found.difference, [[-0.3, -0.5, 3.0], [0.7, 0.5, wrap(4.0)]])

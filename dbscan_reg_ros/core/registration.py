@@ -1,4 +1,6 @@
 """The registration of one scan onto another (Figure 13)."""
+import math
+
 import numpy as np
 
 from .alignment import fit, polish, refine
@@ -29,16 +31,46 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     Registration
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
     """
-    p = parameters
+    p, several = parameters, parameters.selection.widen > 1
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
-    translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     if p.selection.method == 'divergence':
+        translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
         return select_by_divergence(reference, current, rotations, translations, p)
+    if several and prior is not None:
+        found = search_near(prior, reference, current, rotations, weights, p)
+        if found is not None:
+            return found
+    translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     sure = translations.shortest
     if prior is not None:
         sure = np.concatenate((prior.transform.as_array()[None], sure))
+    found = select(sure, translations.transform[:p.selection.candidates], reference, current, p, prior)
+    if several and found.score < p.selection.doubt:
+        return max(found, register(reference, current, p.widened(), prior), key=lambda each: each.score)
+    return found
+
+
+def search_near(prior, reference, current, rotations, weights, p):
+    """The best of what the prior does not rule out; None where that is not better than all that it does rule out may be."""
+    reach = p.prior.limit * math.sqrt(prior.covariance[2, 2])
+    near = rotations.near(prior.transform.theta, reach)
+    translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform[:p.selection.candidates]
+    candidates = candidates[surprise(candidates, prior) <= p.prior.limit ** 2]
+    return select(prior.transform.as_array()[None], candidates, reference, current, p, prior, 1.0 - p.prior.weight)
+
+
+def select(sure, candidates, reference, current, p, prior, least=-np.inf):
+    """The best of all hypotheses, as a `Registration`.
+
+    Parameters
+    ----------
+    sure, candidates : (S, 3), (C, 3) arrays
+        Hypotheses that are refined in any case, and those that are sieved before.
+    least : float
+        Nothing that scores no more than this is of any use: None, then.
+    """
     if not len(sure) + len(candidates):
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
@@ -46,20 +78,21 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
     coarse, coarse_score, coarse_overlap, equations, known = improve(
         candidates, reference, current, p.refinement.coarse_scales(), p, prior)
+    if coarse_score[0] <= least:
+        return None
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
     close = [each for each in chosen if coarse_score[each] >= coarse_score[0] - p.selection.clear]
     finalists = follow_free_direction(coarse[close], equations[close], reference, current, p)
     if len(finalists) > 1:
         fine, fine_score, overlap, *_ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+        if fine_score[0] <= least:
+            return None
     else:
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
         fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
                              p.refinement.damping, known)
     fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
-    found = decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
-    if found.score < p.selection.doubt and p.selection.widen > 1:
-        return max(found, register(reference, current, p.widened(), prior), key=lambda each: each.score)
-    return found
+    return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):

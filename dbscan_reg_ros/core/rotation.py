@@ -33,6 +33,12 @@ class Rotations:
     labels: np.ndarray
     sigma: float
 
+    def near(self, angle, reach):
+        """Those of the hypotheses at most `reach` [rad] from an `angle` [rad]."""
+        chosen = np.abs(wrap(self.phi - angle)) <= reach
+        rank = np.append(np.where(chosen, chosen.cumsum() - 1, NOISE), NOISE)
+        return Rotations(self.phi[chosen], self.weight[chosen], self.difference, rank[self.labels], self.sigma)
+
 
 def estimate_rotations(reference: Segments, current: Segments, weights, parameters: RotationParameters) -> Rotations:
     """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.

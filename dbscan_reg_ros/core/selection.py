@@ -14,10 +14,12 @@ from .symmetric import inverse
 
 
 def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
-    """The hypotheses ``(C, 3)`` that fit the outline of the reference best, at most `refined` of them, best first.
+    """The hypotheses ``(C, 3)`` that fit the outline of the reference best, at most `refined` of them.
 
     A table of candidates x beams: no surface is built for it.
     """
+    if len(candidates) <= parameters.refined:
+        return candidates
     cloud = current.cloud.thinned(parameters.sieve_points)
     view = reference.view
     places = alignment.transform_points(candidates, cloud.points)

@@ -1,5 +1,7 @@
 """Translation hypotheses: clusters of the solutions of pairs of line equations (section 2.2.2, Eq. 10-15)."""
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -29,8 +31,11 @@ class Translations:
         Cluster of each sample, in the order of `transform`; -1 for none.
     sigma : float [m]
         The neighbourhood that was used.
+    find_shortest : callable
+        Makes `shortest`.
     shortest : (K, 3) float
-        x, y [m] and theta [rad]: the shortest translation that lays the lines on one another, for the heaviest rotations.
+        x, y [m] and theta [rad]: the shortest translation that lays the lines on one another, for the heaviest rotations;
+        found when first asked for.
     """
 
     transform: np.ndarray
@@ -40,7 +45,11 @@ class Translations:
     rotation: np.ndarray
     labels: np.ndarray
     sigma: float
-    shortest: np.ndarray
+    find_shortest: Callable
+
+    @cached_property
+    def shortest(self):
+        return self.find_shortest()
 
 
 def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights,
@@ -61,14 +70,14 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi]
         samples = as_complex(np.concatenate([np.empty((0, 2)), *solutions]))
         mass, rotation = np.ones(len(samples)), np.repeat(np.arange(len(solutions)), [len(s) for s in solutions])
-        shortest = np.empty((0, 3))
+        shortest = partial(np.empty, (0, 3))
     else:
         pairs = match_lines(rotations, weights, parameters)
         equations = signed_equations(reference, current, rotations, pairs)
         lines = line_samples(pairs, equations, parameters)
         ends = end_samples(reference, current, rotations, pairs, parameters)
         samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
-        shortest = shortest_translations(pairs, equations, rotations.phi[:parameters.shortest])
+        shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest])
     if not len(samples):
         return Translations(np.empty((0, 3)), np.empty(0), as_vectors(samples), mass, rotation, np.empty(0, dtype=int), 0.0,
                             shortest)
