@@ -8,7 +8,6 @@ from .alignment import NO_STEP, normal_equations, shared_information
 from .decision import doubted, match_covariance, own_derivatives
 from .deskew import deskew
 from .features import extract_features
-from .moving import moving_points
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
@@ -104,7 +103,7 @@ class Odometry:
         p = self.parameters.odometry
         if not p.moving_frames:
             return features
-        moving = moving_points(features.dense_cloud, pose, self._window.frames[-p.moving_frames:], p.moving_margin)
+        moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
         return features.without(moving) if moving.any() else features
 
     def _own_prior(self, time):

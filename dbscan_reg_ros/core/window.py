@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from .alignment import kernel, linear_errors, normal_equations, origins
+from .moving import Sights
 from .records import Features
 from .se2 import SE2, wrap
 from .symmetric import solve
@@ -144,6 +145,7 @@ class Window:
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
         self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
         self._stack = SurfaceStack([frame.features.surface for frame in self.frames], self._origins, self._turns)
+        self._sights = {}
 
     @property
     def latest(self):
@@ -152,6 +154,12 @@ class Window:
     def with_frame(self, frame, size):
         """A window of at most `size` key frames that ends with `frame`."""
         return Window((self.frames + (frame,))[-size:])
+
+    def sights(self, count) -> Sights:
+        """Of the latest so many key frames."""
+        if count not in self._sights:
+            self._sights = {count: Sights(self.frames[-count:])}
+        return self._sights[count]
 
     def partners(self, pose: SE2, cloud, density) -> Partners:
         """The lines of all key frames that the points of a scan at `pose` lie on.
