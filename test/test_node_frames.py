@@ -121,6 +121,16 @@ def ours(messages):
     return [t for m in messages for t in m.transforms if t.transform.translation.x != 5.0]
 
 
+def test_where_nobody_else_sends_transforms_there_is_nothing_to_hear(start_node, player, peer, scans, tf_type):
+    start_node()
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3]).lost == 0
+    assert peer.node.count_publishers('/tf') == 1 and peer.node.count_subscribers('/tf') == 0
+    with Peer('arm') as arm:
+        other = Loudspeaker(arm, tf_type, '/tf')
+        other.until(lambda: peer.node.count_subscribers('/tf') == 1, tf_type(transforms=[transform('elbow', 'hand')]))
+
+
 def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, peer, scans, tf_type):
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     static.publish(tf_type(transforms=[transform('map', 'base_link')]))

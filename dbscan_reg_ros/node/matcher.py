@@ -52,7 +52,7 @@ class ScanMatcher:
         self._inbox = None
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
-            node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._is_waiting
+            node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._is_waiting, self._sender
         ) if transform_type() else None
         self._mountings = Mountings(parameters, self._listener, self._notices)
         self._priors = Priors(node, parameters, self._listener, self._notices, self._look_again)

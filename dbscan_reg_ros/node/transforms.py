@@ -28,6 +28,9 @@ def transform_type():
 class TransformListener:
     """Hears /tf and /tf_static; needs tf2_msgs.
 
+    Transforms that need not be kept are only heard to know who else sends them: where nobody does there is no subscription
+    to /tf, which would bring back each of our own.
+
     Parameters
     ----------
     node : rclpy.node.Node
@@ -37,16 +40,24 @@ class TransformListener:
         Keep the transforms for `lookup`.
     is_urgent : callable
         Whether to hear /tf as soon as there is something, and not only before a `lookup` and in `hear`.
+    sender : TransformSender
+        Who sends ours.
     """
 
-    def __init__(self, node: Node, on_transform, keep, is_urgent):
+    def __init__(self, node: Node, on_transform, keep, is_urgent, sender):
+        self._node = node
         self._on_transform = on_transform
+        self._is_urgent = is_urgent
+        self._sender = sender
         self._store = make_store() if keep else None
+        self._moving = self._subscription() if keep else None
         latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._moving = node.create_subscription(transform_type(), '/tf', self._hear_moving, UNHEARD,
-                                                callback_group=Urgent(is_urgent), event_callbacks=NO_SUBSCRIPTION_EVENTS)
         node.create_subscription(transform_type(), '/tf_static', lambda m: self._hear(m, '/tf_static'), latched,
                                  event_callbacks=NO_SUBSCRIPTION_EVENTS)
+
+    def _subscription(self):
+        return self._node.create_subscription(transform_type(), '/tf', self._hear_moving, UNHEARD,
+                                              callback_group=Urgent(self._is_urgent), event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def lookup(self, target, source, stamp):
         """As `TransformStore.lookup`."""
@@ -61,8 +72,11 @@ class TransformListener:
 
     def hear(self):
         """Hear what has come on /tf."""
-        for message in taken(self._moving):
-            self._hear_moving(message)
+        if self._moving:
+            for message in taken(self._moving):
+                self._hear_moving(message)
+        elif self._node.count_publishers(self._node.resolve_topic_name('/tf')) > self._sender.is_sending:
+            self._moving = self._subscription()
 
     def _hear_moving(self, message):
         self._hear(message, '/tf')
@@ -121,6 +135,11 @@ class TransformSender:
         if self._publisher:
             self._node.destroy_publisher(self._publisher)
         self._publisher = None
+
+    @property
+    def is_sending(self) -> bool:
+        """Whether we announce /tf."""
+        return self._publisher is not None
 
     def restart(self):
         """Take any stamp next: time has started anew."""
