@@ -55,7 +55,7 @@ class Odometry:
     def _forget(self):
         """Know nothing of the motion."""
         self._halt()
-        self._middle, self._lost, self._pending = self._pose, 0.0, None
+        self._middle, self._lost, self._pending, self._near = self._pose, 0.0, None, True
         self._reported, self._rest = self._pose, Rest(self._pose)
 
     def _halt(self):
@@ -168,7 +168,9 @@ class Odometry:
         the scan seems to be.
         """
         p = self.parameters
-        registration = register(frame.features, standing, self._search, guess)
+        registration = register(frame.features, standing, self._search, guess, self._near)
+        # Where scores are too low for a search near the prior to be enough they are so for a while.
+        self._near = registration.score > 1.0 - p.prior.weight
         if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
             return registration, standing
         there = self._standing(features, frame.pose @ registration.transform)

@@ -15,7 +15,7 @@ from .translation import estimate_translations
 
 
 def register(reference: Features, current: Features, parameters: Parameters = Parameters(),
-             prior: Prior | None = None) -> Registration:
+             prior: Prior | None = None, near: bool = True) -> Registration:
     """Find the motion that lays the current scan onto the reference; no initial guess is needed.
 
     Parameters
@@ -25,19 +25,21 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     parameters : Parameters
     prior : Prior, optional
         One more hypothesis, in the reference's frame.
+    near : bool
+        Look first at what the prior does not rule out. It costs time where the rest has to be looked at after all.
 
     Returns
     -------
     Registration
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
     """
-    p, several = parameters, parameters.selection.widen > 1
+    p = parameters
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     if p.selection.method == 'divergence':
         translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
         return select_by_divergence(reference, current, rotations, translations, p)
-    if several and prior is not None:
+    if near and prior is not None:
         found = search_near(prior, reference, current, rotations, weights, p)
         if found is not None:
             return found
@@ -46,8 +48,8 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if prior is not None:
         sure = np.concatenate((prior.transform.as_array()[None], sure))
     found = select(sure, translations.transform[:p.selection.candidates], reference, current, p, prior)
-    if several and found.score < p.selection.doubt:
-        return max(found, register(reference, current, p.widened(), prior), key=lambda each: each.score)
+    if found.score < p.selection.doubt and p.selection.widen > 1:
+        return max(found, register(reference, current, p.widened(), prior, near=False), key=lambda each: each.score)
     return found
 
 
