@@ -63,6 +63,7 @@ def test_the_sieve_keeps_the_best_first():
     candidates = rows(*(MOTION @ off for off in order))
     chosen = ALIKE.replace({'selection.refined': 3}).selection
     np.testing.assert_array_equal(sieve(candidates[::-1], reference, current, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(sieve(candidates[:3], reference, current, chosen, DENSITY), candidates[:3])
 
 
 def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
@@ -75,6 +76,14 @@ def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
     step = SE2(0.3, -0.2, 0.1)
     distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(skewed.covariance))
     assert surprise(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
+
+
+def test_the_spread_of_a_prior_is_that_of_its_widest_direction():
+    for angle in (0.0, 0.4, 1.2, 2.5):
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        prior = Prior(SE2(), turn @ np.diag([0.3, 0.1, 0.05]) ** 2 @ turn.T)
+        assert prior.spread == pytest.approx(0.3) and prior.angular_spread == pytest.approx(0.05)
 
 
 def test_hypotheses_are_one_when_both_distance_and_angle_are_small():

@@ -35,9 +35,9 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
     margin = float(top - coarse_score[rivals].max(initial=-1.0))
     covariance = covariance + scatter(best, coarse[rivals & (coarse_score > top - limits.min_margin)])
     status, reason = judge(float(fine_score[0]), margin, weak, limits)
-    transform = SE2.from_array(best)
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), float(value))
-                       for candidate, value in zip(fine, fine_score))
+    hypotheses = tuple(Hypothesis(SE2(x, y, wrap(theta)), value)
+                       for (x, y, theta), value in zip(fine.tolist(), fine_score.tolist()))
+    transform = hypotheses[0].transform
     matches = partial(match_segments, reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
                         math.remainder(angle, math.pi) if free else None, matches, reason, weak)
@@ -85,7 +85,7 @@ def doubted(registration: Registration, prior: Prior, parameters: DecisionParame
 
     Along a corridor that repeats itself another place fits a few points as well as the true one does.
     """
-    weak, spread = registration.weakest, float(np.diagonal(prior.covariance)[:2].max()) ** 0.5
+    weak, spread = registration.weakest, prior.spread
     if registration.status is not Status.OK or weak is None or weak >= parameters.vague_information or spread <= parameters.vague:
         return registration
     reason = f'{few_points(weak, parameters.vague_information)} where the motion is expected to {spread:.2f} m only'

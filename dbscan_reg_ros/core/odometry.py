@@ -116,7 +116,7 @@ class Odometry:
         moved = math.hypot(step.x, step.y)
         sigma = math.hypot(p.least, p.acceleration * time.interval ** 2, p.jitter * moved)
         turn = math.hypot(p.least_angle, p.angular_acceleration * time.interval ** 2, p.jitter * step.theta)
-        return Prior(step, np.diag([sigma, sigma, turn]) ** 2)
+        return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)))
 
     def _register(self, features, expected, prior, own, time):
         """Register to the latest key frame, or where that leads nowhere to older ones.
@@ -126,8 +126,7 @@ class Odometry:
         is left to what was expected.
         """
         p = self.parameters
-        surely = np.diagonal(prior.covariance)[:2].max() < p.odometry.moving_margin ** 2
-        standing = self._standing(features, expected) if surely else features
+        standing = self._standing(features, expected) if prior.spread < p.odometry.moving_margin else features
         usual = self._pose @ own.transform
         first, pending = None, self._pending
         self._pending = None

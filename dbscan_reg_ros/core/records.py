@@ -1,5 +1,6 @@
 """The records that flow through the registration, each made by one step and read by the next."""
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -213,6 +214,17 @@ class Prior:
 
     transform: SE2
     covariance: np.ndarray
+
+    @property
+    def spread(self):
+        """Standard deviation [m] of the translation in the direction of which least is known."""
+        (xx, xy, _), (_, yy, _), _ = self.covariance.tolist()
+        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
+
+    @property
+    def angular_spread(self):
+        """Standard deviation [rad] of the rotation."""
+        return math.sqrt(self.covariance.item(2, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,4 @@
 """The registration of one scan onto another (Figure 13)."""
-import math
-
 import numpy as np
 
 from .alignment import fit, polish, refine
@@ -10,7 +8,7 @@ from .free_direction import search_free_direction, weakest_direction
 from .parameters import Parameters
 from .records import Features, Prior, Registration
 from .rotation import estimate_rotations, pair_weights
-from .selection import distinct, reverse_violation, score, sieve, surprise
+from .selection import distinct, reverse_violation, same, score, sieve, surprise
 from .translation import estimate_translations
 
 
@@ -55,12 +53,12 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
 
 def search_near(prior, reference, current, rotations, weights, p):
     """The best of what the prior does not rule out; None where that is not better than all that it does rule out may be."""
-    reach = p.prior.limit * math.sqrt(prior.covariance[2, 2])
-    near = rotations.near(prior.transform.theta, reach)
+    expected, limit = prior.transform.as_array(), p.prior.limit
+    near = rotations.near(expected[2], limit * prior.angular_spread)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform[:p.selection.candidates]
-    candidates = candidates[surprise(candidates, prior) <= p.prior.limit ** 2]
-    return select(prior.transform.as_array()[None], candidates, reference, current, p, prior, 1.0 - p.prior.weight)
+    candidates = candidates[same(candidates, expected, limit * prior.spread, limit * prior.angular_spread)]
+    return select(expected[None], candidates, reference, current, p, prior, 1.0 - p.prior.weight)
 
 
 def select(sure, candidates, reference, current, p, prior, least=-np.inf):

@@ -66,13 +66,10 @@ def surprise(candidates, prior):
 
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
-    places = alignment.origins(candidates)
-    differ = np.abs(places - places.T) > distance
-    differ |= np.abs(wrap(candidates[:, 2:] - candidates[:, 2])) > angle
-    chosen, left = [], np.ones(len(candidates), dtype=bool)
-    while left.any() and len(chosen) < count:
-        chosen.append(int(left.argmax()))
-        left &= differ[chosen[-1]]
+    chosen, left = [], np.arange(len(candidates))
+    while len(left) and len(chosen) < count:
+        chosen.append(int(left[0]))
+        left = left[~same(candidates[left], candidates[left[0]], distance, angle)]
     return chosen
 
 

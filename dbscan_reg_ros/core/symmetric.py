@@ -23,7 +23,12 @@ def inverse(matrix):
 
 def mahalanobis(off, covariance):
     """Squared Mahalanobis distance of an error ``(3,)`` from 0."""
-    return float(off @ inverse(covariance) @ off)
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
+    a, b, c, p, q, r = _factors(xx, xy, xt, yy, yt, tt)
+    x, y, t = off.tolist()
+    y -= p * x
+    t -= q * x + r * y
+    return x * x / a + y * y / b + t * t / c
 
 
 def solve(equations, damping):
