@@ -8,8 +8,7 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
 from dbscan_reg_ros.core.features import extract_features
-from dbscan_reg_ros.core.moving import Sights
-from dbscan_reg_ros.core.window import KeyFrame
+from dbscan_reg_ros.core.window import KeyFrame, Window
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -30,7 +29,7 @@ def seen_from(pose, scan=None):
 
 def moving_beams(scan, frames, pose=THERE, margin=0.2):
     features = extract_features(scan)
-    moving = Sights(frames).moving_points(features.dense_cloud, pose, margin)
+    moving = Window(frames).sights(len(frames)).moving_points(features.dense_cloud, pose, margin)
     return set(features.beams[features.normals.any(axis=1)][moving].tolist())
 
 

@@ -3,7 +3,6 @@ import cmath
 
 import numpy as np
 
-from .alignment import origins
 from .se2 import SE2
 from .surface import Cloud, bins
 
@@ -13,13 +12,14 @@ class Sights:
 
     Parameters
     ----------
-    frames : sequence of KeyFrame
+    views : sequence of View
+    origins, turns : (K, 1) complex arrays
+        Where each was seen from in the odometry frame [m], and what turns places into its own.
     """
 
-    def __init__(self, frames):
-        poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in frames])
-        nearby = [frame.features.view.nearby for frame in frames]
-        self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
+    def __init__(self, views, origins, turns):
+        nearby = [view.nearby for view in views]
+        self._origins, self._turns = origins, turns
         self._near = np.concatenate(nearby)
         self._size = np.array([[len(near)] for near in nearby])
         self._first = self._size.cumsum(axis=0) - self._size

@@ -169,7 +169,7 @@ class Odometry:
         p = self.parameters
         registration = register(frame.features, standing, self._search, guess, self._near)
         # Where scores are too low for a search near the prior to be enough they are so for a while.
-        self._near = registration.score > 1.0 - p.prior.weight
+        self._near = registration.score > p.prior.enough
         if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
             return registration, standing
         there = self._standing(features, frame.pose @ registration.transform)

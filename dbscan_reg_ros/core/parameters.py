@@ -386,6 +386,11 @@ class PriorParameters(ParameterGroup):
     unknown: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
     unknown_angle: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
 
+    @property
+    def enough(self):
+        """No hypothesis that a prior rules out scores more than this."""
+        return 1.0 - self.weight
+
 
 @dataclass(frozen=True)
 class OdometryParameters(ParameterGroup):

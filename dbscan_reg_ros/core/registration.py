@@ -34,14 +34,13 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     p = parameters
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
-    if p.selection.method == 'divergence':
-        translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
-        return select_by_divergence(reference, current, rotations, translations, p)
-    if near and prior is not None:
+    if near and prior is not None and p.selection.method == 'density':
         found = search_near(prior, reference, current, rotations, weights, p)
         if found is not None:
             return found
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
+    if p.selection.method == 'divergence':
+        return select_by_divergence(reference, current, rotations, translations, p)
     sure = translations.shortest
     if prior is not None:
         sure = np.concatenate((prior.transform.as_array()[None], sure))
@@ -53,12 +52,12 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
 
 def search_near(prior, reference, current, rotations, weights, p):
     """The best of what the prior does not rule out; None where that is not better than all that it does rule out may be."""
-    expected, limit = prior.transform.as_array(), p.prior.limit
-    near = rotations.near(expected[2], limit * prior.angular_spread)
+    expected, reach, turn = prior.transform.as_array(), p.prior.limit * prior.spread, p.prior.limit * prior.angular_spread
+    near = rotations.near(expected[2], turn)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform[:p.selection.candidates]
-    candidates = candidates[same(candidates, expected, limit * prior.spread, limit * prior.angular_spread)]
-    return select(expected[None], candidates, reference, current, p, prior, 1.0 - p.prior.weight)
+    candidates = candidates[same(candidates, expected, reach, turn)]
+    return select(expected[None], candidates, reference, current, p, prior, p.prior.enough)
 
 
 def select(sure, candidates, reference, current, p, prior, least=-np.inf):

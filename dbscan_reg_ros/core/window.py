@@ -158,7 +158,8 @@ class Window:
     def sights(self, count) -> Sights:
         """Of the latest so many key frames."""
         if count not in self._sights:
-            self._sights = {count: Sights(self.frames[-count:])}
+            views = [frame.features.view for frame in self.frames[-count:]]
+            self._sights = {count: Sights(views, self._origins[-count:], self._turns[-count:])}
         return self._sights[count]
 
     def partners(self, pose: SE2, cloud, density) -> Partners:
