@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dbscan_reg_ros.core.parameters import DensityParameters
-from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, in_front, leverage
+from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, in_front, high_leverage, leverage
 
 PARAMETERS = DensityParameters()
 
@@ -71,6 +71,20 @@ def test_leverage_is_that_of_a_ridge_regression(balance):
     normals = np.column_stack((cloud.normals.real, cloud.normals.imag))
     hat = normals @ np.linalg.inv(normals.T @ normals / 40 + balance * np.eye(2)) @ normals.T
     assert leverage(cloud, balance) == pytest.approx(np.diag(hat) / np.trace(hat))
+
+
+@pytest.mark.parametrize('share', [0.05, 0.2, 0.3, 0.5])
+def test_high_leverage_is_more_than_twice_the_mean_of_the_hat_matrix(share):
+    rng = np.random.default_rng(5)
+    angle = np.where(rng.random(200) < share, 0.0, 0.5 * np.pi) + np.pi * rng.integers(0, 2, 200) + rng.normal(0.3, 0.1, 200)
+    normals = np.column_stack((np.cos(angle), np.sin(angle)))
+    hat = normals @ np.linalg.inv(normals.T @ normals) @ normals.T
+    expected = np.diag(hat) > 2.0 * np.trace(hat) / 200
+    assert np.array_equal(high_leverage(np.exp(1j * angle)), expected) and expected.any() == (share < 0.25)
+
+
+def test_no_leverage_is_high_where_all_face_alike():
+    assert not high_leverage(np.exp(1j * np.array([0.3, 0.3, 0.3 + np.pi]))).any() and not high_leverage(np.empty(0, complex)).any()
 
 
 def circle(ranges, known=slice(None)):

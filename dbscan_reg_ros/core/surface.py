@@ -59,6 +59,23 @@ def leverage(cloud: Cloud, balance):
     return weight / weight.sum()
 
 
+def high_leverage(normals):
+    """``(P,)`` bool: points that face where few others do, those with more than twice the mean leverage.
+
+    The rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American Statistician 32, 1978.
+
+    Parameters
+    ----------
+    normals : (P,) complex array
+        Unit normals.
+    """
+    # With the double angle a direction and its opposite are one, and the leverage is 2 (1 - c r) / (1 - r^2), in the mean 2:
+    # r is the length of the mean direction, and c r the part of a direction along it.
+    double = normals * normals
+    mean = complex(double.sum()) / max(len(double), 1)
+    return (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Oriented points behind a grid that names the nearest of them: the reference density as a table (Eq. 16-18).

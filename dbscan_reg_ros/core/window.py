@@ -1,7 +1,6 @@
 """The local map: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
 import cmath
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from .alignment import kernel, linear_errors, normal_equations, origins
 from .moving import Sights
 from .records import Features
 from .se2 import SE2, wrap
+from .surface import high_leverage
 from .symmetric import solve
 
 
@@ -165,10 +165,10 @@ class Window:
     def partners(self, pose: SE2, cloud, density) -> Partners:
         """The lines of all key frames that the points of a scan at `pose` lie on.
 
-        Where a scan has more than `density.points`, they are dealt to the key frames in turn, each of them to several.
+        Points of high leverage are looked up in every key frame. The others, where a scan has many, are dealt to the key
+        frames in turn, each of them to several.
         """
-        hands = max(min(len(self.frames) // _FRAMES_A_POINT, -(-len(cloud) // density.points)), 1)
-        dealt = _dealt(len(cloud), len(self.frames), hands)
+        dealt = _dealt(high_leverage(cloud.normals), len(self.frames), density.points // _HANDS)
         turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
         arms = turn * cloud.points
         at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
@@ -183,12 +183,21 @@ class Window:
 
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
+_HANDS = 3
+"""A key frame looks up at most `density.points` over this of the points that are dealt."""
 
 
-@lru_cache(maxsize=4)
-def _dealt(points, frames, hands):
-    """``(frames, points // hands)`` numbers of the points that are looked up in each key frame."""
-    return np.arange(points // hands * hands).reshape(-1, hands).T[np.arange(frames) % hands]
+def _dealt(everywhere, frames, most):
+    """``(frames, N)`` indices of the points that are looked up in each key frame: those `everywhere`, a mask, picks, and at
+    most so many of the others.
+    """
+    always, others = everywhere.nonzero()[0], (~everywhere).nonzero()[0]
+    hands = max(min(frames // _FRAMES_A_POINT, -(-len(others) // most)), 1)
+    turns = others[:len(others) // hands * hands].reshape(-1, hands).T
+    dealt = np.empty((frames, len(always) + len(turns[0])), dtype=np.intp)
+    dealt[:, :len(always)] = always
+    dealt[:, len(always):] = turns[np.arange(frames) % hands]
+    return dealt
 
 
 def align(partners: Partners, start: SE2, expected: SE2, strength, scales, damping) -> SE2:
