@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dbscan_reg_ros.core.parameters import DensityParameters
-from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, in_front, high_leverage, leverage
+from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, high_leverage, in_front, leverage
 
 PARAMETERS = DensityParameters()
 
