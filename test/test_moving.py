@@ -7,6 +7,7 @@ import pytest
 from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
+from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.window import KeyFrame, Window
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
@@ -98,6 +99,22 @@ def test_a_drive_that_somebody_straight_ahead_held_is_found_again():
     """They hide what lies ahead and seem to stand still; when they step aside the way is seen to be longer."""
     off, ok = off_behind_somebody(2, 2)
     assert off < 0.05 and 75 < ok < 150
+
+
+def test_a_turn_between_like_walls_is_followed(data):
+    """Somebody hides the end of a corridor, rivals score as well for seconds, and the sensor turns round: the heading is known."""
+    log, part = Intel(data / 'intel'), slice(1780, 1900)
+    rng, bearing = np.random.default_rng(7), 0.0
+    odometry, ambiguous, turned = Odometry(), 0, []
+    for scan in log.scans[part]:
+        bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
+        noise = rng.normal(0.0, 0.01, len(scan.ranges))
+        seen, hidden = with_person(scan, bearing, radius=0.15)
+        update = odometry.process(dataclasses.replace(seen, ranges=seen.ranges + noise * hidden))
+        ambiguous += update.status is Status.AMBIGUOUS
+        turned.append(update.pose.theta)
+    off = np.unwrap(turned) - np.unwrap(log.reference[part, 2])
+    assert ambiguous >= 3 and np.degrees(np.abs(off - off[0]).max()) < 3.0
 
 
 def test_where_the_motion_is_not_known_nothing_is_left_out():

@@ -215,7 +215,7 @@ class Odometry:
         back = moved.inverse().adjoint()
         self._covariance = back @ frame.covariance @ back.T + covariance
         self._take(pose, covariance, time)
-        due = registration.status is not Status.AMBIGUOUS and self._is_due(frame, moved, registration)
+        due = self._is_due(frame, moved, registration)
         if due:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(KeyFrame(features, pose, self._covariance), size)
