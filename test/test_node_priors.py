@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.messages import pose_to_message, stamp_to_message
+from dbscan_reg_ros.node.parameters import NodePriorParameters
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 
 LASER = SE2(0.2, 0.1, 0.5)
@@ -91,6 +92,14 @@ def play_and_tell(player, scan, loudspeaker, late):
 
 def stamp(message):
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+@pytest.mark.parametrize(('motion', 'translation', 'rotation'), [
+    ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
+    ((0.0, 2.0, 0.5), 0.2, 0.2)])
+def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translation, rotation):
+    covariance = NodePriorParameters().told_covariance(SE2(*motion))
+    assert np.allclose(covariance, np.diag((translation, translation, rotation)) ** 2, rtol=1e-12, atol=0.0)
 
 
 def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path):

@@ -9,6 +9,7 @@ from ..core.odometry import Odometry
 from ..core.parameters import Parameters
 from ..core.records import Prior, Status
 from ..core.se2 import SE2
+from ..node.parameters import NodePriorParameters
 from .methods import kiss_config, lifted, method, planar
 
 KEY_FRAME_DISTANCE = 0.3
@@ -113,8 +114,6 @@ def tracker(name):
 
 
 def wheel_prior(motion) -> Prior:
-    """What wheels that went `motion` (an `SE2`) say: 2 cm + 10 % and 0.6 deg + 10 %, one standard deviation."""
-    translation = 0.02 + 0.1 * math.hypot(motion.x, motion.y)
-    rotation = 0.01 + 0.1 * abs(motion.theta)
-    return Prior(motion, np.diag((translation, translation, rotation)) ** 2)
+    """What the node takes wheels to say that tell it of a `motion` (an `SE2`)."""
+    return Prior(motion, NodePriorParameters().told_covariance(motion))
 

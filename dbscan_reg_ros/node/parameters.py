@@ -1,6 +1,9 @@
 """The node's parameters: its own, and those of the method."""
 import dataclasses
+import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from ..core.errors import ParameterError
 from ..core.parameters import ParameterGroup, Parameters, PriorParameters, parameter
@@ -36,9 +39,18 @@ class NodePriorParameters(PriorParameters):
     frame: str = parameter('wheel_odom', 'an odometry frame on /tf that somebody else publishes, for source tf',
                            read_only=True)
     translation: float = parameter(0.1, 'standard deviation of the motion told, as a share of its length', '', 0.0, 10.0)
+    translation_by_turn: float = parameter(0.1, 'at least so much for a turn of 1 rad', 'm/rad', 0.0, 10.0)
     translation_min: float = parameter(0.02, 'and at least this', 'm', 0.0001, 10.0)
-    rotation: float = parameter(0.1, 'standard deviation of the turn told, as a share of it', '', 0.0, 10.0)
-    rotation_min: float = parameter(0.01, 'and at least this', 'rad', 0.0001, 3.2)
+    rotation: float = parameter(0.2, 'standard deviation of the turn told, as a share of it', '', 0.0, 10.0)
+    rotation_by_distance: float = parameter(0.1, 'at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
+    rotation_min: float = parameter(0.03, 'and at least this', 'rad', 0.0001, 3.2)
+
+    def told_covariance(self, motion):
+        """``(3, 3)`` covariance of a `motion` (`SE2`) that is told, in the frame that it ends in."""
+        way, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
+        translation = max(self.translation_min, self.translation * way, self.translation_by_turn * turn)
+        rotation = max(self.rotation_min, self.rotation * turn, self.rotation_by_distance * way)
+        return np.diag((translation, translation, rotation)) ** 2
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,6 @@
 """What is believed of the sensor's motion before the scans are looked at."""
-import math
 from typing import Any
 
-import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -86,12 +84,8 @@ class Priors:
 
     def _covariance(self, motion, laser):
         """``(3, 3)`` in the sensor's frame of what is told of the base."""
-        p = self.parameters.prior
-        base = laser @ motion @ laser.inverse()
-        translation = max(p.translation_min, p.translation * math.hypot(base.x, base.y))
-        rotation = max(p.rotation_min, p.rotation * abs(base.theta))
         adjoint = laser.inverse().adjoint()
-        return adjoint @ np.diag([translation, translation, rotation]) ** 2 @ adjoint.T
+        return adjoint @ self.parameters.prior.told_covariance(laser @ motion @ laser.inverse()) @ adjoint.T
 
 
 class _Wheels:
