@@ -89,18 +89,22 @@ def noise(folder, every=50, seed=0) -> list:
     return [dataclasses.replace(course, scans=scans, judged=judged)]
 
 
-def person(folder, seed=0) -> list:
-    """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor."""
+def person(folder) -> list:
+    """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor, once for each seed."""
     course, = intel(folder)
+    return [dataclasses.replace(course, scans=_strolled(course.scans, seed)) for seed in SEEDS]
+
+
+def _strolled(scans, seed):
     rng = np.random.default_rng(seed)
-    bearing, scans = 0.0, []
-    for scan in course.scans:
+    bearing, hidden = 0.0, []
+    for scan in scans:
         bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
         body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
         legs = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
         legs += rng.normal(0.0, 0.01, len(legs))
-        scans.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))
-    return [dataclasses.replace(course, scans=scans)]
+        hidden.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))
+    return hidden
 
 
 def aces(folder) -> list:
