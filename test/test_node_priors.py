@@ -98,8 +98,8 @@ def stamp(message):
     ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
     ((0.0, 2.0, 0.5), 0.2, 0.2)])
 def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translation, rotation):
-    covariance = NodePriorParameters().told_covariance(SE2(*motion))
-    assert np.allclose(covariance, np.diag((translation, translation, rotation)) ** 2, rtol=1e-12, atol=0.0)
+    spread = NodePriorParameters().told_spread(SE2(*motion))
+    assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
 
 
 def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path):

@@ -92,15 +92,16 @@ def noise(folder, every=50, seed=0) -> list:
 def person(folder) -> list:
     """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor, once for each seed."""
     course, = intel(folder)
-    return [dataclasses.replace(course, scans=_strolled(course.scans, seed)) for seed in SEEDS]
+    return [dataclasses.replace(course, scans=strolled(course.scans, seed)) for seed in SEEDS]
 
 
-def _strolled(scans, seed):
+def strolled(scans, seed, radius=0.25) -> list:
+    """The scans with somebody, as round as that [m], who strolls to and fro about 1 m in front of the sensor."""
     rng = np.random.default_rng(seed)
     bearing, hidden = 0.0, []
     for scan in scans:
         bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
-        body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
+        body = np.array([(math.cos(bearing), math.sin(bearing), radius)])
         legs = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
         legs += rng.normal(0.0, 0.01, len(legs))
         hidden.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))

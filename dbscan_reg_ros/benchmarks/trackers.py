@@ -115,5 +115,5 @@ def tracker(name):
 
 def wheel_prior(motion) -> Prior:
     """What the node takes wheels to say that tell it of a `motion` (an `SE2`)."""
-    return Prior(motion, NodePriorParameters().told_covariance(motion))
+    return Prior(motion, np.diag(NodePriorParameters().told_spread(motion)) ** 2)
 

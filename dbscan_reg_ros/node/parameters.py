@@ -3,8 +3,6 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..core.errors import ParameterError
 from ..core.parameters import ParameterGroup, Parameters, PriorParameters, parameter
 
@@ -45,12 +43,12 @@ class NodePriorParameters(PriorParameters):
     rotation_by_distance: float = parameter(0.1, 'at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
     rotation_min: float = parameter(0.03, 'and at least this', 'rad', 0.0001, 3.2)
 
-    def told_covariance(self, motion):
-        """``(3, 3)`` covariance of a `motion` (`SE2`) that is told, in the frame that it ends in."""
+    def told_spread(self, motion):
+        """Standard deviations [m, m, rad] of a `motion` (`SE2`) that is told, in the frame that it ends in."""
         way, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
         translation = max(self.translation_min, self.translation * way, self.translation_by_turn * turn)
         rotation = max(self.rotation_min, self.rotation * turn, self.rotation_by_distance * way)
-        return np.diag((translation, translation, rotation)) ** 2
+        return translation, translation, rotation
 
 
 @dataclass(frozen=True)

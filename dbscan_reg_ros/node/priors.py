@@ -1,6 +1,7 @@
 """What is believed of the sensor's motion before the scans are looked at."""
 from typing import Any
 
+import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -85,7 +86,8 @@ class Priors:
     def _covariance(self, motion, laser):
         """``(3, 3)`` in the sensor's frame of what is told of the base."""
         adjoint = laser.inverse().adjoint()
-        return adjoint @ self.parameters.prior.told_covariance(laser @ motion @ laser.inverse()) @ adjoint.T
+        spread = self.parameters.prior.told_spread(laser @ motion @ laser.inverse())
+        return adjoint @ np.diag(spread) ** 2 @ adjoint.T
 
 
 class _Wheels:
