@@ -158,6 +158,10 @@ def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, 
         assert update.prior.transform.theta == pytest.approx((was.inverse() @ now).theta, abs=0.02)
         speed = math.hypot(*before.twist[:2])
         assert math.hypot(update.prior.transform.x, update.prior.transform.y) == pytest.approx(0.1 * speed, abs=0.03)
+        # The way is known no better than without a gyroscope, the turn as its parameters say.
+        own = math.hypot(0.01, 0.1 ** 2, 0.3 * 0.1 * speed)
+        assert update.prior.spread == pytest.approx(own, rel=0.2)
+        assert update.prior.angular_spread == pytest.approx(0.03, rel=1e-6)
 
 
 def test_a_frame_of_somebody_else_gives_the_motion(start_with, player, peer, scans, truth, tmp_path):

@@ -111,6 +111,34 @@ def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
     assert update.increment.x == pytest.approx(expected, abs=0.008)
 
 
+def test_what_is_expected_can_be_asked_for_and_asking_changes_nothing():
+    asked, other = Odometry(), Odometry()
+    assert asked.expected_motion(0) is None
+    for i, pose in enumerate(drive(20)):
+        asked.expected_motion(i * TENTH)
+        assert asked.process(scan_at(pose, i)).pose == other.process(scan_at(pose, i)).pose
+    expected = asked.expected_motion(20 * TENTH)
+    noise = noise_at(20 * TENTH, np.random.default_rng(6))
+    coasted, told = asked.process(noise), other.process(noise, expected)
+    assert coasted.pose == told.pose
+    assert coasted.increment.as_array() == pytest.approx(expected.transform.as_array(), abs=1e-12)
+    assert np.array_equal(coasted.covariance, told.covariance)
+    late = asked.expected_motion(60 * TENTH)
+    assert late.transform == SE2() and late.spread > 5.0 * expected.spread
+
+
+@pytest.mark.parametrize(('before', 'turn'), [(0.0, 0.3), (0.2, 0.5), (-0.2, 0.2), (0.3, 0.3), (0.4, 0.0)])
+def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn):
+    """The same way along another arc; the chord of an arc of length s that turns by t is s sin(t / 2) / (t / 2)."""
+    def arc(turned):
+        chord = 0.5 * np.sinc(0.5 * turned / np.pi)
+        return SE2(chord * math.cos(0.5 * turned), chord * math.sin(0.5 * turned), turned)
+    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2)
+    bent = own.with_turn(turn, 0.02)
+    assert bent.transform.as_array() == pytest.approx(arc(turn).as_array(), abs=0.006)
+    assert np.allclose(bent.covariance, np.diag([0.1, 0.1, 0.02]) ** 2)
+
+
 def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
     odometry = Odometry()
     run(odometry, drive(20))

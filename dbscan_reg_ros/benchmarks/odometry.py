@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..core.records import Status
-from ..core.se2 import SE2, wrap
+from ..core.se2 import wrap
 from ..recordings import data_folder, write_csv
 from ..recordings.metrics import evaluate, path_lengths
 from ..recordings.poses import relative
@@ -13,7 +13,7 @@ from .bounds import at_least, at_most
 from .courses import COURSES, Course
 from .methods import BenchmarkError
 from .report import Report
-from .trackers import tracker, wheel_prior
+from .trackers import PRIORS, tracker
 
 METHODS = ('dbscan', 'small_gicp', 'kiss-icp', 'identity')
 OURS = 'dbscan'
@@ -67,16 +67,14 @@ class Drive:
         write_csv(path, self.poses[judged], self.course.indices[judged], np.array(self.milliseconds)[judged])
 
 
-def drive(name, course, title, wheels=False) -> Drive:
-    """A fresh tracker, by its name, over a course; with `wheels` they say what they believe of each motion."""
+def drive(name, course, title, prior='none') -> Drive:
+    """A fresh tracker, by its name, over a course; `prior` names one of `PRIORS`, who tells of each motion."""
     from tqdm import tqdm
     track, result = tracker(name), Drive(course)
-    priors: list = [None] * len(course.scans)
-    if wheels and course.wheels is not None:
-        priors[1:] = [wheel_prior(SE2.from_array(motion)) for motion in relative(course.wheels[:-1], course.wheels[1:])]
-    for scan, prior in zip(tqdm(course.scans, title, unit=' scans', leave=False, disable=None), priors, strict=True):
+    scans = tqdm(course.scans, title, unit=' scans', leave=False, disable=None)
+    for scan, told in zip(scans, PRIORS[prior](course), strict=True):
         begin = time.perf_counter()
-        result.steps.append(track.process(scan, prior))
+        result.steps.append(track.process(scan, told))
         result.milliseconds.append(1e3 * (time.perf_counter() - begin))
     return result
 
@@ -135,7 +133,7 @@ def measure(args) -> Report:
         courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
         rows = {}
         for method in args.method or ((OURS,) if name in HARDER else METHODS):
-            drives = [drive(method, course, f'{name} {method}', args.prior == 'wheel') for course in courses]
+            drives = [drive(method, course, f'{name} {method}', args.prior) for course in courses]
             rows[method] = _mean([judge(result) for result in drives])
             if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
                 drives[0].write(args.poses)

@@ -1,4 +1,5 @@
 """Laser odometry: keeps key frames, registers every scan to them and integrates the pose."""
+import copy
 import dataclasses
 import math
 
@@ -98,6 +99,12 @@ class Odometry:
             return self._coast(features, registration, expected, prior, time)
         return self._follow(standing, frame, pose, registration, expected, prior, time)
 
+    def expected_motion(self, stamp) -> Prior | None:
+        """What is expected of the motion to a scan at `stamp` [ns] when nobody tells of it; None before the first scan."""
+        if self._window is None:
+            return None
+        return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time))
+
     def _standing(self, features, pose):
         """The scan without what moves, if it was taken from `pose`."""
         p = self.parameters.odometry
@@ -110,7 +117,7 @@ class Odometry:
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = self.parameters.prior
         unknown = self._step is None or self.parameters.odometry.prior == 'none'
-        step = SE2() if unknown else self._step
+        step = SE2() if unknown or time.jump else self._step
         if unknown or time.gap:
             return Prior(step, self._leap(time))
         moved = math.hypot(step.x, step.y)

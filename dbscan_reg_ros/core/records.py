@@ -10,7 +10,7 @@ import numpy as np
 
 from .parameters import DensityParameters
 from .scan import Scan
-from .se2 import SE2
+from .se2 import SE2, wrap
 from .surface import build_cloud, build_surface, build_view, leverage
 
 
@@ -225,6 +225,14 @@ class Prior:
     def angular_spread(self):
         """Standard deviation [rad] of the rotation."""
         return math.sqrt(self.covariance.item(2, 2))
+
+    def with_turn(self, turn, spread) -> 'Prior':
+        """The same way, but with a `turn` [rad] known to `spread` [rad]; its chord turns by half the difference."""
+        chord = SE2(0.0, 0.0, 0.5 * wrap(turn - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
+        covariance = self.covariance.copy()
+        covariance[2] = covariance[:, 2] = 0.0
+        covariance[2, 2] = spread * spread
+        return Prior(SE2(chord.x, chord.y, wrap(turn)), covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,7 +109,7 @@ class ScanMatcher:
             scan = self._reader.read(message, mounting, self._live.value)
             if self._stamps.start_again(scan.stamp, self._live.value.time.jump):
                 self._start_anew('the stamps of the scans start again', Start())
-            prior = self._priors.find(scan.frame_id, scan.stamp, mounting)
+            prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.expected_motion)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
             self._notices.warn(f'scan skipped: {error}')
@@ -118,7 +118,7 @@ class ScanMatcher:
         if self._origin is None:
             self._origin = self._start.pose @ mounting.place
         self._stamps.used(scan.stamp)
-        self._priors.processed(scan.stamp, mounting, update)
+        self._priors.processed(scan.stamp, mounting)
         self._services.keep(update, prior)
         self._report(update)
         state = base_state(update, self._origin, mounting.place, self._start)

@@ -36,11 +36,11 @@ class NodePriorParameters(PriorParameters):
         'quiet, it goes on as before', choices=SOURCES, read_only=True)
     frame: str = parameter('wheel_odom', 'an odometry frame on /tf that somebody else publishes, for source tf',
                            read_only=True)
-    translation: float = parameter(0.1, 'standard deviation of the motion told, as a share of its length', '', 0.0, 10.0)
+    translation: float = parameter(0.1, 'odometry, tf: standard deviation of the way told, as a share of it', '', 0.0, 10.0)
     translation_by_turn: float = parameter(0.1, 'at least so much for a turn of 1 rad', 'm/rad', 0.0, 10.0)
     translation_min: float = parameter(0.02, 'and at least this', 'm', 0.0001, 10.0)
     rotation: float = parameter(0.2, 'standard deviation of the turn told, as a share of it', '', 0.0, 10.0)
-    rotation_by_distance: float = parameter(0.1, 'at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
+    rotation_by_distance: float = parameter(0.1, 'odometry, tf: at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
     rotation_min: float = parameter(0.03, 'and at least this', 'rad', 0.0001, 3.2)
 
     def told_spread(self, motion):

@@ -1,4 +1,6 @@
 """What is believed of the sensor's motion before the scans are looked at."""
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,6 @@ from sensor_msgs.msg import Imu
 
 from ..core.errors import ParameterError
 from ..core.records import Prior
-from ..core.se2 import SE2, wrap
 from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import PoseError, planar_from_message, stamp_from_message
 from .mounting import Mounting, MountingError
@@ -67,27 +68,58 @@ class Priors:
         return (self._source is None or self._last is None or self._source.reaches(frame, stamp)
                 or not self._source.reaches(frame, self._last[0]))
 
-    def find(self, frame, stamp, mounting: Mounting):
-        """The `Prior` for the scan in `frame` at `stamp` [ns], or None for the odometry's own."""
+    def find(self, frame, stamp, mounting: Mounting, expected):
+        """The `Prior` for the scan in `frame` at `stamp` [ns], or None for the odometry's own.
+
+        `expected(stamp)` is the odometry's own.
+        """
         if self._source is None or self._last is None:
             return None
-        before, last_mounting, update = self._last
-        motion = self._source.motion(frame, before, stamp, last_mounting, mounting, update)
-        if motion is None:
+        before, last_mounting = self._last
+        asked = _Question(frame, before, stamp, last_mounting, mounting, expected, self.parameters.prior)
+        told = self._source.answer(asked)
+        if told is None:
             self._notices.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} says nothing of '
                                'the time of the scan; taking the motion to go on as before')
             return None
-        return Prior(motion, self._covariance(motion, mounting.place))
+        adjoint = mounting.place.inverse().adjoint()
+        return Prior(last_mounting.place.inverse() @ told.transform @ mounting.place,
+                     adjoint @ told.covariance @ adjoint.T)
 
-    def processed(self, stamp, mounting: Mounting, update):
+    def processed(self, stamp, mounting: Mounting):
         """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
-        self._last = stamp, mounting, update
+        self._last = stamp, mounting
 
-    def _covariance(self, motion, laser):
-        """``(3, 3)`` in the sensor's frame of what is told of the base."""
-        adjoint = laser.inverse().adjoint()
-        spread = self.parameters.prior.told_spread(laser @ motion @ laser.inverse())
-        return adjoint @ np.diag(spread) ** 2 @ adjoint.T
+
+@dataclass(frozen=True)
+class _Question:
+    """How did the base move between two scans?
+
+    Attributes
+    ----------
+    frame : str
+        Of the later scan.
+    before, now : int [ns]
+    last_mounting, mounting : Mounting
+    expected : callable
+        ``expected(now)``: the sensor's motion if it goes on as before, a `Prior`.
+    parameters : NodePriorParameters
+    """
+
+    frame: str
+    before: int
+    now: int
+    last_mounting: Mounting
+    mounting: Mounting
+    expected: Callable
+    parameters: Any
+
+    def measured(self, motion) -> Prior:
+        return Prior(motion, np.diag(self.parameters.told_spread(motion)) ** 2)
+
+    def going_on(self) -> Prior:
+        own = self.expected(self.now)
+        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance)
 
 
 class _Wheels:
@@ -115,15 +147,13 @@ class _Wheels:
     def reaches(self, _frame, stamp):
         return self._poses.reaches(stamp)
 
-    def motion(self, _frame, before, now, last_mounting, mounting, _update):
-        start, end = self._poses.at(before), self._poses.at(now)
-        if start is None or end is None:
-            return None
-        return (start @ last_mounting.place).inverse() @ end @ mounting.place
+    def answer(self, asked):
+        start, end = self._poses.at(asked.before), self._poses.at(asked.now)
+        return None if start is None or end is None else asked.measured(start.inverse() @ end)
 
 
 class _Gyroscope:
-    """The yaw rate on the topic ``imu``; the translation goes on as before."""
+    """The yaw rate on the topic ``imu``; the way goes on as before, and is known no better."""
 
     def __init__(self, node, heard):
         self._headings = HeadingHistory()
@@ -141,16 +171,12 @@ class _Gyroscope:
     def reaches(self, _frame, stamp):
         return self._headings.reaches(stamp)
 
-    def motion(self, _frame, before, now, last_mounting, mounting, update):
-        start, end = self._headings.at(before), self._headings.at(now)
+    def answer(self, asked):
+        start, end = self._headings.at(asked.before), self._headings.at(asked.now)
         if start is None or end is None:
             return None
-        interval = (now - before) * 1e-9
-        turn = wrap(end.theta - start.theta)
-        vx, vy, _ = last_mounting.place.adjoint() @ update.twist * interval
-        half = SE2(0.0, 0.0, 0.5 * turn).apply([vx, vy])
-        base = SE2(float(half[0]), float(half[1]), turn)
-        return last_mounting.place.inverse() @ base @ mounting.place
+        turn = start.inverse() @ end
+        return asked.going_on().with_turn(turn.theta, asked.parameters.told_spread(turn)[2])
 
 
 class _Frame:
@@ -167,12 +193,11 @@ class _Frame:
     def reaches(self, frame, stamp):
         return self._pose(frame, stamp) is not None
 
-    def motion(self, frame, before, now, last_mounting, mounting, _update):
-        start, end = self._pose(frame, before), self._pose(frame, now)
+    def answer(self, asked):
+        start, end = self._pose(asked.frame, asked.before), self._pose(asked.frame, asked.now)
         if start is None or end is None:
             return None
-        back, along = SE2(0.0, 0.0, -last_mounting.pose.theta), SE2(0.0, 0.0, -mounting.pose.theta)
-        return (start @ back).inverse() @ end @ along
+        return asked.measured((start @ asked.last_mounting.pose.inverse()).inverse() @ end @ asked.mounting.pose.inverse())
 
     def _pose(self, frame, stamp):
         try:
