@@ -165,3 +165,10 @@ def test_the_noise_of_the_ranges_is_estimated():
     for noise in (0.01, 0.03):
         estimates = [extract_features(look(outline(L_ROOM), noise=noise, seed=seed)).noise for seed in range(20)]
         assert np.mean(estimates) == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize(('size', 'increment', 'closed'), [
+    (360, math.radians(1.0), True), (360, 2.0 * math.pi / 359, True), (720, -math.radians(0.5), True),
+    (350, math.radians(1.0), False), (181, math.radians(1.0), False), (1081, math.radians(0.25), False)])
+def test_beams_that_go_all_the_way_round_are_closed(size, increment, closed):
+    assert ScanGeometry(-math.pi, increment, size).closed == closed

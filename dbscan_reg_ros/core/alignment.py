@@ -161,7 +161,7 @@ def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
         now, known = known or fit(candidates, cloud, surface, facing), None
-        equations = normal_equations(now.rows(), now.weight(scale))
+        equations = normal_equations(now.rows(), cloud.weighed(now.weight(scale)))
         candidates -= solve(equations, damping)
     return candidates, equations
 
@@ -176,9 +176,10 @@ def polish(candidate, cloud, surface, facing, refinement):
         return candidate
     found = fit(candidate[None], cloud, surface, facing)
     rows = found.rows()[0].compress(found.alike[0], axis=1)
+    worth = 1.0 if cloud.worth is None else cloud.worth.compress(found.alike[0])
     way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
-        weight = kernel(rows[3], scale)
+        weight = kernel(rows[3], scale) * worth
         step = solve(normal_equations(rows, weight)[None], refinement.damping)[0]
         scale = refinement.narrowed(scale, math.sqrt(mean_square(rows[3], weight)))
         way += step

@@ -98,8 +98,9 @@ def uncertainty(candidate, reference, current, p: Parameters):
     """
     found = fit(candidate[None], current.cloud, reference.surface, p.density.facing)
     rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(current.cloud.normals, candidate[2], found.arms[0])
+    weight = current.cloud.weighed(found.weight(p.refinement.score_scale))[0]
     covariance, angle, weak = match_covariance(
-        found.error[0], found.weight(p.refinement.score_scale)[0], rows, own, max(reference.noise, current.noise), p.decision)
+        found.error[0], weight, rows, own, max(reference.noise, current.noise), p.decision)
     return turned(covariance, -candidate[2]), angle, weak
 
 

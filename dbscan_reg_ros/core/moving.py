@@ -1,4 +1,4 @@
-"""What moves: points of a scan in space that key frames saw to be free (people, doors, other robots)."""
+"""What moves: points of a scan in space that key frames saw to be free (people, doors, other robots); and what may move."""
 import cmath
 
 import numpy as np
@@ -49,10 +49,52 @@ class Sights:
         moving = (near > margin).any(axis=0)
         if not moving.any():
             return moving
-        run = np.concatenate(([0], (np.abs(np.diff(cloud.points)) > margin).cumsum()))
+        run = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
         share = np.bincount(run, moving) / np.bincount(run)
         moving |= share[run] > _GOOD_PART
         return moving if moving.mean() < _MOST else np.zeros_like(moving)
+
+
+def detached(cloud: Cloud, size, margin, closed):
+    """Which points belong to small things that stand free: with deeper space, or none that is seen, on both sides.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        P points in beam order.
+    size : float [m]
+        Things are smaller than this.
+    margin : float [m]
+        So much deeper, and so far apart are neighbours of two things.
+    closed : bool
+        The beams go all the way round: the first follows the last.
+
+    Returns
+    -------
+    (P,) bool array
+    """
+    points = cloud.points
+    if not len(points):
+        return np.zeros(0, dtype=bool)
+    cut, shift = _cuts(cloud, margin).nonzero()[0] + 1, 0
+    if closed and len(cut) and abs(points[0] - points[-1]) <= margin:
+        shift = cut[0]
+        points, cut = np.roll(points, -shift), cut[1:] - shift
+    edge = np.concatenate(([0], cut, [len(points)]))
+    first, radius = edge[:-1], np.abs(points)
+    start, end = radius[first], radius[edge[1:] - 1]
+    before, after = np.concatenate((end[-1:], end[:-1])), np.concatenate((start[1:], start[:1]))
+    if not closed:
+        before[0] = after[-1] = np.inf
+    x, y = (np.maximum.reduceat(part, first) - np.minimum.reduceat(part, first) for part in (points.real, points.imag))
+    free = (np.hypot(x, y) < size) & (before > start + margin) & (after > end + margin)
+    found = free.repeat(edge[1:] - first)
+    return np.roll(found, shift) if shift else found
+
+
+def _cuts(cloud, margin):
+    """``(P - 1,)`` bool: where a point and the next belong to two things."""
+    return np.abs(cloud.points[1:] - cloud.points[:-1]) > margin
 
 
 _GOOD_PART = 0.3

@@ -9,6 +9,7 @@ from .alignment import NO_STEP, normal_equations, shared_information
 from .decision import doubted, match_covariance, own_derivatives
 from .deskew import deskew
 from .features import extract_features
+from .moving import detached
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
@@ -106,12 +107,17 @@ class Odometry:
         return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time))
 
     def _standing(self, features, pose):
-        """The scan without what moves, if it was taken from `pose`."""
+        """The scan without what moves, and with little of what may move, if it was taken from `pose`."""
         p = self.parameters.odometry
-        if not p.moving_frames:
-            return features
-        moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
-        return features.without(moving) if moving.any() else features
+        if p.moving_frames:
+            moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
+            features = features.without(moving) if moving.any() else features
+        movable = detached(features.dense_cloud, p.movable_size, p.moving_margin, features.scan.geometry.closed)
+        at = movable.nonzero()[0]
+        if len(at):
+            movable[at] = ~self._window.confirmed(pose, features.dense_cloud.select(at), p.movable_distance,
+                                                  self.parameters.decision.match_distance, self.parameters.density.facing)
+        return features.doubting(movable, p.movable_worth) if movable.any() else features
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""

@@ -406,6 +406,11 @@ class OdometryParameters(ParameterGroup):
                                       'left out; 0: nothing is', '', 0, 1000)
     moving_margin: float = parameter(0.2, 'so far in front of what they saw, where the motion is expected to better than that',
                                      'm', 0.0, 100.0)
+    movable_size: float = parameter(1.1, 'what is smaller than this and has deeper space, or none that is seen, on both sides may '
+                                    'move: people, mostly; 0: nothing may', 'm', 0.0, 100.0)
+    movable_worth: float = parameter(0.03, 'a point of it counts so much', '', 0.0, 1.0)
+    movable_distance: float = parameter(0.5, 'until a key frame from so far away or more saw it in the same place', 'm', 0.0,
+                                        100.0)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -104,6 +104,8 @@ class Features:
         The density of this scan as a reference; made when first asked for, like `view`.
     view : View
         How far this scan saw.
+    worth : (P',) float or None
+        What each point of `dense_cloud` counts, from 0 to 1; None: all the same.
     """
 
     scan: Scan
@@ -113,6 +115,7 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
+    worth: np.ndarray | None = None
 
     def without(self, left_out):
         """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks."""
@@ -120,9 +123,13 @@ class Features:
         normals[np.flatnonzero(normals.any(axis=1))[left_out]] = 0.0
         return dataclasses.replace(self, normals=normals)
 
+    def doubting(self, points, worth):
+        """The same, but those points of `dense_cloud` that `points`, a mask, picks count no more than `worth`."""
+        return dataclasses.replace(self, worth=np.where(points, worth, 1.0))
+
     @cached_property
     def dense_cloud(self):
-        return build_cloud(self.points, self.normals)
+        return build_cloud(self.points, self.normals, self.worth)
 
     @cached_property
     def cloud(self):

@@ -91,6 +91,11 @@ class ScanGeometry:
             return _frozen(np.array(self.bearings_given))
         return _frozen(self.angle_min + self.angle_increment * np.arange(self.size))
 
+    @property
+    def closed(self):
+        """Whether the beams go all the way round."""
+        return abs(self.angle_increment) * (self.size + 1) > 2.0 * math.pi
+
     @cached_property
     def directions(self):
         """``(N, 2)`` unit vector along each beam."""

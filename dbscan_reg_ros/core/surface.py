@@ -20,17 +20,24 @@ class Cloud:
     points : (P,) complex [m]
     normals : (P,) complex
         Unit normals that face the sensor.
+    worth : (P,) float or None
+        What each counts, from 0 to 1; None: all the same.
     """
 
     points: np.ndarray
     normals: np.ndarray
+    worth: np.ndarray | None = None
 
     def __len__(self):
         return len(self.points)
 
     def select(self, chosen):
         """The points that `chosen`, a mask or indices, picks."""
-        return Cloud(self.points[chosen], self.normals[chosen])
+        return Cloud(self.points[chosen], self.normals[chosen], None if self.worth is None else self.worth[chosen])
+
+    def weighed(self, weight):
+        """A `weight` ``(..., P)`` of the points times what they count."""
+        return weight if self.worth is None else weight * self.worth
 
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""
@@ -39,11 +46,11 @@ class Cloud:
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
-def build_cloud(points, normals) -> Cloud:
-    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
+def build_cloud(points, normals, worth=None) -> Cloud:
+    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out; `worth` is of the others."""
     normals = as_complex(normals)
     known = normals != 0.0
-    return Cloud(as_complex(points)[known], normals[known])
+    return Cloud(as_complex(points)[known], normals[known], worth)
 
 
 def leverage(cloud: Cloud, balance):
@@ -55,7 +62,7 @@ def leverage(cloud: Cloud, balance):
     size = max(len(cloud), 1)
     nx, ny = cloud.normals.real, cloud.normals.imag
     xx, xy, yy = nx @ nx / size + balance, nx @ ny / size, ny @ ny / size + balance
-    weight = yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny
+    weight = cloud.weighed(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
     return weight / weight.sum()
 
 

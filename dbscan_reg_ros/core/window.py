@@ -55,8 +55,10 @@ class SurfaceStack:
         self._none, self._first = size[:, None] - 1, np.cumsum(size) - size
         self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
 
-    def nearest(self, places):
+    def nearest(self, places, surfaces=slice(None)):
         """The points nearest to those of the `places` ``(K, P)`` (complex, [m], odometry frame) that have one, M of them.
+
+        Only the surfaces of the slice `surfaces` are looked in, K of them.
 
         Returns
         -------
@@ -65,18 +67,18 @@ class SurfaceStack:
         nearest : (M,) int array
             Index of the point.
         """
-        cells = places * self._scale
-        cells -= self._corner
+        cells, limits = places * self._scale[surfaces], self._last[:, surfaces]
+        cells -= self._corner[surfaces]
         cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
-        for part, last in zip((cells, column), self._last):
+        for part, last in zip((cells, column), limits):
             np.maximum(part, 0, out=part)
             np.minimum(part, last, out=part)
-        cells *= self._last[1] + 1
+        cells *= limits[1] + 1
         cells += column
-        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
-        at = (found != self._none).ravel().nonzero()[0]
+        found = np.concatenate([table[cell] for table, cell in zip(self._tables[surfaces], cells)]).reshape(cells.shape)
+        at = (found != self._none[surfaces]).ravel().nonzero()[0]
         row = at // found.shape[1]
-        return at, row, found.take(at) + self._first.take(row)
+        return at, row, found.take(at) + self._first[surfaces].take(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,8 @@ class Partners:
         Turned points.
     rows : (4, M) float
         `alignment.linear_errors` at the pose, the rotation about the sensor.
+    worth : (M,) float or None
+        What each point counts, from 0 to 1; None: all the same.
     """
 
     pose: SE2
@@ -102,6 +106,7 @@ class Partners:
     index: np.ndarray
     arms: np.ndarray
     rows: np.ndarray
+    worth: np.ndarray | None = None
 
     def match(self, step, scale):
         """Errors [m] and weights ``(M,)`` after a `step` ``(4,)`` from the pose, as for `alignment.linear_errors`.
@@ -111,7 +116,7 @@ class Partners:
         error = step @ self.rows
         weight = kernel(error, scale)
         weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
-        return error, weight
+        return error, weight if self.worth is None else weight * self.worth
 
     def equations(self, step, scale):
         """``(4, 4)``, as `alignment.normal_equations`, at the pose, with the weights after a `step`."""
@@ -169,18 +174,62 @@ class Window:
         frames in turn, each of them to several.
         """
         dealt = _dealt(high_leverage(cloud.normals), len(self.frames), density.points // _HANDS)
+        _, index, arms, normals, error = self._lines(pose, cloud, dealt, density.facing)
+        worth = None if cloud.worth is None else cloud.worth.take(index)
+        return Partners(pose, len(cloud), index, arms, linear_errors(error, normals, arms), worth)
+
+    def confirmed(self, pose: SE2, cloud, distance, margin, facing):
+        """Which points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
+
+        Asked are the latest few key frames that are so far away.
+
+        Parameters
+        ----------
+        margin : float [m]
+            So close to a line is on it.
+        facing : float
+            As in `alignment.fit`.
+
+        Returns
+        -------
+        (P,) bool array
+        """
+        found = np.zeros(len(cloud), dtype=bool)
+        away = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
+        end = int(away.nonzero()[0].max(initial=-1)) + 1
+        asked = slice(max(end - _WITNESSES, 0), end)
+        away = away[asked]
+        if len(away):
+            row, index, _, _, error = self._lines(pose, cloud, np.tile(np.arange(len(cloud)), (len(away), 1)), facing, asked)
+            found[index[away.take(row) & (np.abs(error) < margin)]] = True
+        return found
+
+    def _lines(self, pose, cloud, dealt, facing, frames=slice(None)):
+        """Lines of key frames, the slice `frames`, that the points ``dealt[k]`` of a scan at `pose` may lie on, M pairs.
+
+        Returns
+        -------
+        row, index : (M,) int arrays
+            Key frame and point.
+        arms, normals : (M,) complex arrays
+            Turned points [m], and conjugated normals of the lines.
+        error : (M,) array
+            Signed distance [m].
+        """
         turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
         arms = turn * cloud.points
-        at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
+        at, row, nearest = self._stack.nearest((arms + origin).take(dealt), frames)
         index = dealt.take(at)
-        normals = self._stack.normals.take(nearest) * self._turns.take(row)
-        alike = (normals * (turn * cloud.normals).take(index)).real > density.facing
+        normals = self._stack.normals.take(nearest) * self._turns[frames].take(row)
+        alike = (normals * (turn * cloud.normals).take(index)).real > facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
         arms = arms.take(index)
-        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
-        return Partners(pose, len(cloud), index, arms, linear_errors(error, normals, arms))
+        error = (normals * (arms + (origin - self._origins[frames].take(row)))).real - self._stack.offsets.take(nearest)
+        return row, index, arms, normals, error
 
 
+_WITNESSES = 8
+"""So many key frames are asked whether they saw a thing in its place."""
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
 _HANDS = 3
