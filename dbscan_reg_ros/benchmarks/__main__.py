@@ -41,7 +41,7 @@ def make_parser():
         if name == 'odometry':
             command.add_argument('--course', nargs='+', metavar='NAME',
                                  help='only these: intel, aces, urg04lx, lms511, rooms, corridors, halls, featureless, '
-                                 'lidars, dropped, noise, person')
+                                 'lidars, leader, dropped, noise, person')
             command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
                                  help='who tells of the motion; wheel: the odometry of the log, compared with laser '
                                  'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')

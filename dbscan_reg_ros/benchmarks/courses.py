@@ -7,7 +7,7 @@ import numpy as np
 
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
-from ..simulation import LIDARS, Lidar, corridor, follow, hall, rooms, simulate, wheel_odometry
+from ..simulation import LIDARS, Lidar, Person, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
 from .intel import Intel
 
@@ -172,9 +172,16 @@ def lidars(folder) -> list:
     return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
 
 
+def leader(folder) -> list:
+    """Corridors whose doors are recesses, through which somebody walks ahead of the sensor, as fast as it drives."""
+    worlds = [corridor(seed=seed) for seed in SEEDS]
+    return [simulated(dataclasses.replace(world, people=(Person(world.tour + (1.2, 0.0), speed=0.8),)), seed=seed)
+            for world, seed in zip(worlds, SEEDS, strict=True)]
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
-    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'lidars': lidars, 'dropped': dropped,
-    'noise': noise, 'person': person,
+    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'lidars': lidars, 'leader': leader,
+    'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""
