@@ -55,10 +55,8 @@ class SurfaceStack:
         self._none, self._first = size[:, None] - 1, np.cumsum(size) - size
         self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
 
-    def nearest(self, places, surfaces=slice(None)):
+    def nearest(self, places):
         """The points nearest to those of the `places` ``(K, P)`` (complex, [m], odometry frame) that have one, M of them.
-
-        Only the surfaces of the slice `surfaces` are looked in, K of them.
 
         Returns
         -------
@@ -67,18 +65,18 @@ class SurfaceStack:
         nearest : (M,) int array
             Index of the point.
         """
-        cells, limits = places * self._scale[surfaces], self._last[:, surfaces]
-        cells -= self._corner[surfaces]
+        cells = places * self._scale
+        cells -= self._corner
         cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
-        for part, last in zip((cells, column), limits):
+        for part, last in zip((cells, column), self._last):
             np.maximum(part, 0, out=part)
             np.minimum(part, last, out=part)
-        cells *= limits[1] + 1
+        cells *= self._last[1] + 1
         cells += column
-        found = np.concatenate([table[cell] for table, cell in zip(self._tables[surfaces], cells)]).reshape(cells.shape)
-        at = (found != self._none[surfaces]).ravel().nonzero()[0]
+        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
+        at = (found != self._none).ravel().nonzero()[0]
         row = at // found.shape[1]
-        return at, row, found.take(at) + self._first[surfaces].take(row)
+        return at, row, found.take(at) + self._first.take(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +179,6 @@ class Window:
     def confirmed(self, pose: SE2, cloud, distance, margin, facing):
         """Which points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
 
-        Asked are the latest few key frames that are so far away.
-
         Parameters
         ----------
         margin : float [m]
@@ -196,16 +192,14 @@ class Window:
         """
         found = np.zeros(len(cloud), dtype=bool)
         away = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
-        end = int(away.nonzero()[0].max(initial=-1)) + 1
-        asked = slice(max(end - _WITNESSES, 0), end)
-        away = away[asked]
-        if len(away):
-            row, index, _, _, error = self._lines(pose, cloud, np.tile(np.arange(len(cloud)), (len(away), 1)), facing, asked)
+        if away.any():
+            everywhere = np.tile(np.arange(len(cloud)), (len(self.frames), 1))
+            row, index, _, _, error = self._lines(pose, cloud, everywhere, facing)
             found[index[away.take(row) & (np.abs(error) < margin)]] = True
         return found
 
-    def _lines(self, pose, cloud, dealt, facing, frames=slice(None)):
-        """Lines of key frames, the slice `frames`, that the points ``dealt[k]`` of a scan at `pose` may lie on, M pairs.
+    def _lines(self, pose, cloud, dealt, facing):
+        """Lines of the key frames that the points ``dealt[k]`` of a scan at `pose` may lie on, M pairs of them.
 
         Returns
         -------
@@ -218,18 +212,16 @@ class Window:
         """
         turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
         arms = turn * cloud.points
-        at, row, nearest = self._stack.nearest((arms + origin).take(dealt), frames)
+        at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
         index = dealt.take(at)
-        normals = self._stack.normals.take(nearest) * self._turns[frames].take(row)
+        normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
         arms = arms.take(index)
-        error = (normals * (arms + (origin - self._origins[frames].take(row)))).real - self._stack.offsets.take(nearest)
+        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
         return row, index, arms, normals, error
 
 
-_WITNESSES = 8
-"""So many key frames are asked whether they saw a thing in its place."""
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
 _HANDS = 3
