@@ -56,7 +56,7 @@ class Sights:
 
 
 def detached(cloud: Cloud, size, margin, closed):
-    """Which points belong to small things that stand free: with deeper space, or none that is seen, on both sides.
+    """Which points belong to small things that stand free: with deeper space on both sides, or the end of the scan.
 
     Parameters
     ----------

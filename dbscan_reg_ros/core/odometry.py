@@ -211,7 +211,7 @@ class Odometry:
             known = inverse(prior.covariance)
         if p.odometry.reference == 'window':
             scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-            strength = p.prior.point ** 2 * turned(known, expected.theta)
+            strength = max(p.prior.point, features.noise) ** 2 * turned(known, expected.theta)
             partners = self._window.partners(pose, features.dense_cloud, p.density)
             if registration.free_direction is not None:
                 strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)

@@ -382,7 +382,8 @@ class PriorParameters(ParameterGroup):
     jitter: float = parameter(0.3, 'constant velocity: spread as a share of the step, for stamps that jitter', '', 0.0, 10.0)
     least: float = parameter(0.01, 'constant velocity: least spread', 'm', 0.0001, 10.0)
     least_angle: float = parameter(0.01, 'constant velocity: least spread of the rotation', 'rad', 0.0001, 3.2)
-    point: float = parameter(0.01, 'spread of a point, when points are set against the prior', 'm', 0.0, 10.0)
+    point: float = parameter(0.01, 'spread of a point, when points are set against the prior; at least the range noise',
+                             'm', 0.0, 10.0)
     unknown: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
     unknown_angle: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
 
@@ -406,8 +407,8 @@ class OdometryParameters(ParameterGroup):
                                       'left out; 0: nothing is', '', 0, 1000)
     moving_margin: float = parameter(0.2, 'so far in front of what they saw, where the motion is expected to better than that',
                                      'm', 0.0, 100.0)
-    movable_size: float = parameter(1.1, 'what is smaller than this and has deeper space, or none that is seen, on both sides may '
-                                    'move: people, mostly; 0: nothing may', 'm', 0.0, 100.0)
+    movable_size: float = parameter(1.1, 'what is smaller than this and has deeper space on both sides, or ends the scan, may move: '
+                                    'people, mostly; 0: nothing may', 'm', 0.0, 100.0)
     movable_worth: float = parameter(0.03, 'a point of it counts so much', '', 0.0, 1.0)
     movable_distance: float = parameter(0.5, 'until a key frame from so far away or more saw it in the same place', 'm', 0.0,
                                         100.0)
