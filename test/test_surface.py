@@ -15,7 +15,7 @@ def drawn(count, seed=0):
     """Points in a rectangle of 6 m x 4 m, facing anywhere."""
     rng = np.random.default_rng(seed)
     return Cloud(rng.uniform(-2.0, 4.0, count) + 1j * rng.uniform(-3.0, 1.0, count),
-                 np.exp(1j * rng.uniform(-math.pi, math.pi, count)))
+                 np.exp(1j * rng.uniform(-math.pi, math.pi, count)), np.arange(count))
 
 
 @pytest.mark.parametrize('cells, cell', [(800, 0.04), (50, 6.8 / 50)])
@@ -41,28 +41,28 @@ def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():
     for other, nearer in ((0.425 + 0.42j, False), (0.4395 + 0.4395j, True)):
         for pair in ([0.405 + 0.405j, other], [other, 0.405 + 0.405j]):
             points = np.array([0.0j, *pair])
-            surface = build_surface(Cloud(points, np.ones(3, dtype=complex)), PARAMETERS)
+            surface = build_surface(Cloud(points, np.ones(3, dtype=complex), np.arange(3)), PARAMETERS)
             found = points[surface.nearest(np.array([0.42 + 0.42j]))[0]]
             assert (found == 0.405 + 0.405j) == nearer
 
 
 def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
-    surface = build_surface(Cloud(np.array([3.0 + 4.0j]), np.array([-1.0j])), PARAMETERS)
+    surface = build_surface(Cloud(np.array([3.0 + 4.0j]), np.array([-1.0j]), np.array([7])), PARAMETERS)
     assert surface.normals.tolist() == [1.0j, 0.0]
     assert surface.offsets.tolist() == [-4.0, 0.0]
-    empty = build_surface(Cloud(np.empty(0, dtype=complex), np.empty(0, dtype=complex)), PARAMETERS)
+    empty = build_surface(Cloud(*np.empty((2, 0), dtype=complex), np.empty(0, dtype=int)), PARAMETERS)
     assert empty.nearest(np.array([0.0j, 5.0])).tolist() == [0, 0]
 
 
 def test_points_without_a_normal_are_left_out_of_a_cloud():
-    cloud = build_cloud(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]))
-    assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j]
+    cloud = build_cloud(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]), np.array([4, 6]))
+    assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j] and cloud.beams.tolist() == [6]
 
 
 @pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)), (4, range(0, 10, 3))])
 def test_a_cloud_is_thinned_evenly_to_at_most_so_many(count, kept):
     points = np.arange(10.0) + 0j
-    assert Cloud(points, points).thinned(count).points.real.tolist() == list(kept)
+    assert Cloud(points, points, np.arange(len(points))).thinned(count).points.real.tolist() == list(kept)
 
 
 @pytest.mark.parametrize('balance', [0.001, 1.0])
@@ -128,6 +128,6 @@ def test_free_space_is_what_lies_in_front_by_more_than_the_tolerance():
 
 def test_nothing_is_near_beyond_the_grid_wherever_it_begins():
     for x in np.arange(-2.0, 2.0, 0.01):
-        surface = build_surface(Cloud(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex)), DensityParameters())
+        surface = build_surface(Cloud(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex), np.arange(2)), DensityParameters())
         beyond = np.array([x - 50.0, x + 51.0 + 1.0j, x - 50.0j, x + 1.0 + 51.0j])
         assert (surface.nearest(beyond) == 2).all()

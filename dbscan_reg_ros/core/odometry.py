@@ -112,12 +112,12 @@ class Odometry:
         if p.moving_frames:
             moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
             features = features.without(moving) if moving.any() else features
-        movable = detached(features.dense_cloud, p.movable_size, p.moving_margin, features.scan.geometry.closed)
-        at = movable.nonzero()[0]
-        if len(at):
-            movable[at] = ~self._window.confirmed(pose, features.dense_cloud.select(at), p.movable_distance,
-                                                  self.parameters.decision.match_distance, self.parameters.density.facing)
-        return features.doubting(movable, p.movable_worth) if movable.any() else features
+        movable = detached(features.dense_cloud, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
+        if not len(movable):
+            return features
+        seen = self._window.confirmed(pose, features.dense_cloud.select(movable), p.movable_distance,
+                                      self.parameters.refinement.score_scale, self.parameters.density.facing)
+        return features.doubting(movable, np.maximum(seen, p.movable_worth))
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""

@@ -124,12 +124,14 @@ class Features:
         return dataclasses.replace(self, normals=normals)
 
     def doubting(self, points, worth):
-        """The same, but those points of `dense_cloud` that `points`, a mask, picks count no more than `worth`."""
-        return dataclasses.replace(self, worth=np.where(points, worth, 1.0))
+        """The same, but those points of `dense_cloud` that `points`, a mask or indices, picks count `worth`."""
+        each = np.ones(len(self.dense_cloud))
+        each[points] = worth
+        return dataclasses.replace(self, worth=each)
 
     @cached_property
     def dense_cloud(self):
-        return build_cloud(self.points, self.normals, self.worth)
+        return build_cloud(self.points, self.normals, self.beams, self.worth)
 
     @cached_property
     def cloud(self):

@@ -20,12 +20,15 @@ class Cloud:
     points : (P,) complex [m]
     normals : (P,) complex
         Unit normals that face the sensor.
+    beams : (P,) int
+        The beam of each.
     worth : (P,) float or None
         What each counts, from 0 to 1; None: all the same.
     """
 
     points: np.ndarray
     normals: np.ndarray
+    beams: np.ndarray
     worth: np.ndarray | None = None
 
     def __len__(self):
@@ -33,7 +36,8 @@ class Cloud:
 
     def select(self, chosen):
         """The points that `chosen`, a mask or indices, picks."""
-        return Cloud(self.points[chosen], self.normals[chosen], None if self.worth is None else self.worth[chosen])
+        worth = None if self.worth is None else self.worth[chosen]
+        return Cloud(self.points[chosen], self.normals[chosen], self.beams[chosen], worth)
 
     def weighed(self, weight):
         """A `weight` ``(..., P)`` of the points times what they count."""
@@ -46,11 +50,11 @@ class Cloud:
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
-def build_cloud(points, normals, worth=None) -> Cloud:
+def build_cloud(points, normals, beams, worth=None) -> Cloud:
     """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out; `worth` is of the others."""
     normals = as_complex(normals)
     known = normals != 0.0
-    return Cloud(as_complex(points)[known], normals[known], worth)
+    return Cloud(as_complex(points)[known], normals[known], beams[known], worth)
 
 
 def leverage(cloud: Cloud, balance):

@@ -171,31 +171,32 @@ class Window:
         Points of high leverage are looked up in every key frame. The others, where a scan has many, are dealt to the key
         frames in turn, each of them to several.
         """
-        dealt = _dealt(high_leverage(cloud.normals), len(self.frames), density.points // _HANDS)
+        dealt = _dealt(high_leverage(cloud.normals), cloud.beams, len(self.frames), density.points // _HANDS)
         _, index, arms, normals, error = self._lines(pose, cloud, dealt, density.facing)
         worth = None if cloud.worth is None else cloud.worth.take(index)
         return Partners(pose, len(cloud), index, arms, linear_errors(error, normals, arms), worth)
 
-    def confirmed(self, pose: SE2, cloud, distance, margin, facing):
-        """Which points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
+    def confirmed(self, pose: SE2, cloud, distance, scale, facing):
+        """How well points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
 
         Parameters
         ----------
-        margin : float [m]
-            So close to a line is on it.
+        scale : float [m]
+            Of the kernel of their distances from its lines.
         facing : float
             As in `alignment.fit`.
 
         Returns
         -------
-        (P,) bool array
+        (P,) array
+            From 0 to 1.
         """
-        found = np.zeros(len(cloud), dtype=bool)
+        found = np.zeros(len(cloud))
         away = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
         if away.any():
             everywhere = np.tile(np.arange(len(cloud)), (len(self.frames), 1))
             row, index, _, _, error = self._lines(pose, cloud, everywhere, facing)
-            found[index[away.take(row) & (np.abs(error) < margin)]] = True
+            np.maximum.at(found, index, kernel(error, scale) * away.take(row))
         return found
 
     def _lines(self, pose, cloud, dealt, facing):
@@ -228,16 +229,21 @@ _HANDS = 3
 """A key frame looks up at most `density.points` over this of the points that are dealt."""
 
 
-def _dealt(everywhere, frames, most):
-    """``(frames, N)`` indices of the points that are looked up in each key frame: those `everywhere`, a mask, picks, and at
-    most so many of the others.
+def _dealt(everywhere, beams, frames, most):
+    """``(frames, N)`` indices of the points that are looked up in each key frame: those `everywhere`, a mask, picks, and
+    about so many of the others.
+
+    By their beams, so that one point more or less does not change the partners of all others. Short hands are filled up.
     """
     always, others = everywhere.nonzero()[0], (~everywhere).nonzero()[0]
     hands = max(min(frames // _FRAMES_A_POINT, -(-len(others) // most)), 1)
-    turns = others[:len(others) // hands * hands].reshape(-1, hands).T
-    dealt = np.empty((frames, len(always) + len(turns[0])), dtype=np.intp)
+    turn = beams.take(others) % hands
+    hand = [others[turn == k] for k in range(hands)]
+    size = max(map(len, hand))
+    full = np.array([np.resize(each if len(each) else others, size) for each in hand])
+    dealt = np.empty((frames, len(always) + size), dtype=np.intp)
     dealt[:, :len(always)] = always
-    dealt[:, len(always):] = turns[np.arange(frames) % hands]
+    dealt[:, len(always):] = full[np.arange(frames) % hands]
     return dealt
 
 
