@@ -186,7 +186,7 @@ class Odometry:
         if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
             return registration, standing
         there = self._standing(features, frame.pose @ registration.transform)
-        if there is features:
+        if there.normals is features.normals:
             return registration, standing
         return register(frame.features, there, self._search, guess), there
 
