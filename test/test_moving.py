@@ -5,13 +5,16 @@ import math
 import numpy as np
 import pytest
 from rooms import FULL, L_ROOM, look, outline
+from scipy.linalg import eigh
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
 from dbscan_reg_ros.benchmarks.courses import strolled
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.alignment import refine
 from dbscan_reg_ros.core.features import extract_features
-from dbscan_reg_ros.core.moving import detached
+from dbscan_reg_ros.core.moving import detached, held
+from dbscan_reg_ros.core.se2 import as_vectors
+from dbscan_reg_ros.core.surface import Cloud
 from dbscan_reg_ros.core.window import KeyFrame, Window
 from dbscan_reg_ros.simulation import Lidar, Person, corridor, follow, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -109,6 +112,16 @@ def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
     assert not window.confirmed(THERE, cloud, 1.1 * way, 0.1, 0.5).any()
     assert window.confirmed(THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, 0.5).mean() < 0.5
     assert not len(window.confirmed(THERE, cloud.select(slice(0, 0)), 0.0, 0.1, 0.5))
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
+    rng = np.random.default_rng(seed)
+    normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
+    cloud, chosen = Cloud(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
+    whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
+    assert held(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
+    assert held(cloud, np.arange(60)) == pytest.approx(1.0) and held(cloud, np.arange(0)) == 0.0
 
 
 def test_points_in_doubt_count_little():

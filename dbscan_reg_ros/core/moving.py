@@ -1,5 +1,6 @@
 """What moves: points of a scan in space that key frames saw to be free (people, doors, other robots); and what may move."""
 import cmath
+import math
 
 import numpy as np
 
@@ -90,6 +91,22 @@ def detached(cloud: Cloud, size, margin, closed):
     free = (np.hypot(x, y) < size) & (before > start + margin) & (after > end + margin)
     found = free.repeat(edge[1:] - first)
     return np.roll(found, shift) if shift else found
+
+
+def held(cloud: Cloud, chosen):
+    """What share of all that holds the translation those points have that `chosen`, indices, picks: that of the direction in
+    which it is greatest, from 0 to 1.
+    """
+    (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(cloud.normals), _information(cloud.normals.take(chosen))
+    determinant = max(xx * yy - xy * xy, 1e-9)
+    both = (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
+    product = (part_xx * part_yy - part_xy * part_xy) / determinant
+    return 0.5 * (both + math.sqrt(max(both * both - 4.0 * product, 0.0)))
+
+
+def _information(normals):
+    x, y = normals.real, normals.imag
+    return float(x @ x), float(x @ y), float(y @ y)
 
 
 def _cuts(cloud, margin):

@@ -9,7 +9,7 @@ from .alignment import NO_STEP, normal_equations, shared_information
 from .decision import doubted, match_covariance, own_derivatives
 from .deskew import deskew
 from .features import extract_features
-from .moving import detached
+from .moving import detached, held
 from .parameters import Parameters
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
@@ -113,7 +113,7 @@ class Odometry:
             moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
             features = features.without(moving) if moving.any() else features
         movable = detached(features.dense_cloud, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
-        if not len(movable):
+        if not len(movable) or held(features.dense_cloud, movable) < p.movable_share:
             return features
         seen = self._window.confirmed(pose, features.dense_cloud.select(movable), p.movable_distance,
                                       self.parameters.refinement.score_scale, self.parameters.density.facing)

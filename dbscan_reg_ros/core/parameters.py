@@ -410,6 +410,8 @@ class OdometryParameters(ParameterGroup):
     movable_size: float = parameter(1.1, 'what is smaller than this and has deeper space on both sides, or ends the scan, may move: '
                                     'people, mostly; 0: nothing may', 'm', 0.0, 100.0)
     movable_worth: float = parameter(0.03, 'a point of it counts so much', '', 0.0, 1.0)
+    movable_share: float = parameter(0.33, 'where all such things hold less than this share of the motion in every direction '
+                                     'they count in full', '', 0.0, 1.0)
     movable_distance: float = parameter(0.5, 'until a key frame from so far away or more saw it in the same place', 'm', 0.0,
                                         100.0)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
