@@ -15,9 +15,9 @@ from dbscan_reg_ros.benchmarks.covariance import calibration
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.benchmarks.methods import method
 from dbscan_reg_ros.benchmarks.report import Report
-from dbscan_reg_ros.benchmarks.trackers import Step
+from dbscan_reg_ros.benchmarks.trackers import PRIORS, Step
 from dbscan_reg_ros.benchmarks.trials import Outcome, Trial, summarise
-from dbscan_reg_ros.core.records import Status
+from dbscan_reg_ros.core.records import Prior, Status
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.recordings import read_csv
@@ -209,6 +209,26 @@ def test_dropped_scans_are_a_fifth_and_noise_scans_do_not_count(data):
     np.testing.assert_array_equal(fewer.reference, whole.reference[fewer.indices])
     assert (~noisy.judged).sum() == (len(whole.scans) - 1) // 50
     assert noisy.judged[0]
+
+
+def test_a_gyroscope_tells_the_turns_and_wheels_the_motion():
+    poses = [SE2()]
+    for turn in np.linspace(-0.5, 0.5, 40):
+        poses.append(poses[-1] @ SE2(0.2, 0.0, float(turn)))
+    reference = np.array([pose.as_array() for pose in poses])
+    course = courses.Course([None] * len(poses), reference=reference, wheels=reference)
+    before = Prior(SE2(0.1, 0.0, 0.0), np.diag([0.3, 0.3, 0.4]) ** 2)
+    first, *gyroscope = PRIORS['imu'](course)
+    told = [each(before) for each in gyroscope]
+    turns = np.array([each.transform.theta for each in told])
+    assert first is None and np.abs(turns - 1.01 * np.linspace(-0.5, 0.5, 40)).max() < 0.012
+    assert np.ptp(turns - 1.01 * np.linspace(-0.5, 0.5, 40)) > 0.003
+    assert all(math.hypot(each.transform.x, each.transform.y) == pytest.approx(0.1) for each in told)
+    assert all(each.spread == pytest.approx(0.3) for each in told)
+    first, *wheels = PRIORS['wheel'](course)
+    steps = [each(before).transform.as_array() for each in wheels]
+    assert first is None and np.allclose(steps, [(0.2, 0.0, turn) for turn in np.linspace(-0.5, 0.5, 40)])
+    assert PRIORS['wheel'](courses.Course([None] * 3)) == PRIORS['none'](courses.Course([None] * 3)) == [None] * 3
 
 
 def test_the_person_hides_a_part_of_the_view_and_adds_no_range(data):

@@ -142,4 +142,3 @@ def gyroscope(course, seed=0) -> list:
 SPREAD = NodePriorParameters().told_spread
 PRIORS = {'none': nobody, 'wheel': wheels, 'imu': gyroscope}
 """Name -> ``priors(course)``: what is told of each scan's motion."""
-

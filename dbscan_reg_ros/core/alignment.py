@@ -176,10 +176,10 @@ def polish(candidate, cloud, surface, facing, refinement):
         return candidate
     found = fit(candidate[None], cloud, surface, facing)
     rows = found.rows()[0].compress(found.alike[0], axis=1)
-    worth = 1.0 if cloud.worth is None else cloud.worth.compress(found.alike[0])
+    cloud = cloud.select(found.alike[0])
     way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
-        weight = kernel(rows[3], scale) * worth
+        weight = cloud.weighed(kernel(rows[3], scale))
         step = solve(normal_equations(rows, weight)[None], refinement.damping)[0]
         scale = refinement.narrowed(scale, math.sqrt(mean_square(rows[3], weight)))
         way += step
