@@ -244,10 +244,9 @@ def test_the_transform_of_the_laser_comes_late(start_node, player, peer, scans, 
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:moment], patience=0.01).lost == moment
     said(node, "no transform from 'base_link' to 'laser'", peer)
-    Loudspeaker(peer, TFMessage, '/tf_static', LATCHED).publisher.publish(
-        TFMessage(transforms=[transform('base_link', 'laser')]))
-    peer.greet()
-    steady(resumed(player, scans[moment:]))
+    Loudspeaker(peer, TFMessage, '/tf_static', LATCHED).tell(TFMessage(transforms=[transform('base_link', 'laser')]))
+    first = peer.until(lambda: answered(player, scans[moment]), RESUMED)
+    steady([first, *begun(player, scans[moment + 1:])])
 
 
 @needs_tf2_msgs
@@ -255,9 +254,8 @@ def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, mo
     from tf2_msgs.msg import TFMessage
     node = start_node('-p', 'mounting:=tf', '-p', 'input.wait:=0.5')
     player.wait_for_node(TIMEOUT)
-    frames = Loudspeaker(peer, TFMessage, '/tf')
-    frames.publisher.publish(TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))
-    peer.greet()
+    Loudspeaker(peer, TFMessage, '/tf').tell(
+        TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))
     before = begun(player, scans[:moment])
     answers = player.play(scans[moment:], patience=RESUMED)
     assert answers.lost == 0
