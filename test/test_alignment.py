@@ -141,7 +141,7 @@ def plainly(reference, current, motion):
 
 
 def window(*poses):
-    return Window([KeyFrame(features(pose), pose, np.zeros((3, 3))) for pose in poses])
+    return Window([KeyFrame(features(pose), pose) for pose in poses])
 
 
 def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
@@ -269,6 +269,6 @@ def test_points_move_with_the_scan_and_the_more_the_farther_they_are_when_it_tur
 
 
 def test_a_window_drops_its_oldest_key_frames():
-    frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0), np.zeros((3, 3))) for k in range(3)]
+    frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0)) for k in range(3)]
     grown = Window(frames[:2]).with_frame(frames[2], 2)
     assert grown.frames == (frames[1], frames[2]) and grown.latest is frames[2]

@@ -31,7 +31,7 @@ def with_person(scan, bearing):
 
 
 def seen_from(pose, scan=None):
-    return KeyFrame(extract_features(scan or look(outline(L_ROOM), pose, FULL)), pose, np.zeros((3, 3)))
+    return KeyFrame(extract_features(scan or look(outline(L_ROOM), pose, FULL)), pose)
 
 
 def moving_beams(scan, frames, pose=THERE, margin=0.2):
@@ -106,7 +106,7 @@ def test_where_a_scan_ends_nothing_is_seen_to_be_in_front():
 
 def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
     scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
-    window = Window([KeyFrame(scans[HERE], HERE, np.zeros((3, 3)))])
+    window = Window([KeyFrame(scans[HERE], HERE)])
     cloud, way = scans[THERE].dense_cloud, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
     assert window.confirmed(THERE, cloud, 0.9 * way, 0.1, 0.5).mean() > 0.9
     assert not window.confirmed(THERE, cloud, 1.1 * way, 0.1, 0.5).any()

@@ -8,6 +8,7 @@ import numpy as np
 from .alignment import NO_STEP, normal_equations, shared_information
 from .decision import doubted, match_covariance, own_derivatives
 from .deskew import deskew
+from .drift import Drift
 from .features import extract_features
 from .moving import detached, held
 from .parameters import Parameters
@@ -48,8 +49,7 @@ class Odometry:
 
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
-        self._pose = pose
-        self._covariance = np.zeros((3, 3))
+        self._pose, self._drift = pose, Drift()
         self._window = None
         self._intervals = Intervals()
         self._forget()
@@ -62,8 +62,8 @@ class Odometry:
 
     def _halt(self):
         """Expect no motion."""
-        self._step, self._twist, self._twist_covariance = SE2(), np.zeros(3), np.eye(3)
-        self._velocities = []
+        self._step, self._twist, self._velocities = SE2(), np.zeros(3), []
+        self._drift.halt()
 
     def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
         """Register `scan` and say where the sensor is.
@@ -89,9 +89,6 @@ class Odometry:
             return self._start(features, time.jump)
         if time.jump:
             self._halt()
-        elif time.gap:
-            # Mostly the stamp is wrong, and the motion goes on.
-            self._twist_covariance = np.eye(3)
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
@@ -126,10 +123,10 @@ class Odometry:
         step = SE2() if unknown or time.jump else self._step
         if unknown or time.gap:
             return Prior(step, self._leap(time))
-        moved = math.hypot(step.x, step.y)
-        sigma = math.hypot(p.least, p.acceleration * time.interval ** 2, p.jitter * moved)
-        turn = math.hypot(p.least_angle, p.angular_acceleration * time.interval ** 2, p.jitter * step.theta)
-        return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)))
+        faster, faster_turn = p.acceleration * time.interval ** 2, p.angular_acceleration * time.interval ** 2
+        sigma = math.hypot(p.least, faster, p.jitter * math.hypot(step.x, step.y))
+        turn = math.hypot(p.least_angle, faster_turn, p.jitter * step.theta)
+        return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
     def _register(self, features, expected, prior, own, time):
         """Register to the latest key frame, or where that leads nowhere to older ones.
@@ -224,18 +221,24 @@ class Odometry:
         else:
             matched = registration.covariance
         covariance = inverse(inverse(matched) + known)
+        self._advance(pose, prior, time, np.eye(3) - covariance @ known, matched)
+        self._take(pose, time)
         moved = frame.pose.inverse() @ pose
-        back = moved.inverse().adjoint()
-        self._covariance = back @ frame.covariance @ back.T + covariance
-        self._take(pose, covariance, time)
         due = self._is_due(frame, moved, registration)
         if due:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
-            self._window = self._window.with_frame(KeyFrame(features, pose, self._covariance), size)
+            self._window = self._window.with_frame(KeyFrame(features, pose), size)
+            self._drift.anchor()
         reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
         return self._update(features, registration.status, time, reported, registration, frame, due)
 
-    def _take(self, pose, covariance, time):
+    def _advance(self, pose, prior, time, *found):
+        """Carry the covariances on to the new `pose`; `found` is what a match adds to `Drift.advance`."""
+        self._drift.advance(self._pose.inverse() @ pose, time.interval, prior, *found)
+        if time.gap:
+            self._drift.halt()
+
+    def _take(self, pose, time):
         """Go on to where the scan was found.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
@@ -249,7 +252,6 @@ class Odometry:
             self._step = None
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
             self._twist = (before.inverse() @ middle).as_array() / time.interval
-            self._twist_covariance = 2.0 * covariance / time.interval ** 2
             self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
             self._step = _travel(self._usual_twist(), time.interval)
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
@@ -298,11 +300,10 @@ class Odometry:
         if self._lost > p.give_up or time.jump:
             return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
-            self._halt()
+            if self._velocities:
+                self._halt()
             expected = self._pose
-        step = self._pose.inverse() @ expected
-        back = step.inverse().adjoint()
-        self._covariance = back @ self._covariance @ back.T + prior.covariance
+        self._advance(expected, prior, time)
         self._pose, self._middle = expected, expected @ _travel(self._twist, time.half)
         status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
         return self._update(features, status, time, self._pose, registration, self._window.latest, False)
@@ -311,16 +312,16 @@ class Odometry:
         """Start at the pose reached so far: the first scan, or one after which the motion is lost for a `reason`."""
         self._forget()
         if reason:
-            self._covariance = self._covariance + np.eye(3)
-        self._window = Window((KeyFrame(features, self._pose, self._covariance),))
+            self._drift.leap()
+        self._window = Window((KeyFrame(features, self._pose),))
         status = Status.FAILED if reason else Status.OK
         return self._update(features, status, Interval(jump=reason), self._pose, None, None, True)
 
     def _update(self, features, status, time, pose, registration, frame, changed):
         step, self._reported = self._reported.inverse() @ pose, pose
         return OdometryUpdate(
-            features.scan.stamp, pose, turned(self._covariance, pose.theta) + _LEAST_COVARIANCE, self._twist,
-            self._twist_covariance + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
+            features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._twist,
+            self._drift.twist + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
             frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 
 

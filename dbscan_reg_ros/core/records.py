@@ -219,10 +219,14 @@ class Prior:
         Pose of the current sensor in the reference's frame.
     covariance : (3, 3) float
         As in `Registration`.
+    change : (3, 3) float or None
+        Of a motion that goes on as before: the part of the covariance by which all later motion is another, too. None: the
+        motion is known from elsewhere.
     """
 
     transform: SE2
     covariance: np.ndarray
+    change: np.ndarray | None = None
 
     @property
     def spread(self):
@@ -238,10 +242,9 @@ class Prior:
     def with_turn(self, turn, spread) -> 'Prior':
         """The same way, but with a `turn` [rad] known to `spread` [rad]; its chord turns by half the difference."""
         chord = SE2(0.0, 0.0, 0.5 * wrap(turn - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
-        covariance = self.covariance.copy()
-        covariance[2] = covariance[:, 2] = 0.0
-        covariance[2, 2] = spread * spread
-        return Prior(SE2(chord.x, chord.y, wrap(turn)), covariance)
+        way = np.diag((1.0, 1.0, 0.0))
+        return Prior(SE2(chord.x, chord.y, wrap(turn)), way @ self.covariance @ way + np.diag((0.0, 0.0, spread * spread)),
+                     None if self.change is None else way @ self.change @ way)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,10 @@ class KeyFrame:
     features : Features
     pose : SE2
         In the odometry frame.
-    covariance : (3, 3) array
-        Of the pose, in the sensor's own frame.
     """
 
     features: Features
     pose: SE2
-    covariance: np.ndarray
 
 
 class SurfaceStack:

@@ -84,7 +84,7 @@ class Priors:
             return None
         adjoint = mounting.place.inverse().adjoint()
         return Prior(last_mounting.place.inverse() @ told.transform @ mounting.place,
-                     adjoint @ told.covariance @ adjoint.T)
+                     adjoint @ told.covariance @ adjoint.T, told.change)
 
     def processed(self, stamp, mounting: Mounting):
         """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
@@ -119,7 +119,7 @@ class _Question:
 
     def going_on(self) -> Prior:
         own = self.expected(self.now)
-        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance)
+        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance, own.change)
 
 
 class _Wheels:
