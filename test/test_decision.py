@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.decision import calibrated, decide, doubted, scatter, slid, uncertainty
+from dbscan_reg_ros.core.decision import calibrated, decide, doubted, scatter, slid, uncertainty, what_holds
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import DecisionParameters, Parameters
 from dbscan_reg_ros.core.records import Prior, Registration, Status
@@ -22,19 +22,24 @@ def turned(matrix, angle):
     return turn @ matrix @ turn.T
 
 
+def judged(information, shared, points=100.0, parameters=PARAMETERS):
+    held = what_holds(information, shared, points, parameters)
+    return calibrated(information, shared, VARIANCE, held, parameters), held
+
+
 def test_the_covariance_is_the_inverse_of_the_information():
     information = np.diag([100.0, 50.0, 400.0])
-    covariance, _, weak = calibrated(information, information, VARIANCE, PARAMETERS)
-    assert weak == pytest.approx(50.0)
+    covariance, held = judged(information, information)
+    assert (held.weak, held.turn) == pytest.approx((50.0, 400.0))
     assert np.diag(covariance) == pytest.approx([1e-6, 2e-6, 2.5e-7], rel=1e-3)
 
 
 def test_a_direction_that_hardly_a_point_holds_is_free():
     information = turned(np.diag([0.5, 150.0, 400.0]), 0.7)
-    covariance, angle, weak = calibrated(information, information, VARIANCE, PARAMETERS)
+    covariance, held = judged(information, information)
     along = np.array([math.cos(0.7), math.sin(0.7), 0.0])
-    assert weak == pytest.approx(0.5)
-    assert math.sin(angle - 0.7) == pytest.approx(0.0, abs=1e-9)
+    assert held.weak == pytest.approx(0.5)
+    assert math.sin(held.angle - 0.7) == pytest.approx(0.0, abs=1e-9)
     assert along @ covariance @ along > 100.0
     across = np.array([-math.sin(0.7), math.cos(0.7), 0.0])
     assert across @ covariance @ across == pytest.approx(VARIANCE / 150.0, rel=1e-3)
@@ -42,16 +47,37 @@ def test_a_direction_that_hardly_a_point_holds_is_free():
 
 def test_a_direction_is_held_by_what_both_scans_agree_on():
     information, along = np.diag([4.0, 150.0, 400.0]), np.array([1.0, 0.0, 0.0])
-    for shared, held in ((4.0, 4.0), (0.9, 0.9), (-0.5, 0.0)):
-        covariance, angle, weak = calibrated(information, np.diag([shared, 150.0, 400.0]), VARIANCE, PARAMETERS)
-        assert weak == pytest.approx(held) and math.sin(angle) == pytest.approx(0.0, abs=1e-9)
-        assert (along @ covariance @ along > 90.0) == (held < PARAMETERS.min_information)
+    for shared, weak in ((4.0, 4.0), (0.9, 0.9), (-0.5, 0.0)):
+        covariance, held = judged(information, np.diag([shared, 150.0, 400.0]))
+        assert held.weak == pytest.approx(weak) and math.sin(held.angle) == pytest.approx(0.0, abs=1e-9)
+        assert (along @ covariance @ along > 90.0) == (weak < PARAMETERS.min_information)
+
+
+def test_a_rotation_that_only_noise_holds_is_free():
+    information = np.diag([80.0, 80.0, 400.0])
+    for shared, points, free in ((300.0, 100.0, False), (300.0, 1.0, True), (100.0, 100.0, True), (100.0, 1000.0, False)):
+        covariance, held = judged(information, np.diag([80.0, 80.0, shared]), points)
+        assert (held.turn < PARAMETERS.min_information) == free
+        assert (covariance[2, 2] > 9.0) == free
+        assert covariance[0, 0] == pytest.approx(VARIANCE / 80.0, rel=1e-3)
+
+
+def test_where_a_way_is_free_with_a_turn_only_both_are_uncertain_together():
+    """Around a round room, 3 m from its middle."""
+    held_across, held_while_straight = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 3.0])
+    information = 80.0 * (np.outer(held_across, held_across) + np.outer(held_while_straight, held_while_straight))
+    covariance, held = judged(information, information)
+    assert held.weak == pytest.approx(0.0, abs=1e-6)
+    assert math.cos(held.angle) == pytest.approx(0.0, abs=1e-3)
+    assert math.sqrt(covariance[1, 1]) > 10.0
+    assert math.sqrt(covariance[1, 1] / covariance[2, 2]) == pytest.approx(3.0, rel=0.05)
+    assert held_while_straight @ covariance @ held_while_straight < 0.01 * covariance[1, 1]
 
 
 def test_as_many_points_as_few_double_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
-    plain = calibrated(information, information, VARIANCE, PARAMETERS)[0]
-    careful = calibrated(information, information, VARIANCE, DecisionParameters(few=8.0, covariance_scale=1.0))[0]
+    plain, _ = judged(information, information)
+    careful, _ = judged(information, information, parameters=DecisionParameters(few=8.0, covariance_scale=1.0))
     assert careful - plain == pytest.approx(np.diag([VARIANCE / 8.0, 0.0, 0.0]), abs=1e-12)
 
 
@@ -72,9 +98,9 @@ def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
 def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
-    _, angle, weak = uncertainty(best, reference, current, parameters)
-    assert weak > parameters.decision.min_information
-    coarse = np.array([best, best + [math.cos(angle), math.sin(angle), 0.0]])
+    _, held = uncertainty(best, reference, current, parameters)
+    assert held.weak > parameters.decision.min_information
+    coarse = np.array([best, best + [math.cos(held.angle), math.sin(held.angle), 0.0]])
     for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
         found = decide(best[None], np.array([0.9]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, parameters)
         assert found.status is status

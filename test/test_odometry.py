@@ -10,7 +10,7 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, Sc
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.timing import Intervals
-from dbscan_reg_ros.simulation import LIDARS, Lidar, corridor, follow, simulate
+from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
@@ -383,3 +383,35 @@ def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
     assert np.ptp(turns[1, 30:]) < 0.3 * np.ptp(turns[0, 30:])
     moved = SE2(0.05, 0.02, 0.03)
     assert error(steady.process(scan_at(moved, 60)), moved)[0] < 0.01
+
+
+def test_along_a_smooth_corridor_the_covariance_says_how_far_the_pose_may_be_off():
+    """The sensor starts at rest, and nothing tells that it drives away."""
+    recording = simulate(dataclasses.replace(corridor(60.0, doors=0), tour=np.array([(15.0, 0.0), (45.0, 0.0)])),
+                         follow([(15.0, 0.0), (30.0, 0.0)]), Lidar(range_max=10.0), seed=2)
+    odometry, start = Odometry(), SE2.from_array(recording.truth[0])
+    for k, (scan, truth) in enumerate(zip(recording.scans, recording.truth, strict=True)):
+        update, pose = odometry.process(scan), start.inverse() @ SE2.from_array(truth)
+        speed = 10.0 * (truth - recording.truth[k - 1])[0] if k else 0.0
+        assert abs(update.pose.x - pose.x) < 3.0 * math.sqrt(update.covariance[0, 0])
+        assert abs(update.twist[0] - speed) < 3.0 * math.sqrt(update.twist_covariance[0, 0])
+    assert update.status is Status.DEGENERATE
+    assert abs(update.pose.x - pose.x) > 5.0
+    assert abs(update.pose.y - pose.y) < 0.05
+    assert math.sqrt(update.covariance[2, 2]) < 0.01
+
+
+@pytest.mark.parametrize('lidar', [Lidar(), LIDARS['hokuyo_utm30lx']], ids=['plain', 'utm30lx'])
+def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_says_so(lidar):
+    corners = 6.0 * np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 181))
+    corners = np.array((corners.real, corners.imag)).T
+    world = World(np.stack((corners[:-1], corners[1:]), axis=1), np.zeros((1, 2)))
+    rng = np.random.default_rng(4)
+    odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
+    updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH)) for k in range(1, 30)]
+    unsure = [update.registration.free_turn for update in updates[1:]]
+    assert np.mean(unsure) > 0.9
+    assert Status.OK not in {update.status for update in updates[1:] if update.registration.free_turn}
+    assert max(math.hypot(update.pose.x, update.pose.y) for update in updates) < 0.1
+    for k, update in enumerate(updates):
+        assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])

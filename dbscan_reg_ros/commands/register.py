@@ -70,6 +70,8 @@ def describe(registration) -> list:
              f'overlap     {registration.overlap:.3f}']
     if registration.free_direction is not None:
         lines.append(f'free        along {math.degrees(registration.free_direction):.1f} deg of the reference')
+    if registration.free_turn:
+        lines.append('free        the rotation')
     lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
     lines += [f'            score {h.score:.3f}  {_motion(h.transform)}' for h in registration.hypotheses]
     return lines

@@ -3,6 +3,7 @@ import cmath
 import dataclasses
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,19 +28,20 @@ def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features,
         All hypotheses after the coarse refinement: the rivals are among them.
     """
     best, limits = fine[0], p.decision
-    covariance, angle, weak = uncertainty(best, reference, current, p)
-    free = weak < limits.min_information
+    covariance, held = uncertainty(best, reference, current, p)
+    angle, free = held.angle, held.weak < limits.min_information
     level = slid(coarse, best, angle) if free else coarse
     rivals = ~same(level, best, limits.rival_distance, limits.rival_angle)
     top = coarse_score[~rivals].max(initial=fine_score[0])
     margin = float(top - coarse_score[rivals].max(initial=-1.0))
     covariance = covariance + scatter(best, coarse[rivals & (coarse_score > top - limits.min_margin)])
-    status, reason = judge(float(fine_score[0]), margin, weak, limits)
+    status, reason = judge(float(fine_score[0]), margin, held, limits)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value) for candidate, value in zip(fine, fine_score.tolist()))
     transform = hypotheses[0].transform
     matches = partial(match_segments, reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
-                        math.remainder(angle, math.pi) if free else None, matches, reason, weak)
+                        math.remainder(angle, math.pi) if free else None, matches, reason, held.weak,
+                        held.turn < limits.min_information)
 
 
 def slid(candidates, one, angle):
@@ -63,14 +65,17 @@ def failed(reason):
     return Registration(SE2(), np.diag([100.0, 100.0, 10.0]), Status.FAILED, reason=reason)
 
 
-def judge(score, margin, weak, parameters: DecisionParameters):
+def judge(score, margin, held, parameters: DecisionParameters):
     """`Status` and the reason for it."""
     if score < parameters.min_score:
         return Status.FAILED, f'score {score:.2f} below {parameters.min_score}'
     if margin < parameters.min_margin:
         return Status.AMBIGUOUS, f'a rival scores within {max(margin, 0.0):.3f} of the best; {parameters.min_margin} asked for'
-    if weak < parameters.min_information:
-        return Status.DEGENERATE, few_points(weak, parameters.min_information)
+    if held.weak < parameters.min_information:
+        return Status.DEGENERATE, few_points(held.weak, parameters.min_information)
+    if held.turn < parameters.min_information:
+        return Status.DEGENERATE, (f'only {max(held.turn, 0.0):.2f} points, as if 1 m away, hold the rotation; '
+                                   f'{parameters.min_information} asked for')
     return Status.OK, ''
 
 
@@ -92,16 +97,15 @@ def doubted(registration: Registration, prior: Prior, parameters: DecisionParame
 
 
 def uncertainty(candidate, reference, current, p: Parameters):
-    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, its weakest direction [rad] and the information there.
+    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, and what holds it, `Held`.
 
     The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
     """
     found = fit(candidate[None], current.cloud, reference.surface, p.density.facing)
     rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(current.cloud.normals, candidate[2], found.arms[0])
     weight = current.cloud.weighed(found.weight(p.refinement.score_scale))[0]
-    covariance, angle, weak = match_covariance(
-        found.error[0], weight, rows, own, max(reference.noise, current.noise), p.decision)
-    return turned(covariance, -candidate[2]), angle, weak
+    covariance, held = match_covariance(found.error[0], weight, rows, own, max(reference.noise, current.noise), p.decision)
+    return turned(covariance, -candidate[2]), held
 
 
 def own_derivatives(normals, theta, arms):
@@ -109,40 +113,92 @@ def own_derivatives(normals, theta, arms):
     return derivatives((cmath.exp(1j * theta) * normals).conj(), arms)
 
 
-def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters):
-    """As `calibrated`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
+def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_turn=False):
+    """As `uncertainty`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
 
     Parameters
     ----------
     error, weight : (P,) arrays
     rows, own : (3, P) arrays
         As for `shared_information`.
+    free_turn : bool
+        The rotation is free, whatever these points say.
     """
-    return calibrated(normal_equations(rows, weight), shared_information(rows, weight, own),
-                      mean_square(error, weight) + noise ** 2, parameters)
+    information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
+    held = what_holds(information, shared, float(weight.sum()), parameters)
+    held = held._replace(turn=0.0) if free_turn else held
+    return calibrated(information, shared, mean_square(error, weight) + noise ** 2, held, parameters), held
 
 
-def calibrated(information, shared, variance, parameters: DecisionParameters):
-    """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
+class Held(NamedTuple):
+    """What holds a motion.
 
-    What holds a direction is the `shared` information ``(3, 3)``: noise on the normals is none. Few points hold it less
-    surely than their number says: their errors are not independent. What less than `min_information` hold is free.
-
-    Returns
-    -------
-    covariance : (3, 3) array
+    Attributes
+    ----------
     angle : float [rad]
         The direction of the translation that is known least.
     weak : float
-        Information along it.
+        Points that hold it.
+    turn : float
+        Points, as if 1 m away, that hold the rotation.
+    """
+
+    angle: float
+    weak: float
+    turn: float
+
+
+def what_holds(information, shared, points, parameters: DecisionParameters) -> Held:
+    """What of the `information` ``(3, 3)`` of so many `points` is `shared` by both scans: noise on the normals holds nothing.
+
+    Where only noise holds the rotation, as in a round room, a match turns to where that of both scans happens to agree.
+    """
+    angle, weak, _ = weakest_direction(shared)
+    turn = _turn_information(shared, information, parameters)[0]
+    noise = max(_turn_information(information, information, parameters)[0] - turn, 0.0)
+    return Held(angle, weak, turn - _CHANCE * math.sqrt(_ALIKE / max(points, 1.0)) * noise)
+
+
+def _turn_information(shared, information, parameters):
+    """Of the rotation, whatever the translation, and the translation along x and y [m/rad] that goes with it."""
+    (xx, xy, _), (_, yy, _), _ = information.tolist()
+    x, y, turn = shared[2].tolist()
+    xx, yy = xx + parameters.min_information, yy + parameters.min_information
+    determinant = xx * yy - xy * xy
+    along, across = (xy * y - yy * x) / determinant, (xy * x - xx * y) / determinant
+    return turn + along * x + across * y, along, across
+
+
+def calibrated(information, shared, variance, held: Held, parameters: DecisionParameters):
+    """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
+
+    What holds a direction is the `shared` information ``(3, 3)``. Few points hold it less surely than their number says:
+    their errors are not independent. What less than `min_information` hold is free.
+
+    Returns
+    -------
+    (3, 3) array
     """
     variance = variance * parameters.covariance_scale
-    angle, weak, _ = weakest_direction(shared)
+    free, _, free_turn = 1.0 / np.array(parameters.prior_information())
     covariance = inverse(information / variance + np.diag(parameters.prior_information()))
-    along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    free = 1.0 / parameters.prior_information()[0]
-    extra = free if weak < parameters.min_information else min(variance * parameters.few / weak ** 2, free)
-    return covariance + extra * (along[:, None] * along), angle, weak
+    along = np.array([math.cos(held.angle), math.sin(held.angle), 0.0])
+    if along @ shared @ along > parameters.min_information:
+        # Held as long as nothing turns: around a round room it is free along the wall, and turns with it.
+        along[2] = -(shared[2, :2] @ along[:2]) / shared[2, 2]
+    extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)
+    covariance = covariance + extra * (along[:, None] * along)
+    if held.turn < parameters.min_information:
+        _, *way = _turn_information(shared, information, parameters)
+        turn = np.array((*way, 1.0))
+        covariance = covariance + free_turn * (turn[:, None] * turn)
+    return covariance
+
+
+_CHANCE = 2.0
+"""So many standard deviations of noise may agree by chance."""
+_ALIKE = 5.0
+"""The normals of so many neighbours are made of the same points."""
 
 
 def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):

@@ -56,18 +56,21 @@ class Drift:
         """
         rate = 1.0 / interval if interval > 0.0 else 0.0
         rest, back = np.eye(3) - share, step.inverse().adjoint()
-        lasting, passing = expected.covariance, np.zeros((3, 3))
-        goes_on = np.zeros((3, 3))
+        # The error of the step: the match takes back the one since the key frame, and the twist adds its own.
+        added = np.zeros((3, 9))
+        added[:, 3:6] = -share @ back
+        lasting = expected.covariance
         if expected.change is not None:
+            lasting = expected.change
             # No speed is expected beyond that of `halt`: old errors fade as new ones come.
-            kept = np.sqrt(np.maximum(1.0 - rate * rate * np.diagonal(expected.change), 0.0))
-            lasting, passing, goes_on = expected.change, lasting - expected.change, interval * kept * rest
-        lasting = rest @ lasting @ rest.T + share @ matched @ share.T
-        passing = lasting + rest @ passing @ rest.T
-        # The error of the step: what the match takes back of the one since the key frame, and what the twist adds.
-        taken = -share @ back
-        onward = np.block([[back, taken, goes_on], [np.zeros((3, 3)), back + taken, goes_on],
-                           [np.zeros((3, 3)), rate * taken, rate * goes_on]])
-        noise = np.block([[passing, passing, rate * lasting], [passing, passing, rate * lasting],
-                          [rate * lasting, rate * lasting, rate * rate * lasting]])
+            added[:, 6:] = interval * np.sqrt(np.maximum(1.0 - rate * rate * np.diagonal(lasting), 0.0)) * rest
+        onward = np.concatenate((added, added, rate * added))
+        onward[:3, :3] += back
+        onward[3:6, 3:6] += back
+        rates = np.array((1.0, 1.0, rate))
+        noise = rest @ lasting @ rest.T + share @ matched @ share.T
+        noise = (np.multiply.outer(rates, rates)[:, None, :, None] * noise[:, None, :]).reshape(9, 9)
+        noise[:6, :6] += np.tile(rest @ (expected.covariance - lasting) @ rest.T, (2, 2))
         self._joint = onward @ self._joint @ onward.T + noise
+        if not rate:
+            self.halt()

@@ -191,6 +191,8 @@ class Registration:
         Why the status is not ``OK``; empty otherwise.
     weakest : float or None
         So many points hold the translation along the direction in which it is known least; None where nobody counted.
+    free_turn : bool
+        The scans leave the rotation free.
     """
 
     transform: SE2
@@ -203,6 +205,7 @@ class Registration:
     find_matches: Callable = no_matches
     reason: str = ''
     weakest: float | None = None
+    free_turn: bool = False
 
     @cached_property
     def matches(self):

@@ -12,7 +12,7 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
          "updates": [{"scan": index, "reference": index or null, "stamp": ns, "interval": s, "pose": [x, y, theta],
                       "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
                       "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "", "overlap": 0..1,
-                      "score": 0..1, "free_direction": rad or null}}, ...]}
+                      "score": 0..1, "free_direction": rad or null, "weakest": points or null, "free_turn": bool}}, ...]}
 
     ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older than
     the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior`` is the
@@ -199,7 +199,7 @@ def _registration_fields(registration, k, arrays):
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
             'free_direction': None if free is None else float(free),
-            'weakest': None if registration.weakest is None else float(registration.weakest)}
+            'weakest': None if registration.weakest is None else float(registration.weakest), 'free_turn': registration.free_turn}
 
 
 def _update(fields, k, scans, arrays):
@@ -212,7 +212,7 @@ def _update(fields, k, scans, arrays):
         registration = Registration(
             _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
             told['score'], hypotheses, told['free_direction'], partial(np.asarray, arrays[f'matches_{k}']), told['reason'],
-            told['weakest'])
+            told['weakest'], told.get('free_turn', False))
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),
