@@ -30,13 +30,14 @@ INTEL = {
     'frozen': 0.003, 'ate_m': 0.10, 'ms_p50': 4.0, 'ms_p99': 12.0, 'ms_growth': 1.1,
 }
 SIMULATED = {'rpe_5m_mean_m': 0.05, 'rpe_5m_mean_deg': 0.5}
+WITHIN = at_least(0.9)
 BOUNDS = {
     'intel': {name: at_most(limit) for name, limit in INTEL.items()},
     **{course: {name: at_most(HARDER_FACTOR * limit) for name, limit in INTEL.items()} for course in HARDER},
-    **{course: {name: at_most(limit) for name, limit in SIMULATED.items()}
+    **{course: {name: at_most(limit) for name, limit in SIMULATED.items()} | {'within': WITHIN}
        for course in ('rooms', 'corridors', 'halls')},
     'lms511': {'drift_m': at_most(0.001), 'drift_deg': at_most(0.02)},
-    'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02)},
+    'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
 }
 BOUNDS['noise']['disturbed_ok'] = at_most(0.0)
 
@@ -44,7 +45,7 @@ SHOWN = (
     'relations_neighbour_mean_m', 'relations_neighbour_mean_deg', 'relations_all_mean_m', 'relations_all_std_m',
     'relations_all_mean_deg', 'rpe_1m_mean_m', 'rpe_1m_median_m', 'rpe_5m_mean_m', 'rpe_5m_median_m',
     'rpe_5m_mean_deg', 'step_p95_m', 'ate_m', 'frozen', 'drift_m', 'drift_deg', 'named', 'across_m', 'ok',
-    'disturbed_ok', 'ms_p50', 'ms_p99', 'ms_growth')
+    'disturbed_ok', 'within', 'ms_p50', 'ms_p99', 'ms_growth')
 """What the tables hold; the JSON file has every measure."""
 
 
@@ -84,7 +85,9 @@ def judge(drive) -> dict:
 
     Of a sensor that stands still ``drift_m`` and ``drift_deg``, the farthest that it strays. Where nothing in sight
     tells one direction, ``named``: the share of scans that name it within 10 deg, and ``across_m``: the largest error
-    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the share called OK.
+    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the share called OK. Of methods with covariances
+    ``within``: the share of the scans whose pose is off, along x and y and in heading, by less than three times the standard
+    deviation that is said of each.
     """
     course, judged, poses = drive.course, drive.course.judged, drive.poses
     reference = course.reference[judged]
@@ -98,6 +101,8 @@ def judge(drive) -> dict:
         metrics['drift_deg'] = float(np.degrees(np.abs(poses[:, 2])).max())
     if course.axis is not None:
         metrics |= _free_direction(drive)
+    if all(step.covariance is not None for step in drive.steps):
+        metrics['within'] = _within(drive)
     return metrics | _times(np.array(drive.milliseconds))
 
 
@@ -113,6 +118,14 @@ def _free_direction(drive):
     sideways = course.axis - reference[first, 2] + 0.5 * np.pi
     across = np.abs(error[:, 0] * np.cos(sideways) + error[:, 1] * np.sin(sideways))
     return {'named': float(np.mean(named)), 'across_m': float(across.max(initial=0.0))}
+
+
+def _within(drive):
+    judged, reference = drive.course.judged, drive.course.reference
+    error = drive.poses - relative(np.repeat(reference[:1], len(reference), axis=0), reference)
+    error[:, 2] = wrap(error[:, 2])
+    variance = np.array([np.diagonal(step.covariance) for step in drive.steps])
+    return float((error ** 2 < 9.0 * variance).all(axis=1)[judged].mean())
 
 
 def _times(milliseconds):

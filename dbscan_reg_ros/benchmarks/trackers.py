@@ -3,6 +3,7 @@
 ``told(expected)`` is the `Prior` of the motion since the last scan that somebody tells, where `expected` is the `Prior`
 of a motion that goes on as before.
 """
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -32,11 +33,14 @@ class Step:
     status : Status
     free_direction : float or None
         Along which the translation is not determined [rad], in the frame of the first scan.
+    covariance : (3, 3) float or None
+        Of `pose`, in the frame of the first scan.
     """
 
     pose: SE2
     status: Status = Status.OK
     free_direction: float | None = None
+    covariance: np.ndarray | None = None
 
 
 class Ours:
@@ -44,16 +48,17 @@ class Ours:
 
     def __init__(self, parameters):
         self._odometry = Odometry(parameters)
-        self._pose = SE2()
+        self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
     def process(self, scan, told=None) -> Step:
         try:
             update = self._odometry.process(scan, told and told(self._odometry.expected_motion(scan.stamp)))
         except ScanError:
-            return Step(self._pose, Status.FAILED)
-        self._pose = update.pose
+            return dataclasses.replace(self._last, status=Status.FAILED, free_direction=None)
         free = update.registration and update.registration.free_direction
-        return Step(update.pose, update.status, None if free is None else update.reference_pose.theta + free)
+        free = None if free is None else update.reference_pose.theta + free
+        self._last = Step(update.pose, update.status, free, update.covariance)
+        return self._last
 
 
 class KeyFrames:

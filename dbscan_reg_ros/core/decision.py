@@ -113,7 +113,7 @@ def own_derivatives(normals, theta, arms):
     return derivatives((cmath.exp(1j * theta) * normals).conj(), arms)
 
 
-def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_turn=False):
+def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_way=False, free_turn=False):
     """As `uncertainty`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
 
     Parameters
@@ -121,12 +121,17 @@ def match_covariance(error, weight, rows, own, noise, parameters: DecisionParame
     error, weight : (P,) arrays
     rows, own : (3, P) arrays
         As for `shared_information`.
-    free_turn : bool
-        The rotation is free, whatever these points say.
+    free_way, free_turn : bool
+        The latest key frame leaves the translation along a direction, or the rotation, free: others have to hold it beyond
+        chance, or cannot.
     """
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
     held = what_holds(information, shared, float(weight.sum()), parameters)
-    held = held._replace(turn=0.0) if free_turn else held
+    if free_way:
+        chance = _chance(float(weight.sum())) * (weakest_direction(information)[1] - held.weak)
+        held = held._replace(weak=max(held.weak - chance, 0.0))
+    if free_turn:
+        held = held._replace(turn=0.0)
     return calibrated(information, shared, mean_square(error, weight) + noise ** 2, held, parameters), held
 
 
@@ -156,7 +161,12 @@ def what_holds(information, shared, points, parameters: DecisionParameters) -> H
     angle, weak, _ = weakest_direction(shared)
     turn = _turn_information(shared, information, parameters)[0]
     noise = max(_turn_information(information, information, parameters)[0] - turn, 0.0)
-    return Held(angle, weak, turn - _CHANCE * math.sqrt(_ALIKE / max(points, 1.0)) * noise)
+    return Held(angle, weak, turn - _chance(points) * noise)
+
+
+def _chance(points):
+    """The share of what noise seems to hold in which so many `points` of two scans may agree by chance."""
+    return _CHANCE * math.sqrt(_ALIKE / max(points, 1.0))
 
 
 def _turn_information(shared, information, parameters):

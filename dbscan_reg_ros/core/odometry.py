@@ -217,7 +217,7 @@ class Odometry:
             if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
                 partners = self._window.partners(pose, features.dense_cloud, p.density)
             pose = align(partners, pose, expected, strength, scales[-1:], damping)
-            matched = self._match_covariance(features, pose, partners, registration.free_turn)
+            matched = self._match_covariance(features, pose, partners, registration)
         else:
             matched = registration.covariance
         covariance = inverse(inverse(matched) + known)
@@ -285,12 +285,13 @@ class Odometry:
         times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
         return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * (along[:, None] * along)
 
-    def _match_covariance(self, features, pose, partners, free_turn):
+    def _match_covariance(self, features, pose, partners, registration):
         """Covariance of the scan's place among the key frames, in its own frame."""
         p = self.parameters
         error, weight = partners.match(partners.step(pose), p.refinement.score_scale)
         own = _own_derivatives(features, pose, partners)
-        covariance, _ = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision, free_turn)
+        covariance, _ = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision,
+                                         registration.free_direction is not None, registration.free_turn)
         return turned(covariance, -pose.theta)
 
     def _coast(self, features, registration, expected, prior, time):
