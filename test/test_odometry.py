@@ -10,6 +10,7 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, Sc
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.timing import Intervals
+from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -133,10 +134,12 @@ def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn)
     def arc(turned):
         chord = 0.5 * np.sinc(0.5 * turned / np.pi)
         return SE2(chord * math.cos(0.5 * turned), chord * math.sin(0.5 * turned), turned)
-    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2)
+    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2, np.diag([0.05, 0.05, 0.3]) ** 2)
     bent = own.with_turn(turn, 0.02)
     assert bent.transform.as_array() == pytest.approx(arc(turn).as_array(), abs=0.006)
     assert np.allclose(bent.covariance, np.diag([0.1, 0.1, 0.02]) ** 2)
+    assert np.allclose(bent.change, np.diag([0.05, 0.05, 0.0]) ** 2)
+    assert Prior(own.transform, own.covariance).with_turn(turn, 0.02).change is None
 
 
 def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
@@ -415,3 +418,13 @@ def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_s
     assert max(math.hypot(update.pose.x, update.pose.y) for update in updates) < 0.1
     for k, update in enumerate(updates):
         assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])
+
+
+def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):
+    """Key frames a metre apart, with two to four seconds between them, along corridors that look the same both ways."""
+    recording = open_recording(data / 'aces' / 'aces.log.gz')
+    truth, odometry, off = recording.truth()[1], Odometry(), []
+    for scan, (_, _, theta) in zip(recording.scans(), truth[:60], strict=False):
+        update = odometry.process(scan)
+        off.append(math.remainder(update.pose.theta - theta + truth[0, 2], 2.0 * math.pi))
+    assert np.degrees(np.abs(off).max()) < 5.0

@@ -193,7 +193,7 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     free, _, free_turn = 1.0 / np.array(parameters.prior_information())
     covariance = inverse(information / variance + np.diag(parameters.prior_information()))
     along = np.array([math.cos(held.angle), math.sin(held.angle), 0.0])
-    if along @ shared @ along > parameters.min_information:
+    if min(along @ shared @ along, shared[2, 2]) > parameters.min_information:
         # Held as long as nothing turns: around a round room it is free along the wall, and turns with it.
         along[2] = -(shared[2, :2] @ along[:2]) / shared[2, 2]
     extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)

@@ -150,7 +150,10 @@ class Odometry:
             pose = frame.pose @ registration.transform
             if registration.free_direction is not None:
                 pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
-            if self._agrees(pose, expected, prior.covariance) or self._agrees(pose, usual, own.covariance):
+            # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
+            doubtful = registration.status is not Status.OK and prior.spread > p.decision.vague
+            share = _DOUBTFUL if doubtful else 1.0
+            if self._agrees(pose, expected, prior.covariance, share) or self._agrees(pose, usual, own.covariance, share):
                 return frame, pose, registration, seen
             if registration.status is Status.OK:
                 # Against all that was expected: a leap is believed when the next scan says the same.
@@ -195,9 +198,10 @@ class Odometry:
         turn = min(math.hypot(p.unknown_angle, 0.5 * p.angular_acceleration * lasted ** 2), 1.0)
         return np.diag([sigma, sigma, turn]) ** 2
 
-    def _agrees(self, pose, expected, covariance):
+    def _agrees(self, pose, expected, covariance, share=1.0):
+        """Whether the pose lies within `share` of `prior.limit` of what is expected."""
         off = (expected.inverse() @ pose).as_array()
-        return mahalanobis(off, covariance) <= self.parameters.prior.limit ** 2
+        return mahalanobis(off, covariance) <= (share * self.parameters.prior.limit) ** 2
 
     def _follow(self, features, frame, pose, registration, expected, prior, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
@@ -236,6 +240,7 @@ class Odometry:
         """Carry the covariances on to the new `pose`; `found` is what a match adds to `Drift.advance`."""
         self._drift.advance(self._pose.inverse() @ pose, time.interval, prior, *found)
         if time.gap:
+            # Mostly the stamp is wrong, and the motion goes on; but nothing is known of how fast.
             self._drift.halt()
 
     def _take(self, pose, time):
@@ -302,6 +307,7 @@ class Odometry:
             return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
             if self._velocities:
+                # Once: what is not known of the twist lasts.
                 self._halt()
             expected = self._pose
         self._advance(expected, prior, time)
@@ -330,6 +336,8 @@ _STALE = 0.25
 """Share of a cell of the table: a scan that has moved farther may have other partners."""
 _GLIMMER = 0.3
 """Share of the least score from which on a place is worth a second look."""
+_DOUBTFUL = 0.7
+"""Share of `prior.limit` within which a doubtful scan is believed after a motion of which nothing is known."""
 _LEAST_SHARED = 1e-3
 """Of the information that the points seem to have, at least so much is taken as shared."""
 # Never published as exactly known: 1 mm, 0.06 deg.

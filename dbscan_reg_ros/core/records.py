@@ -223,7 +223,7 @@ class Prior:
     covariance : (3, 3) float
         As in `Registration`.
     change : (3, 3) float or None
-        Of a motion that goes on as before: the part of the covariance by which all later motion is another, too. None: the
+        Of a motion that goes on as before: the part of the covariance that is a change of the velocity, and lasts. None: the
         motion is known from elsewhere.
     """
 
