@@ -56,21 +56,26 @@ class Drift:
         """
         rate = 1.0 / interval if interval > 0.0 else 0.0
         rest, back = np.eye(3) - share, step.inverse().adjoint()
-        # The error of the step: the match takes back the one since the key frame, and the twist adds its own.
-        added = np.zeros((3, 9))
+        # Six independent errors: the three of the joint, the change of the twist, the rest of the expected step, the match.
+        errors = np.zeros((18, 18))
+        errors[:9, :9] = self._joint
+        errors[12:15, 12:15] = expected.covariance
+        errors[15:, 15:] = matched
+        # What they make of the error of the step: the match takes back the one since the key frame.
+        added = np.zeros((3, 18))
         added[:, 3:6] = -share @ back
-        lasting = expected.covariance
+        added[:, 9:12] = added[:, 12:15] = rest
+        added[:, 15:] = share
         if expected.change is not None:
-            lasting = expected.change
+            errors[9:12, 9:12] = expected.change
+            errors[12:15, 12:15] -= expected.change
             # No speed is expected beyond that of `halt`: old errors fade as new ones come.
-            added[:, 6:] = interval * np.sqrt(np.maximum(1.0 - rate * rate * np.diagonal(lasting), 0.0)) * rest
+            added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * expected.change.diagonal(), 0.0)) * rest
         onward = np.concatenate((added, added, rate * added))
         onward[:3, :3] += back
         onward[3:6, 3:6] += back
-        rates = np.array((1.0, 1.0, rate))
-        noise = rest @ lasting @ rest.T + share @ matched @ share.T
-        noise = (np.multiply.outer(rates, rates)[:, None, :, None] * noise[:, None, :]).reshape(9, 9)
-        noise[:6, :6] += np.tile(rest @ (expected.covariance - lasting) @ rest.T, (2, 2))
-        self._joint = onward @ self._joint @ onward.T + noise
+        if expected.change is not None:
+            onward[6:, 12:15] = 0.0
+        self._joint = onward @ errors @ onward.T
         if not rate:
             self.halt()
