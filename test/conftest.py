@@ -146,7 +146,7 @@ def without_tf2_msgs(tmp_path, ros_environment):
 def cluster():
     """A Dask cluster of two local workers."""
     distributed = pytest.importorskip('distributed', reason='needs Dask (distributed)')
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0') as cluster:
         yield cluster
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
-from ..simulation import LIDARS, Lidar, Person, corridor, follow, hall, rooms, simulate, wheel_odometry
+from ..simulation import LIDARS, Lidar, Person, World, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
 from .intel import Intel
 
@@ -167,6 +167,15 @@ def featureless(folder) -> list:
             for lidar in (Lidar(), *LIDARS.values())]
 
 
+def round_room(folder) -> list:
+    """A round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
+    corners = 3.0 * np.exp(2j * math.pi / 180 * np.arange(181))
+    corners = np.array((corners.real, corners.imag)).T
+    tour = np.array([(0.0, 0.0), (1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5), (0.0, 0.0)])
+    world = World(np.stack((corners[:-1], corners[1:]), axis=1), tour)
+    return [simulated(world, lidar) for lidar in (Lidar(), *LIDARS.values())]
+
+
 def lidars(folder) -> list:
     """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
     return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
@@ -181,7 +190,8 @@ def leader(folder) -> list:
 
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
-    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'lidars': lidars, 'leader': leader,
+    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
+    'lidars': lidars, 'leader': leader,
     'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -205,7 +205,7 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     return covariance
 
 
-_CHANCE = 2.0
+_CHANCE = 3.0
 """So many standard deviations of noise may agree by chance."""
 _ALIKE = 5.0
 """The normals of so many neighbours are made of the same points."""
