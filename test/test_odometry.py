@@ -9,6 +9,7 @@ from rooms import FULL, L_ROOM, look, outline
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.parameters import TimeParameters
+from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.timing import Intervals
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, simulate
@@ -406,9 +407,7 @@ def test_along_a_smooth_corridor_the_covariance_says_how_far_the_pose_may_be_off
 
 @pytest.mark.parametrize('lidar', [Lidar(), LIDARS['hokuyo_utm30lx']], ids=['plain', 'utm30lx'])
 def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_says_so(lidar):
-    corners = 6.0 * np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 181))
-    corners = np.array((corners.real, corners.imag)).T
-    world = World(np.stack((corners[:-1], corners[1:]), axis=1), np.zeros((1, 2)))
+    world = World(outline(as_vectors(6.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
     rng = np.random.default_rng(4)
     odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
     updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH)) for k in range(1, 30)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.se2 import as_vectors
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
 from ..simulation import LIDARS, Lidar, Person, World, corridor, follow, hall, rooms, simulate, wheel_odometry
@@ -169,8 +170,7 @@ def featureless(folder) -> list:
 
 def round_room(folder) -> list:
     """A round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
-    corners = 3.0 * np.exp(2j * math.pi / 180 * np.arange(181))
-    corners = np.array((corners.real, corners.imag)).T
+    corners = as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(181)))
     tour = np.array([(0.0, 0.0), (1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5), (0.0, 0.0)])
     world = World(np.stack((corners[:-1], corners[1:]), axis=1), tour)
     return [simulated(world, lidar) for lidar in (Lidar(), *LIDARS.values())]
@@ -191,7 +191,6 @@ def leader(folder) -> list:
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'lidars': lidars, 'leader': leader,
-    'dropped': dropped, 'noise': noise, 'person': person,
+    'lidars': lidars, 'leader': leader, 'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -122,7 +122,7 @@ def _free_direction(drive):
 
 def _within(drive):
     judged, reference = drive.course.judged, drive.course.reference
-    error = drive.poses - relative(np.repeat(reference[:1], len(reference), axis=0), reference)
+    error = drive.poses - relative(reference[:1], reference)
     error[:, 2] = wrap(error[:, 2])
     variance = np.array([np.diagonal(step.covariance) for step in drive.steps])
     return float((error ** 2 < 9.0 * variance).all(axis=1)[judged].mean())

@@ -74,7 +74,7 @@ def judge(score, margin, held, parameters: DecisionParameters):
     if held.weak < parameters.min_information:
         return Status.DEGENERATE, few_points(held.weak, parameters.min_information)
     if held.turn < parameters.min_information:
-        return Status.DEGENERATE, (f'only {max(held.turn, 0.0):.2f} points, as if 1 m away, hold the rotation; '
+        return Status.DEGENERATE, (f'only {held.turn:.2f} points, as if 1 m away, hold the rotation; '
                                    f'{parameters.min_information} asked for')
     return Status.OK, ''
 
@@ -126,9 +126,10 @@ def match_covariance(error, weight, rows, own, noise, parameters: DecisionParame
         chance, or cannot.
     """
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
-    held = what_holds(information, shared, float(weight.sum()), parameters)
+    points = float(weight.sum())
+    held = what_holds(information, shared, points, parameters)
     if free_way:
-        chance = _chance(float(weight.sum())) * (weakest_direction(information)[1] - held.weak)
+        chance = _chance(points) * (weakest_direction(information)[1] - held.weak)
         held = held._replace(weak=max(held.weak - chance, 0.0))
     if free_turn:
         held = held._replace(turn=0.0)
@@ -161,7 +162,7 @@ def what_holds(information, shared, points, parameters: DecisionParameters) -> H
     angle, weak, _ = weakest_direction(shared)
     turn = _turn_information(shared, information, parameters)[0]
     noise = max(_turn_information(information, information, parameters)[0] - turn, 0.0)
-    return Held(angle, weak, turn - _chance(points) * noise)
+    return Held(angle, weak, max(turn - _chance(points) * noise, 0.0))
 
 
 def _chance(points):

@@ -59,7 +59,9 @@ class Drift:
         # Six independent errors: the three of the joint, the change of the twist, the rest of the expected step, the match.
         errors = np.zeros((18, 18))
         errors[:9, :9] = self._joint
-        errors[12:15, 12:15] = expected.covariance
+        change = expected.covariance if expected.change is None else expected.change
+        errors[9:12, 9:12] = change
+        errors[12:15, 12:15] = expected.covariance - change
         errors[15:, 15:] = matched
         # What they make of the error of the step: the match takes back the one since the key frame.
         added = np.zeros((3, 18))
@@ -67,15 +69,12 @@ class Drift:
         added[:, 9:12] = added[:, 12:15] = rest
         added[:, 15:] = share
         if expected.change is not None:
-            errors[9:12, 9:12] = expected.change
-            errors[12:15, 12:15] -= expected.change
             # No speed is expected beyond that of `halt`: old errors fade as new ones come.
-            added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * expected.change.diagonal(), 0.0)) * rest
+            added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0)) * rest
         onward = np.concatenate((added, added, rate * added))
         onward[:3, :3] += back
         onward[3:6, 3:6] += back
-        if expected.change is not None:
-            onward[6:, 12:15] = 0.0
+        onward[6:, 12:15] = 0.0
         self._joint = onward @ errors @ onward.T
         if not rate:
             self.halt()
