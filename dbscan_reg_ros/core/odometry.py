@@ -12,6 +12,7 @@ from .drift import Drift
 from .features import extract_features
 from .moving import detached, held
 from .parameters import Parameters
+from .posts import with_posts
 from .records import OdometryUpdate, Prior, Status
 from .registration import register
 from .rest import Rest
@@ -83,6 +84,8 @@ class Odometry:
         p = self.parameters
         timed = p.odometry.deskew and 0.0 < abs(scan.time_increment) * scan.geometry.size < p.time.jump
         features = extract_features(deskew(scan, self._twist) if timed else scan, p)
+        if p.odometry.post_size:
+            features = with_posts(features, p.odometry.post_size, p.segments)
         half = scan.time_increment * float(features.beams.mean()) if timed else 0.0
         time = self._intervals.next(scan.stamp, half, p.time)
         if self._window is None or time.jump.startswith('stamps'):
@@ -109,8 +112,12 @@ class Odometry:
         if p.moving_frames:
             moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
             features = features.without(moving) if moving.any() else features
-        movable = detached(features.dense_cloud, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
-        if not len(movable) or held(features.dense_cloud, movable) < p.movable_share:
+        walls = features.walls
+        movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
+        if len(movable) and held(walls, movable) < p.movable_share:
+            movable = movable[:0]
+        movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
+        if not len(movable):
             return features
         seen = self._window.confirmed(pose, features.dense_cloud.select(movable), p.movable_distance,
                                       self.parameters.refinement.score_scale, self.parameters.density.facing)

@@ -414,6 +414,8 @@ class OdometryParameters(ParameterGroup):
                                      'they count in full', '', 0.0, 1.0)
     movable_distance: float = parameter(0.5, 'until a key frame from so far away or more saw it in the same place', 'm', 0.0,
                                         100.0)
+    post_size: float = parameter(0.3, 'what is smaller than this, too small to have normals, and has deeper space or nothing on both '
+                                 'sides, counts as a round post, little until it is seen as above; 0: not at all', 'm', 0.0, 10.0)
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)

@@ -11,7 +11,7 @@ import numpy as np
 from .parameters import DensityParameters
 from .scan import Scan
 from .se2 import SE2, wrap
-from .surface import build_cloud, build_surface, build_view, leverage
+from .surface import Cloud, build_cloud, build_surface, build_view, leverage
 
 
 class Status(Enum):
@@ -94,8 +94,12 @@ class Features:
     segments : Segments
     noise : float [m]
         Standard deviation of a range, as estimated from what the filter left of this scan.
-    dense_cloud : Cloud
+    posts : Cloud or None
+        What small things without normals count as, from `posts.with_posts`.
+    walls : Cloud
         The points that have a normal.
+    dense_cloud : Cloud
+        `walls`, and then the `posts`.
     cloud : Cloud
         Some of them, evenly along the scan: those that hypotheses are compared by.
     leverage : (P,) float
@@ -115,23 +119,30 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
+    posts: Cloud | None = None
     worth: np.ndarray | None = None
 
     def without(self, left_out):
         """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks."""
-        normals = self.normals.copy()
-        normals[np.flatnonzero(normals.any(axis=1))[left_out]] = 0.0
-        return dataclasses.replace(self, normals=normals)
+        walls, normals = len(self.walls), self.normals.copy()
+        normals[np.flatnonzero(normals.any(axis=1))[left_out[:walls]]] = 0.0
+        posts = self.posts and self.posts.select(~left_out[walls:])
+        return dataclasses.replace(self, normals=normals, posts=posts)
 
     def doubting(self, points, worth):
         """The same, but those points of `dense_cloud` that `points`, a mask or indices, picks count `worth`."""
-        each = np.ones(len(self.dense_cloud))
-        each[points] = worth
+        each = self.dense_cloud.weighed(np.ones(len(self.dense_cloud)))
+        each[points] *= worth
         return dataclasses.replace(self, worth=each)
 
     @cached_property
+    def walls(self):
+        return build_cloud(self.points, self.normals, self.beams)
+
+    @cached_property
     def dense_cloud(self):
-        return build_cloud(self.points, self.normals, self.beams, self.worth)
+        cloud = self.walls.joined(self.posts) if self.posts else self.walls
+        return cloud if self.worth is None else dataclasses.replace(cloud, worth=self.worth)
 
     @cached_property
     def cloud(self):

@@ -39,6 +39,12 @@ class Cloud:
         worth = None if self.worth is None else self.worth[chosen]
         return Cloud(self.points[chosen], self.normals[chosen], self.beams[chosen], worth)
 
+    def joined(self, other):
+        """These points and then those of another cloud."""
+        parts = (self.points, other.points), (self.normals, other.normals), (self.beams, other.beams)
+        worth = np.concatenate([each.weighed(np.ones(len(each))) for each in (self, other)])
+        return Cloud(*map(np.concatenate, parts), worth)
+
     def weighed(self, weight):
         """A `weight` ``(..., P)`` of the points times what they count."""
         return weight if self.worth is None else weight * self.worth
@@ -50,11 +56,11 @@ class Cloud:
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
-def build_cloud(points, normals, beams, worth=None) -> Cloud:
-    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out; `worth` is of the others."""
+def build_cloud(points, normals, beams) -> Cloud:
+    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
     normals = as_complex(normals)
     known = normals != 0.0
-    return Cloud(as_complex(points)[known], normals[known], beams[known], worth)
+    return Cloud(as_complex(points)[known], normals[known], beams[known])
 
 
 def leverage(cloud: Cloud, balance):

@@ -1,0 +1,136 @@
+"""Small things without normals that stand free count as round posts; in a hall full of chairs they hold the odometry."""
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, outline
+
+from dbscan_reg_ros import SE2, Odometry, Parameters
+from dbscan_reg_ros.core.alignment import refine
+from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.core.posts import with_posts
+from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.simulation import LIDARS, World, follow, simulate
+from dbscan_reg_ros.simulation.raycasting import cast
+
+UNFILTERED = Parameters().replace({'filter.test': 'off'})
+SEGMENTS = UNFILTERED.segments
+LEG, OTHER = (1.2, 0.6, 0.02), (0.4, 1.3, 0.025)
+WALLS = outline(L_ROOM)[[0, 5]]
+"""Two walls of a room; the legs stand where nothing is behind them."""
+
+
+def place_with(*circles, pose=SE2(), geometry=FULL):
+    """Features of what a lidar at `pose` measures of two walls and of round things [m]."""
+    directions = np.exp(1j * (geometry.bearings + pose.theta))
+    ranges = cast(np.array([[pose.x, pose.y]]), np.column_stack((directions.real, directions.imag)), WALLS,
+                  np.array(circles).reshape(-1, 3))
+    return extract_features(Scan(0, ranges, geometry), UNFILTERED)
+
+
+def middles(features):
+    """Middles of the posts, complex [m]."""
+    return features.posts.points.reshape(-1, 8).mean(axis=1)
+
+
+def test_a_leg_is_points_all_around_it():
+    features = with_posts(place_with(LEG), 0.3, SEGMENTS)
+    posts = features.posts.points.reshape(-1, 8)
+    beams = np.flatnonzero(np.abs(features.scan.ranges - math.hypot(*LEG[:2])) < 0.05)
+    assert len(posts) == 1 and set(features.posts.beams) == {beams[0]}
+    middle, = middles(features)
+    assert abs(middle - complex(*LEG[:2])) < 0.01
+    half = 0.5 * len(beams) * math.radians(1.0) * abs(middle)
+    assert np.abs(posts - middle) == pytest.approx(half, rel=0.02)
+    away = features.posts.points - middle
+    assert (features.posts.normals * away.conj()).real == pytest.approx(np.abs(away))
+    assert features.posts.worth.sum() == pytest.approx(2.0 * len(beams))
+
+
+def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
+    features = with_posts(place_with(LEG, OTHER), 0.3, SEGMENTS)
+    cloud, walls = features.dense_cloud, len(features.walls)
+    assert len(cloud) == walls + 16 and (cloud.worth[:walls] == 1.0).all()
+    assert np.array_equal(cloud.worth[walls:], features.posts.worth)
+    left_out = np.zeros(len(cloud), dtype=bool)
+    left_out[[3, 4, *range(walls, walls + 8)]] = True
+    less = features.without(left_out)
+    assert np.array_equal(less.dense_cloud.points, cloud.points[~left_out]) and len(less.posts) == 8
+    assert np.array_equal(less.dense_cloud.worth, cloud.worth[~left_out])
+    doubted = features.doubting(np.arange(walls, walls + 16), 0.1).dense_cloud
+    assert doubted.worth[walls:] == pytest.approx(0.1 * features.posts.worth) and (doubted.worth[:walls] == 1.0).all()
+
+
+@pytest.mark.parametrize('circle', [(0.6, -1.42, 0.03), (1.2, 0.6, 0.3)], ids=['before a wall', 'large'])
+def test_what_is_large_or_stands_close_before_a_wall_is_no_post(circle):
+    features = place_with(circle)
+    assert with_posts(features, 0.3, SEGMENTS) is features
+
+
+def test_what_is_no_smaller_than_asked_for_is_no_post():
+    features = place_with(LEG)
+    assert with_posts(features, 0.005, SEGMENTS) is features
+
+
+def test_walls_are_no_posts():
+    features = place_with()
+    assert with_posts(features, 0.3, SEGMENTS) is features and len(features.dense_cloud) == len(features.walls)
+
+
+def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_not():
+    """Two returns with none around them; then with one of something nearer beside them."""
+    ranges = np.full(360, np.inf)
+    ranges[100:180] = 2.0 / np.cos(np.radians(np.arange(100, 180) - 140.0))
+    ranges[200:202] = 1.5
+    alone = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert abs(middles(alone)[0]) == pytest.approx(1.5 + 1.5 * math.radians(1.0), abs=0.01) and len(alone.posts) == 8
+    ranges[202] = 0.9
+    beside = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert beside.posts is None or np.abs(middles(beside)).max() < 1.0
+
+
+@pytest.mark.parametrize('closed', [True, False])
+def test_where_a_scan_ends_nobody_knows_what_lies_beside(closed):
+    """The first beam sees a leg; only a scan that goes all the way round tells what lies before it."""
+    geometry = FULL if closed else ScanGeometry(-math.pi, math.radians(1.0), 330)
+    assert geometry.closed == closed
+    features = with_posts(place_with((-1.2, 0.0, 0.012), geometry=geometry), 0.3, SEGMENTS)
+    assert (features.posts is not None) == closed
+
+
+def test_a_post_holds_both_directions():
+    """Two legs in an empty place, seen from 5 cm beside and turned by 0.02 rad."""
+    def seen(pose):
+        legs = place_with(LEG, OTHER, pose=pose)
+        features = with_posts(legs, 0.3, SEGMENTS)
+        return features.without(np.arange(len(features.dense_cloud)) < len(features.walls))
+    pose = SE2(0.04, -0.03, 0.02)
+    reference, current = seen(SE2()), seen(pose)
+    assert len(reference.dense_cloud) == len(current.dense_cloud) == 16
+    found, _ = refine(np.zeros((1, 3)), current.cloud, reference.surface, [0.2] * 10, 0.5, 0.003)
+    assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
+
+
+@pytest.mark.parametrize(('seed', 'lost'), [(1, True), (3, True), (4, False)])
+def test_chair_legs_hold_the_odometry_where_walls_are_out_of_sight(seed, lost):
+    """A lidar of 4 m in the middle of a hall of 12 x 9 m; without posts the robot seems to stand still for metres."""
+    rng = np.random.default_rng(seed)
+    chairs, turn = rng.uniform((1.5, 1.0), (10.5, 8.0), (50, 2)), rng.uniform(0.0, 2.0 * math.pi, 50)
+    feet = 0.2 * math.sqrt(2.0) * np.exp(1j * (turn[:, None] + 0.5 * math.pi * (np.arange(4) + 0.5)))
+    legs = (chairs @ (1.0, 1j))[:, None] + feet
+    legs = legs[np.abs(legs.imag - 4.5) > 0.4]
+    world = World(outline([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)]), np.array([(1.0, 4.5), (11.0, 4.5)]),
+                  np.column_stack((legs.real, legs.imag, np.full(len(legs), 0.02))))
+    result = simulate(world, follow(world.tour), LIDARS['hokuyo_urg04lx'], seed)
+    first, last = (SE2.from_array(result.truth[k]) for k in (0, -1))
+
+    def off(**changes):
+        odometry = Odometry(Parameters().replace(changes))
+        for scan in result.scans:
+            pose = odometry.process(scan).pose
+        miss = (first.inverse() @ last).inverse() @ pose
+        return math.hypot(miss.x, miss.y)
+
+    assert off() < 0.1
+    if lost:
+        assert off(**{'odometry.post_size': 0.0}) > 2.0
