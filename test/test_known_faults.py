@@ -145,14 +145,16 @@ def recorded(request):
 
 
 def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the_base(start_node, player, recorded):
-    plain = start_node(*mounted(AHEAD))
+    """Nothing is left out as moving: at that margin rounding decides, and a pose differs by millimetres."""
+    alike = '-p', 'odometry.moving_frames:=0'
+    plain = start_node(*mounted(AHEAD), *alike)
     expected = played(player, recorded)
     plain.stop()
-    start_node(*mounted(SE2(AHEAD.x, AHEAD.y, math.pi)), '-p', 'upside_down:=true')
+    start_node(*mounted(SE2(AHEAD.x, AHEAD.y, math.pi)), '-p', 'upside_down:=true', *alike)
     with Player() as second:
         answers = played(second, list(inverted(recorded)))
     assert expected.lost == answers.lost == 0
-    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.005
+    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.003
 
 
 def test_a_lidar_turned_by_half_a_turn_gives_the_trajectory_of_the_base(start_node, player, scans, truth):

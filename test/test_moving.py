@@ -12,7 +12,7 @@ from dbscan_reg_ros.benchmarks.courses import strolled
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.alignment import refine
 from dbscan_reg_ros.core.features import extract_features
-from dbscan_reg_ros.core.moving import detached, held
+from dbscan_reg_ros.core.moving import detached, held_share
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.surface import Cloud
 from dbscan_reg_ros.core.window import KeyFrame, Window
@@ -120,8 +120,8 @@ def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
     normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
     cloud, chosen = Cloud(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
     whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
-    assert held(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
-    assert held(cloud, np.arange(60)) == pytest.approx(1.0) and held(cloud, np.arange(0)) == 0.0
+    assert held_share(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
+    assert held_share(cloud, np.arange(60)) == pytest.approx(1.0) and held_share(cloud, np.arange(0)) == 0.0
 
 
 def test_points_in_doubt_count_little():
@@ -173,7 +173,7 @@ def off_behind_somebody(room, walk, **changes):
 def test_somebody_who_walks_along_in_front_does_not_hold_the_odometry(frames, size, held):
     """Through a door and along furniture: their own motion is none."""
     off, _ = off_behind_somebody(3, 2, moving_frames=frames, movable_size=size)
-    assert off > 0.2 if held else off < 0.02
+    assert off > 0.05 if held else off < 0.02
 
 
 def test_a_drive_that_somebody_straight_ahead_held_is_found_again():

@@ -176,6 +176,25 @@ def round_room(folder) -> list:
     return [simulated(world, lidar) for lidar in (Lidar(), *LIDARS.values())]
 
 
+def chairs(folder) -> list:
+    """A hall full of chairs; from its middle a lidar of 4 m sees of it no more than legs of 4 cm."""
+    lidar = LIDARS['hokuyo_urg04lx']
+    return [simulated(hall_of_chairs(seed), lidar, seed=seed) for seed in SEEDS]
+
+
+def hall_of_chairs(seed, chairs=50) -> World:
+    """12 m long and 9 m wide, with so many chairs that keep 0.4 m clear of its middle."""
+    rng = np.random.default_rng(seed)
+    low, high = (1.5, 1.0), (10.5, 8.0)
+    seats, turn = rng.uniform(low, high, (chairs, 2)), rng.uniform(0.0, 2.0 * math.pi, chairs)
+    feet = 0.28 * np.exp(1j * (turn[:, None] + math.pi * np.array((0.25, 0.75, 1.25, 1.75))))
+    legs = as_vectors((seats @ (1.0, 1j))[:, None] + feet).reshape(-1, 2)
+    legs = legs[np.abs(legs[:, 1] - 4.5) > 0.4]
+    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)])
+    walls = np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
+    return World(walls, np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
+
+
 def lidars(folder) -> list:
     """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
     return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
@@ -191,6 +210,6 @@ def leader(folder) -> list:
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'lidars': lidars, 'leader': leader, 'dropped': dropped, 'noise': noise, 'person': person,
+    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

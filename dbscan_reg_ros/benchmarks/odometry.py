@@ -37,6 +37,7 @@ BOUNDS = {
     **{course: {name: at_most(limit) for name, limit in SIMULATED.items()} | {'within': WITHIN}
        for course in ('rooms', 'corridors', 'halls')},
     'lms511': {'drift_m': at_most(0.001), 'drift_deg': at_most(0.02)},
+    'chairs': {'rpe_5m_mean_m': at_most(0.05), 'within': WITHIN},
     'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
 }
 BOUNDS['noise']['disturbed_ok'] = at_most(0.0)

@@ -93,7 +93,7 @@ def detached(cloud: Cloud, size, margin, closed):
     return np.roll(found, shift) if shift else found
 
 
-def held(cloud: Cloud, chosen):
+def held_share(cloud: Cloud, chosen):
     """What share of all that holds the translation those points have that `chosen`, indices, picks: that of the direction in
     which it is greatest, from 0 to 1.
     """

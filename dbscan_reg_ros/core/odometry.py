@@ -6,14 +6,14 @@ import math
 import numpy as np
 
 from .alignment import NO_STEP, normal_equations, shared_information
-from .decision import doubted, match_covariance, own_derivatives
+from .decision import doubted, judge, match_covariance, own_derivatives
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
-from .moving import detached, held
+from .moving import detached, held_share
 from .parameters import Parameters
 from .posts import with_posts
-from .records import OdometryUpdate, Prior, Status
+from .records import OdometryUpdate, Prior, Registration, Status
 from .registration import register
 from .rest import Rest
 from .scan import Scan
@@ -114,7 +114,7 @@ class Odometry:
             features = features.without(moving) if moving.any() else features
         walls = features.walls
         movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
-        if len(movable) and held(walls, movable) < p.movable_share:
+        if len(movable) and held_share(walls, movable) < p.movable_share:
             movable = movable[:0]
         movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
         if not len(movable):
@@ -171,6 +171,10 @@ class Odometry:
                         self._middle = None
                     return frame, pose, registration, seen
                 self._pending = self._pending or pose
+        if first.status is Status.FAILED and len(self._window.frames) > 1 and prior.spread < p.odometry.moving_margin:
+            together = self._among_all(standing, expected)
+            if together.status is not Status.FAILED:
+                return self._window.latest, expected, together, standing
         return None, None, first, None
 
     def _references(self, expected):
@@ -196,6 +200,18 @@ class Odometry:
         if there.normals is features.normals:
             return registration, standing
         return register(frame.features, there, self._search, guess), there
+
+    def _among_all(self, features, expected):
+        """The scan where it was expected, and whether the key frames together see it there where no single one does."""
+        p, cloud, latest = self.parameters, features.dense_cloud, self._window.latest.pose
+        partners = self._window.partners(expected, cloud, p.density)
+        _, weight = partners.match(NO_STEP, p.refinement.score_scale)
+        overlap = float(weight.sum()) / max(float(cloud.weighed(np.ones(len(cloud))).sum()), 1e-9)
+        covariance, held = self._uncertainty(features, expected, partners)
+        status, reason = judge(overlap, math.inf, held, p.decision)
+        free = math.remainder(held.angle - latest.theta, math.pi) if held.weak < p.decision.min_information else None
+        return Registration(latest.inverse() @ expected, covariance, status, overlap, overlap, free_direction=free,
+                            reason=reason, weakest=held.weak, free_turn=held.turn < p.decision.min_information)
 
     def _leap(self, time):
         """Covariance of a motion of which nothing is known."""
@@ -228,7 +244,7 @@ class Odometry:
             if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
                 partners = self._window.partners(pose, features.dense_cloud, p.density)
             pose = align(partners, pose, expected, strength, scales[-1:], damping)
-            matched = self._match_covariance(features, pose, partners, registration)
+            matched, _ = self._uncertainty(features, pose, partners, registration.free_direction is not None, registration.free_turn)
         else:
             matched = registration.covariance
         covariance = inverse(inverse(matched) + known)
@@ -297,14 +313,13 @@ class Odometry:
         times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
         return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * (along[:, None] * along)
 
-    def _match_covariance(self, features, pose, partners, registration):
-        """Covariance of the scan's place among the key frames, in its own frame."""
+    def _uncertainty(self, features, pose, partners, free_way=False, free_turn=False):
+        """Covariance of the scan's place among the key frames, in its own frame, and what holds it: `decision.match_covariance`."""
         p = self.parameters
         error, weight = partners.match(partners.step(pose), p.refinement.score_scale)
         own = _own_derivatives(features, pose, partners)
-        covariance, _ = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision,
-                                         registration.free_direction is not None, registration.free_turn)
-        return turned(covariance, -pose.theta)
+        covariance, held = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision, free_way, free_turn)
+        return turned(covariance, -pose.theta), held
 
     def _coast(self, features, registration, expected, prior, time):
         """The scan is not found: go on as expected for a while, then stand, then start anew."""

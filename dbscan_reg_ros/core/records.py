@@ -123,10 +123,10 @@ class Features:
     worth: np.ndarray | None = None
 
     def without(self, left_out):
-        """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks."""
+        """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks; posts go as a whole."""
         walls, normals = len(self.walls), self.normals.copy()
         normals[np.flatnonzero(normals.any(axis=1))[left_out[:walls]]] = 0.0
-        posts = self.posts and self.posts.select(~left_out[walls:])
+        posts = self.posts and self.posts.select(~np.isin(self.posts.beams, self.posts.beams[left_out[walls:]]))
         return dataclasses.replace(self, normals=normals, posts=posts)
 
     def doubting(self, points, worth):
