@@ -2,11 +2,12 @@
 import copy
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 
 from .alignment import NO_STEP, normal_equations, shared_information
-from .decision import doubted, judge, match_covariance, own_derivatives
+from .decision import doubted, judge, match_covariance, match_segments, own_derivatives
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
@@ -203,15 +204,17 @@ class Odometry:
 
     def _among_all(self, features, expected):
         """The scan where it was expected, and whether the key frames together see it there where no single one does."""
-        p, cloud, latest = self.parameters, features.dense_cloud, self._window.latest.pose
+        p, cloud, latest = self.parameters, features.dense_cloud, self._window.latest
         partners = self._window.partners(expected, cloud, p.density)
         _, weight = partners.match(NO_STEP, p.refinement.score_scale)
         overlap = float(weight.sum()) / max(float(cloud.weighed(np.ones(len(cloud))).sum()), 1e-9)
         covariance, held = self._uncertainty(features, expected, partners)
         status, reason = judge(overlap, math.inf, held, p.decision)
-        free = math.remainder(held.angle - latest.theta, math.pi) if held.weak < p.decision.min_information else None
-        return Registration(latest.inverse() @ expected, covariance, status, overlap, overlap, free_direction=free,
-                            reason=reason, weakest=held.weak, free_turn=held.turn < p.decision.min_information)
+        free = math.remainder(held.angle - latest.pose.theta, math.pi) if held.weak < p.decision.min_information else None
+        transform = latest.pose.inverse() @ expected
+        matches = partial(match_segments, latest.features.segments, features.segments, transform, p.decision)
+        return Registration(transform, covariance, status, overlap, overlap, (), free, matches, reason, held.weak,
+                            held.turn < p.decision.min_information)
 
     def _leap(self, time):
         """Covariance of a motion of which nothing is known."""

@@ -191,7 +191,7 @@ class Registration:
         The winning hypothesis' score, 0..1; of a winner that was compared with nobody that of the coarse refinement, and so
         the overlap.
     hypotheses : tuple of Hypothesis
-        Best first; the first is the result.
+        Best first; the first is the result. None where it was compared with nothing.
     free_direction : float or None
         Angle [rad] in the reference's frame along which the scans leave the translation free.
     find_matches : callable
