@@ -117,7 +117,8 @@ class Odometry:
         movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
         if len(movable) and held_share(walls, movable) < p.movable_share:
             movable = movable[:0]
-        movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
+        if features.posts:
+            movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
         if not len(movable):
             return features
         seen = self._window.confirmed(pose, features.dense_cloud.select(movable), p.movable_distance,

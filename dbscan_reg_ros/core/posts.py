@@ -30,12 +30,15 @@ def with_posts(features: Features, size, parameters) -> Features:
     -------
     Features
     """
+    bare = as_complex(features.normals) == 0.0
+    if not bare.any():
+        return features
     geometry, beams, points = features.scan.geometry, features.beams, as_complex(features.points)
     radius = np.abs(points)
     breaks = find_breaks(points, radius, beams, geometry, features.noise, parameters)
     first = np.concatenate(([0], breaks.nonzero()[0] + 1))
     last = np.append(first[1:], len(points)) - 1
-    at = (~np.logical_or.reduceat(as_complex(features.normals) != 0.0, first)).nonzero()[0]
+    at = np.logical_and.reduceat(bare, first).nonzero()[0]
     if not geometry.closed:
         at = at[(at > 0) & (at < len(first) - 1)]
     before, after = last[at - 1], first[(at + 1) % len(first)]
