@@ -12,7 +12,7 @@ from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.timing import Intervals
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, simulate
+from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
@@ -417,6 +417,18 @@ def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_s
     assert max(math.hypot(update.pose.x, update.pose.y) for update in updates) < 0.1
     for k, update in enumerate(updates):
         assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])
+
+
+def test_a_lidar_that_loses_four_beams_of_five_is_followed():
+    world = rooms(seed=1)
+    recording = simulate(world, follow(world.tour[:4]), Lidar(beams=720, angle_min=-math.pi, angle_increment=math.radians(0.5),
+                                                              range_max=12.0, dropouts=0.8), seed=1)
+    odometry = Odometry()
+    for scan in recording.scans:
+        update = odometry.process(scan)
+    start, end = (SE2.from_array(recording.truth[k]) for k in (0, -1))
+    distance, turn = error(update, start.inverse() @ end)
+    assert distance < 0.05 and turn < 0.01
 
 
 def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):

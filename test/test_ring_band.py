@@ -209,6 +209,15 @@ def test_missing_returns_are_passed_over(test, missing):
 
 
 @pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('spacing', [2, 3, 5, 8])
+def test_where_most_beams_have_no_return_the_ring_is_made_of_returns(test, spacing):
+    """The ring of beams holds too few of them to make a line."""
+    points = np.full((21 * spacing, 2), np.nan)
+    points[::spacing] = pushed(wall(), b10=0.3)
+    np.testing.assert_array_equal(filtered(points, test, gross=0.05)[1], only(P5 * spacing, REMOVED, len(points)))
+
+
+@pytest.mark.parametrize('test', TESTS)
 def test_without_a_whole_inner_ring_nothing_is_averaged(test):
     points = pushed(wall(), b10=0.12)
     points[9] = np.nan

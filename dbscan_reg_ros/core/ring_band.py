@@ -131,7 +131,19 @@ _NEAREST = _lines([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
 
 
 def _consensus_outliers(points, noise, parameters):
-    """Our test: an outlier lies on no line through two other beams of its ring.
+    """Our test. Where most returns have none on the next beam, the beams without one are passed over."""
+    known = np.isfinite(points[:, 0])
+    if 2 * np.count_nonzero(known[1:] & known[:-1]) >= np.count_nonzero(known) - 1:
+        return _judged_by_lines(points, noise, parameters)
+    found = _judged_by_lines(points[known], noise, parameters)
+    spread = [np.zeros(len(points), dtype=each.dtype) for each in found]
+    for whole, part in zip(spread, found, strict=True):
+        whole[known] = part
+    return spread
+
+
+def _judged_by_lines(points, noise, parameters):
+    """An outlier lies on no line through two other beams of its ring.
 
     So a wild anchor does no harm, and a corner, which lies on the lines of both its walls, is no outlier. Where the
     three beams before and the three after the candidate are straight, two astride make no line: it would cut the corner
