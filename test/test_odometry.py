@@ -1,4 +1,5 @@
 """The odometry: tracking, priors, time, faults."""
+import contextlib
 import dataclasses
 import math
 
@@ -8,14 +9,18 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.deskew import deskew
+from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import TimeParameters
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.timing import Intervals
+from dbscan_reg_ros.core.window import KeyFrame, Window
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
+BOX = outline([(0.9, -0.3), (1.1, 0.1), (1.0, 0.4), (1.4, 0.3), (1.4, -0.3)])
+PARALLEL = outline([(-50.0, -1.0), (50.0, -1.0), (50.0, 1.2), (-50.0, 1.2)])[::2]
 SECOND = 1_000_000_000
 TENTH = SECOND // 10
 
@@ -154,6 +159,42 @@ def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
     started = [i for i, u in enumerate(updates) if u.restarted]
     assert started[0] == pytest.approx(50, abs=2)
     assert np.trace(updates[40].covariance) > 10.0 * np.trace(updates[0].covariance)
+
+
+def test_a_lost_sensor_goes_on_as_it_is_told():
+    odometry, rng, told = Odometry(), np.random.default_rng(2), Prior(SE2(0.03, 0.0, 0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
+    for update in run(odometry, drive(10)):
+        last = update
+    for i in range(10, 40):
+        update = odometry.process(noise_at(i * TENTH, rng), told)
+        last_pose, last = last.pose, update
+        assert update.status is not Status.OK
+        assert error(update, last_pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_increments_add_up_to_the_pose_also_after_a_rest_and_a_restart():
+    odometry, pose, stamp = Odometry(), SE2(), 0
+    for i in range(45):
+        stamp += -10 * SECOND if i == 40 else TENTH
+        update = odometry.process(dataclasses.replace(scan_at(SE2(), i, noise=0.02), stamp=stamp))
+        pose = pose @ update.increment
+        assert error(update, pose) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert bool(update.restarted) == (i == 40)
+
+
+def test_an_update_is_the_callers_own():
+    odometry = Odometry()
+    run(odometry, drive(3))[-1].twist[:] = 99.0
+    assert abs(odometry.process(scan_at(drive(4)[-1], 3)).twist).max() < 2.0
+
+
+def test_faint_agreement_with_many_key_frames_is_none():
+    """Forty times the same place, and a scan 15 cm beside it: nobody sees it there."""
+    odometry = Odometry()
+    features = [extract_features(scan_at(SE2(), i)) for i in range(41)]
+    odometry._window = Window([KeyFrame(each, SE2()) for each in features[:40]])
+    assert odometry._among_all(features[40], SE2()).status is Status.OK
+    assert odometry._among_all(features[40], SE2(0.1, 0.1, 0.0)).status is Status.FAILED
 
 
 def test_a_bad_scan_changes_nothing():
@@ -439,3 +480,17 @@ def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):
         update = odometry.process(scan)
         off.append(math.remainder(update.pose.theta - theta + truth[0, 2], 2.0 * math.pi))
     assert np.degrees(np.abs(off).max()) < 5.0
+
+
+@pytest.mark.parametrize('name', [each.name for each in Parameters.describe() if each.minimum is not None])
+def test_a_parameter_may_have_its_least_value(name):
+    """In a room with a box that may move, where there is nothing but the box, and between two bare walls."""
+    least = {each.name: each.minimum for each in Parameters.describe()}
+    for walls in (np.concatenate((ROOM, BOX)), BOX, PARALLEL):
+        odometry = Odometry(Parameters().replace({name: least[name]}))
+        for i, pose in enumerate(drive(5)):
+            with contextlib.suppress(ScanError):
+                update = odometry.process(dataclasses.replace(look(walls, pose, FULL, 0.01, i), stamp=i * TENTH))
+                assert np.isfinite(update.pose.as_array()).all()
+                for covariance in (update.covariance, update.twist_covariance):
+                    assert np.linalg.eigvalsh(covariance).min() > 0.0

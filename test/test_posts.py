@@ -47,6 +47,16 @@ def test_a_leg_is_points_all_around_it():
     assert features.posts.worth.sum() == pytest.approx(2.0 * len(beams))
 
 
+def test_it_does_not_matter_at_which_beam_the_scan_begins():
+    """Twelve legs all around, one of them on both sides of the seam now and then."""
+    legs = [(1.2 * math.cos(a), 1.2 * math.sin(a), 0.025) for a in np.radians(np.arange(0.5, 360.0, 30.0))]
+    for first in range(-180, 180, 5):
+        geometry = ScanGeometry(math.radians(first), math.radians(1.0), 360)
+        features = with_posts(place_with(*legs, geometry=geometry), 0.3, SEGMENTS)
+        assert len(features.posts) == 8 * len(legs)
+        assert features.posts.beams.min() >= 0 and features.posts.beams.max() < 360
+
+
 def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
     features = with_posts(place_with(LEG, OTHER), 0.3, SEGMENTS)
     cloud, walls = features.dense_cloud, len(features.walls)

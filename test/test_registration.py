@@ -196,6 +196,24 @@ def test_the_same_scans_give_the_same_result_to_the_last_bit():
     assert (one.covariance == two.covariance).all()
 
 
+@pytest.mark.parametrize('facing', [-0.01, -1.0])
+def test_a_point_without_a_partner_is_no_perfect_partner_whatever_may_face_it(facing):
+    """Two rooms that have nothing in common."""
+    other = outline([(-2.0, -3.0), (14.0, -3.0), (14.0, 12.0), (-2.0, 12.0)])
+    found = []
+    for least in (0.0, facing):
+        p = Parameters().replace({'density.facing': least})
+        found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM), other)), p))
+    assert found[1].overlap == pytest.approx(found[0].overlap, abs=0.1)
+    assert found[1].status is not Status.OK
+
+
+def test_where_all_points_are_left_out_nothing_overlaps_whatever_selects():
+    p = Parameters().replace({'selection.method': 'divergence'})
+    features = extract_features(look(outline(L_ROOM), SE2(), FULL, 0.01, 1), p)
+    assert register(features, features.without(np.ones(len(features.dense_cloud), dtype=bool)), p).overlap == 0.0
+
+
 def test_a_scan_without_returns_is_refused():
     with pytest.raises(ScanError, match='0 of 360 beams have a return'):
         extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())

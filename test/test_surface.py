@@ -73,6 +73,12 @@ def test_leverage_is_that_of_a_ridge_regression(balance):
     assert leverage(cloud, balance) == pytest.approx(np.diag(hat) / np.trace(hat))
 
 
+def test_where_nothing_counts_there_is_no_leverage():
+    cloud = drawn(20)
+    cloud = Cloud(cloud.points, cloud.normals, cloud.beams, np.zeros(20))
+    assert not leverage(cloud, 1.0).any()
+
+
 @pytest.mark.parametrize('share', [0.05, 0.2, 0.3, 0.5])
 def test_high_leverage_is_more_than_twice_the_mean_of_the_hat_matrix(share):
     rng = np.random.default_rng(5)

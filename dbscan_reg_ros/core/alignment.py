@@ -84,7 +84,11 @@ def fit(candidates, cloud, surface, facing) -> Fit:
     normals = surface.normals.take(nearest)
     error = (normals * places).real
     error -= surface.offsets.take(nearest)
-    return Fit(error, (normals * (turn * cloud.normals)).real > facing, normals, arms, places)
+    alike = (normals * (turn * cloud.normals)).real > facing
+    if facing < 0.0:
+        # The normal of no point is 0.
+        alike &= nearest != len(surface.normals) - 1
+    return Fit(error, alike, normals, arms, places)
 
 
 def derivatives(normals, arms, rows=3):

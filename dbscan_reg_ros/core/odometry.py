@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from .alignment import NO_STEP, normal_equations, shared_information
+from .alignment import NO_STEP, kernel, normal_equations, shared_information
 from .decision import doubted, judge, match_covariance, match_segments, own_derivatives
 from .deskew import deskew
 from .drift import Drift
@@ -30,7 +30,7 @@ class Odometry:
     Parameters
     ----------
     parameters : Parameters
-        May be replaced at any time; a new value counts from the next scan on.
+        May be replaced at any time; a new value counts from the next scan on, what key frames hold stays as it is.
     """
 
     def __init__(self, parameters: Parameters = Parameters()):
@@ -51,7 +51,7 @@ class Odometry:
 
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
-        self._pose, self._drift = pose, Drift()
+        self._pose, self._reported, self._drift = pose, pose, Drift()
         self._window = None
         self._intervals = Intervals()
         self._forget()
@@ -60,7 +60,7 @@ class Odometry:
         """Know nothing of the motion."""
         self._halt()
         self._middle, self._lost, self._pending, self._near = self._pose, 0.0, None, True
-        self._reported, self._rest = self._pose, Rest(self._pose)
+        self._rest = Rest(self._pose)
 
     def _halt(self):
         """Expect no motion."""
@@ -98,7 +98,7 @@ class Odometry:
         expected = self._pose @ prior.transform
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if frame is None:
-            return self._coast(features, registration, expected, prior, time)
+            return self._coast(features, registration, expected, prior, own, time)
         return self._follow(standing, frame, pose, registration, expected, prior, time)
 
     def expected_motion(self, stamp) -> Prior | None:
@@ -207,8 +207,10 @@ class Odometry:
         """The scan where it was expected, and whether the key frames together see it there where no single one does."""
         p, cloud, latest = self.parameters, features.dense_cloud, self._window.latest
         partners = self._window.partners(expected, cloud, p.density)
-        _, weight = partners.match(NO_STEP, p.refinement.score_scale)
-        overlap = float(weight.sum()) / max(float(cloud.weighed(np.ones(len(cloud))).sum()), 1e-9)
+        # Each point as the key frame that knows it best has it: faint agreement with many is none.
+        seen = np.zeros(len(cloud))
+        np.maximum.at(seen, partners.index, kernel(partners.rows[3], p.refinement.score_scale))
+        overlap = float(cloud.weighed(seen).sum()) / max(float(cloud.weighed(np.ones(len(cloud))).sum()), 1e-9)
         covariance, held = self._uncertainty(features, expected, partners)
         status, reason = judge(overlap, math.inf, held, p.decision)
         free = math.remainder(held.angle - latest.pose.theta, math.pi) if held.weak < p.decision.min_information else None
@@ -325,8 +327,8 @@ class Odometry:
         covariance, held = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision, free_way, free_turn)
         return turned(covariance, -pose.theta), held
 
-    def _coast(self, features, registration, expected, prior, time):
-        """The scan is not found: go on as expected for a while, then stand, then start anew."""
+    def _coast(self, features, registration, expected, prior, own, time):
+        """The scan is not found: go on as expected for a while, then as told or not at all, then start anew."""
         p = self.parameters.odometry
         self._lost += max(time.interval, time.elapsed)
         if self._lost > p.give_up or time.jump:
@@ -335,7 +337,8 @@ class Odometry:
             if self._velocities:
                 # Once: what is not known of the twist lasts.
                 self._halt()
-            expected = self._pose
+            if prior is own:
+                expected = self._pose
         self._advance(expected, prior, time)
         self._pose, self._middle = expected, expected @ _travel(self._twist, time.half)
         status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
@@ -353,7 +356,7 @@ class Odometry:
     def _update(self, features, status, time, pose, registration, frame, changed):
         step, self._reported = self._reported.inverse() @ pose, pose
         return OdometryUpdate(
-            features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._twist,
+            features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._twist.copy(),
             self._drift.twist + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
             frame and frame.features, frame.pose if frame else pose, changed, time.jump)
 

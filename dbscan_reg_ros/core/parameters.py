@@ -354,7 +354,7 @@ class DecisionParameters(ParameterGroup):
     min_margin: float = parameter(0.05, 'AMBIGUOUS when a rival scores this close to the best', '', 0.0, 2.0)
     min_score: float = parameter(0.35, 'FAILED when the best scores less', '', -1.0, 1.0)
     min_information: float = parameter(1.5, 'DEGENERATE when fewer points than this hold the motion in some direction', '',
-                                       0.0, 100000.0)
+                                       0.01, 100000.0)
     vague: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
     vague_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
     covariance_scale: float = parameter(0.9, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
@@ -421,7 +421,7 @@ class OdometryParameters(ParameterGroup):
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)
     retries: int = parameter(2, 'older key frames that are tried when the last one leads nowhere', '', 0, 100)
     coast: float = parameter(1.0, 'a lost sensor is taken to move on as expected this long', 's', 0.0, 1000.0)
-    give_up: float = parameter(5.0, 'and then to stand; after this long a new reference is started', 's', 0.0, 10000.0)
+    give_up: float = parameter(5.0, 'and then to stand, or to move as it is told from elsewhere; after this long a new reference is started', 's', 0.0, 10000.0)
     rest: float = parameter(5.0, 'a sensor that stays this close to where it stands, in standard deviations of a scan, has not '
                             'moved; 0: every scan is taken at its word', '', 0.0, 100.0)
     deskew: bool = parameter(True, 'take out the motion within a scan, where time_increment is given')

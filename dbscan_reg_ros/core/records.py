@@ -232,7 +232,7 @@ class Prior:
     transform : SE2
         Pose of the current sensor in the reference's frame.
     covariance : (3, 3) float
-        As in `Registration`.
+        As in `Registration`; positive definite.
     change : (3, 3) float or None
         Of a motion that goes on as before: the part of the covariance that is a change of the velocity, and lasts. None: the
         motion is known from elsewhere.

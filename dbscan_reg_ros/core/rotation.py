@@ -86,7 +86,7 @@ def pair_weights(reference, current, parameters):
         return np.ones((len(reference), len(current)))
     variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
     shorter = np.minimum(reference.length[:, None], current.length)
-    return shorter / (1.0 + variance / parameters.width ** 2)
+    return shorter / (1.0 + variance / parameters.width ** 2) if parameters.width else shorter
 
 
 def knee_sigma(samples, parameters):

@@ -45,7 +45,7 @@ def score(fit: alignment.Fit, reference: Features, current: Features, scale, par
     weight = fit.weight(scale)
     violation = reference.view.violation(fit.places, parameters.violation_tolerance)
     violation *= 1.0 - weight
-    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / len(current.cloud)
+    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / max(len(current.cloud), 1)
 
 
 def reverse_violation(candidates, reference: Features, current: Features, parameters: DensityParameters):

@@ -73,7 +73,7 @@ def leverage(cloud: Cloud, balance):
     nx, ny = cloud.normals.real, cloud.normals.imag
     xx, xy, yy = nx @ nx / size + balance, nx @ ny / size, ny @ ny / size + balance
     weight = cloud.weighed(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
-    return weight / weight.sum()
+    return weight / max(float(weight.sum()), 1e-9)
 
 
 def high_leverage(normals):
