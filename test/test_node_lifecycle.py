@@ -40,6 +40,14 @@ def topics(peer):
     return names - every
 
 
+def test_a_transition_that_is_not_possible_is_refused(managed, peer):
+    for impossible in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
+        assert not change(peer, impossible)
+        assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert change(peer, Transition.TRANSITION_CONFIGURE)
+    assert state(peer) == State.PRIMARY_STATE_INACTIVE
+
+
 def test_it_answers_only_while_active(managed, player, peer, scans, truth):
     assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
     peer.until(lambda: topics(peer) == set())

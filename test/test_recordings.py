@@ -322,3 +322,10 @@ def test_the_data_folder_is_the_argument_then_the_variable(tmp_path, monkeypatch
 def test_a_recording_is_found_below_the_data_folder(data):
     assert find_recording('intel/intel.log.gz', data) == data / 'intel' / 'intel.log.gz'
     assert str(find_recording('nowhere.log', data)) == 'nowhere.log'
+
+
+def test_a_data_folder_that_was_named_has_to_exist(tmp_path, monkeypatch):
+    monkeypatch.setenv('DBSCAN_REG_DATA', str(tmp_path / 'absent'))
+    assert find_recording(tmp_path) == tmp_path
+    with pytest.raises(RecordingError, match='absent: no such folder of recordings'):
+        find_recording('intel/intel.log.gz')

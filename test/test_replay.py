@@ -221,6 +221,21 @@ def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp
     assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
 
 
+@pytest.mark.parametrize('returns, code, says', [(150, 0, 'and 10 more'), (181, 2, 'not one of 30 scans could be used')])
+def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(data, tmp_path, capsys, returns, code, says):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        lines = whole.readlines()[:40]
+    scans = [k for k, line in enumerate(lines) if line.startswith('FLASER')][:30]
+    for k in scans[::2]:
+        words = lines[k].split()
+        lines[k] = ' '.join([*words[:2], *(['81.83'] * 180), *words[182:]]) + '\n'
+    (tmp_path / 'a.log').write_text(''.join(lines[:scans[-1] + 1]))
+    (tmp_path / 'p.yaml').write_text(f'/**:\n  ros__parameters:\n    scan: {{min_returns: {returns}}}\n')
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path), '--params-file', str(tmp_path / 'p.yaml')]) == code
+    printed = ''.join(capsys.readouterr())
+    assert says in printed and printed.count('not used') <= 5
+
+
 def test_several_recordings_in_several_processes_give_what_one_gives(data, replay, tmp_path, capfd):
     for name, length in (('a', 80), ('b', 60)):
         with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:

@@ -128,6 +128,7 @@ def test_the_picture_shows_the_floor_plan(simulated):
     (['--beams', '0'], 'a scan of 0 beams'), (['--angle-increment', '0'], 'angle_increment is 0'),
     (['--rate', '0'], '--rate 0.0'), (['--speed', '-1'], '--speed -1.0'), (['--dropouts', '2'], '--dropouts 2.0'),
     (['--laps', '0'], '--laps 0'), (['--noise', '-1'], '--noise -1.0'), (['--people', '-1'], '--people -1'),
+    (['--range-min', '5', '--range-max', '2'], '--range-min 5: expected less than'),
 ])
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, capsys, words, says):
     assert main([str(tmp_path / 'bag'), *SHORT, *words]) == 2

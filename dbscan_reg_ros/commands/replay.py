@@ -4,6 +4,9 @@ from pathlib import Path
 
 from .command_line import add_recordings, add_workers, complain, make_parser, run
 
+SHOWN = 5
+"""So many of the scans that were not used are named."""
+
 
 def main(argv=None) -> int:
     parser = make_parser('replay', 'Odometry of recordings, offline, as fast as it goes. Each gets a dated folder with '
@@ -53,6 +56,7 @@ class Job:
 
 def replay_one(job) -> list:
     """Replay one recording into a folder of its own; lines that say how it went."""
+    from ..core.errors import DbscanRegError
     from ..core.odometry import Odometry
     from ..parameter_files import write_parameters
     from ..recordings import open_recording, write_tum
@@ -79,6 +83,8 @@ def replay_one(job) -> list:
                     loops.add(update)
     finally:
         write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
+    if not track.poses:
+        raise DbscanRegError(f'{recording.path}: not one of {len(track.used)} scans could be used; {track.problems[0]}')
     lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters, loops)]
     point_latest(folder)
     return lines
@@ -112,7 +118,10 @@ def write_results(folder, recording, track, spots, parameters, loops=None) -> li
     summary = summarise(measures)
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
                  spots.found(), parameters, register_command(folder, recording))
-    return [*recording.problems, *track.problems, *(f'{name:11} {value}' for name, value in summary)]
+    problems = track.problems[:SHOWN]
+    if len(track.problems) > SHOWN:
+        problems.append(f'and {len(track.problems) - SHOWN} more')
+    return [*recording.problems, *problems, *(f'{name:11} {value}' for name, value in summary)]
 
 
 def register_command(folder, recording) -> str:

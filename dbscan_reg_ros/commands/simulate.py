@@ -90,6 +90,10 @@ def check_limits(args):
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise CommandError(f'--{name.replace("_", "-")} {value}: expected {low:g} to {high:g}')
+    lidar = chosen_lidar(args)
+    if lidar.range_min >= lidar.range_max:
+        raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, {lidar.range_max:g} m '
+                           '(--range-max)')
 
 
 def chosen_lidar(args):

@@ -13,6 +13,17 @@ class ManagedScanMatcher(LifecycleNode):
         super().__init__('scan_matcher', automatically_declare_parameters_from_overrides=True)
         self._live = LiveParameters(self)
         self._matcher = None
+        # rclpy lets the node die of a transition that is not possible from where it is.
+        self._ask = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+
+    def _on_change_state(self, request, response):
+        try:
+            return self._ask(request, response)
+        except RuntimeError as error:
+            self.get_logger().error(f'transition {request.transition.id} is not possible now: {error}')
+            response.success = False
+            return response
 
     def on_configure(self, state):
         try:

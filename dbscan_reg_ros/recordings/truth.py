@@ -32,14 +32,14 @@ def data_folder(argument=None) -> Path:
 
 
 def find_recording(path, data=None) -> Path:
-    """`path` itself where it exists, else below the data folder, where that exists."""
+    """`path` itself where it exists, else below the data folder; that has to exist where it was named."""
     path = Path(path)
     if path.exists() or path.is_absolute():
         return path
     try:
         below = data_folder(data) / path
     except RecordingError:
-        if data:
+        if data or os.environ.get(DATA_VARIABLE):
             raise
         return path
     return below if below.exists() else path
