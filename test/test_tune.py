@@ -154,6 +154,19 @@ def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):
     assert 'cannot be held out' in capsys.readouterr().err
 
 
+def test_what_nothing_is_known_of_is_not_held_out(words, data, tmp_path, capsys):
+    assert main(words(1, 'out', '--held-out', data / 'ccny_demo' / 'demo.bag')) == 2
+    error = capsys.readouterr().err
+    assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_drive_too_short_to_be_judged_is_refused(data, tmp_path, capsys):
+    assert main([str(data / 'ccny_demo' / 'demo.bag'), '--scans', '5', '--search', 'random', '--trials', '2', '--processes', '1',
+                 '--out', str(tmp_path)]) == 2
+    assert 'expected a longer drive' in capsys.readouterr().err and not (tmp_path / 'best.yaml').exists()
+
+
 def test_optuna_finds_a_minimum_sooner_than_chance_and_can_be_resumed(tmp_path):
     pytest.importorskip('optuna')
     axes = [Axis('x', float, -1.0, 1.0), Axis('y', float, -1.0, 1.0)]

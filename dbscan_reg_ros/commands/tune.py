@@ -39,7 +39,8 @@ def tune(args):
     """Search, write the best and print what it is worth."""
     from ..node.parameters import NodeParameters
     from ..parameter_files import read_parameters, write_parameters
-    from ..recordings import find_recording, open_recording
+    from ..recordings import KnownMotion, find_recording, open_recording
+    from ..tuning.objective import HOPELESS
     from ..tuning.searches import has_optuna
     from ..tuning.space import read_axis
     from ..tuning.study import Study
@@ -52,6 +53,11 @@ def tune(args):
     if set(paths) & set(held_out):
         raise CommandError(f'{next(iter(set(paths) & set(held_out)))}: is searched on, so it cannot be held out')
     names = [open_recording(path, args.topic).name for path in (*paths, *held_out)]
+    for path in held_out:
+        known = KnownMotion.of(open_recording(path, args.topic))
+        if not (known.truth or known.relations):
+            raise CommandError(f'{path}: nothing is known of its true motion, so it cannot be held out; expected poses, relations '
+                               'or a reference.csv')
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
     start_values = {axis.name: start.flatten()[axis.name] for axis in axes}
     settings = {'files': [str(path) for path in paths], 'topic': args.topic, 'scans': args.scans, 'seed': args.seed,
@@ -65,10 +71,14 @@ def tune(args):
         with progress(args.trials) as watch:
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, *jobs), watch)
         first = study.cost_of_start
+        if cost >= HOPELESS:
+            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans was found; expected '
+                               'a longer drive, or more of it (--scans)')
         best = start.replace(values)
-        verdict = gain(executor, held_out, args.topic, start, best, args.seed)
-    head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
-            f'({args.trials} trials, {search}, seed {args.seed}).', *verdict]
+        head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
+                f'({args.trials} trials, {search}, seed {args.seed}).']
+        write_parameters(folder / 'best.yaml', best, head[0])
+        head += gain(executor, held_out, args.topic, start, best, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join(head))
     print('\n'.join(f'{name}: {start_values[name]} -> {value}' for name, value in values.items()))

@@ -87,7 +87,8 @@ def paired(known, track_a, track_b) -> Paired:
     else:
         raise RecordingError('nothing is known of the true motion; expected poses, relations or reference.csv')
     if len(first) < FEWEST_BLOCKS:
-        raise RecordingError(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}')
+        raise RecordingError(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive or more '
+                             'of its scans')
     a, b = (np.array(errors(relative(found[first], found[second]), motions)) for found in poses)
     block = int(np.ceil(BLOCK_METRES * len(first) / max(length, BLOCK_METRES)))
     return Paired(a, b, min(block, len(first) // FEWEST_BLOCKS))
