@@ -203,9 +203,9 @@ def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, 
     steady([*before, *filter(None, answers)])
 
 
-def test_subscribers_never_read(node, player, peer, start_command, scans, moment, steady):
+def test_subscribers_never_read(data, node, player, peer, start_command, scans, moment, steady):
     """One is stopped as a process, one never takes what has arrived."""
-    stopped = start_command('play', 'lms511/static', '--wait', '1000', '--ros-args', '-r', 'scan:=elsewhere')
+    stopped = start_command('play', str(data / 'lms511' / 'static'), '--wait', '1000', '--ros-args', '-r', 'scan:=elsewhere')
     with Peer('deaf') as deaf:
         for kind, topic in ((Odometry, 'odom'), (MarkerArray, 'segments'), (PathMessage, 'path'), (PointCloud2, 'local_map')):
             deaf.node.create_subscription(kind, topic, print, 10)

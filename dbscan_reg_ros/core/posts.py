@@ -17,7 +17,8 @@ def with_posts(features: Features, size, parameters) -> Features:
 
     A run of points (Eq. 5) none of which has a normal is a post where what lies beside it is deeper, or nothing, on both
     sides. A point that has a normal holds the motion across its surface; a post holds it in every direction. It is taken to be
-    round and as wide as its beams are, at most `size`. All its points together count as much as if each of its returns lay on two surfaces.
+    round and as wide as its beams are, at most `size`. All its points together count as much as if each of its returns lay on
+    two surfaces.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def with_posts(features: Features, size, parameters) -> Features:
     geometry, beams, points = features.scan.geometry, features.beams, as_complex(features.points)
     radius = np.abs(points)
     breaks = find_breaks(points, radius, beams, geometry, features.noise, parameters)
-    turn = round(2.0 * np.pi / abs(geometry.angle_increment))
+    turn = round(2.0 * np.pi / abs(geometry.angle_increment)) if geometry.closed else geometry.size
     if geometry.closed and breaks.any():
         # From a break on: no run goes on from the last beam to the first.
         start = breaks.argmax() + 1
