@@ -69,9 +69,9 @@ def simulate(args):
     from ..simulation.sensors import RobotRecording
 
     check_limits(args)
+    lidar = chosen_lidar(args)
     target = Path(args.target)
     check_target(target)
-    lidar = chosen_lidar(args)
     world, path = world_and_path(args)
     simulation = record(world, path, lidar, args.seed)
     wheels = wheel_odometry(path, seed=args.seed, scale=args.wheel_scale, noise=args.wheel_noise, slips=args.slip)
@@ -90,14 +90,10 @@ def check_limits(args):
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise CommandError(f'--{name.replace("_", "-")} {value}: expected {low:g} to {high:g}')
-    lidar = chosen_lidar(args)
-    if lidar.range_min >= lidar.range_max:
-        raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, {lidar.range_max:g} m '
-                           '(--range-max)')
 
 
 def chosen_lidar(args):
-    """The preset with what was changed of it."""
+    """The preset with what was changed of it; CommandError where it can see nothing."""
     import dataclasses
     import math
 
@@ -113,7 +109,11 @@ def chosen_lidar(args):
     if args.mounting:
         x, y, turn = args.mounting
         changes['mounting'] = SE2(x, y, math.radians(turn))
-    return dataclasses.replace(LIDARS[args.lidar], **changes)
+    lidar = dataclasses.replace(LIDARS[args.lidar], **changes)
+    if lidar.range_min >= lidar.range_max:
+        raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, {lidar.range_max:g} m '
+                           '(--range-max)')
+    return lidar
 
 
 def world_and_path(args):

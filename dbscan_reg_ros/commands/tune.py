@@ -39,7 +39,8 @@ def tune(args):
     """Search, write the best and print what it is worth."""
     from ..node.parameters import NodeParameters
     from ..parameter_files import read_parameters, write_parameters
-    from ..recordings import KnownMotion, find_recording, open_recording
+    from ..recordings import find_recording, open_recording
+    from ..replays.comparison import known_motion
     from ..tuning.objective import HOPELESS
     from ..tuning.searches import has_optuna
     from ..tuning.space import read_axis
@@ -53,11 +54,7 @@ def tune(args):
     if set(paths) & set(held_out):
         raise CommandError(f'{next(iter(set(paths) & set(held_out)))}: is searched on, so it cannot be held out')
     names = [open_recording(path, args.topic).name for path in (*paths, *held_out)]
-    for path in held_out:
-        known = KnownMotion.of(open_recording(path, args.topic))
-        if not (known.truth or known.relations):
-            raise CommandError(f'{path}: nothing is known of its true motion, so it cannot be held out; expected poses, relations '
-                               'or a reference.csv')
+    known = [known_motion(open_recording(path, args.topic)) for path in held_out]
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
     start_values = {axis.name: start.flatten()[axis.name] for axis in axes}
     settings = {'files': [str(path) for path in paths], 'topic': args.topic, 'scans': args.scans, 'seed': args.seed,
@@ -78,7 +75,7 @@ def tune(args):
         head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
-        head += gain(executor, held_out, args.topic, start, best, args.seed)
+        head += gain(executor, held_out, known, args.topic, start, best, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join(head))
     print('\n'.join(f'{name}: {start_values[name]} -> {value}' for name, value in values.items()))
@@ -116,9 +113,8 @@ def progress(total):
     return bar()
 
 
-def gain(executor, paths, topic, start, best, seed):
+def gain(executor, paths, known, topic, start, best, seed):
     """Lines that say what `best` is worth against `start` on recordings that the search has not seen."""
-    from ..recordings import KnownMotion, open_recording
     from ..replays.comparison import difference, paired
     from .compare import Competitor, track_one
 
@@ -126,8 +122,7 @@ def gain(executor, paths, topic, start, best, seed):
         return ['No recording was held out: the gain on others is not known, and likely smaller.']
     futures = [[executor.submit(track_one, path, topic, Competitor(parameters)) for parameters in (start, best)]
                for path in paths]
-    pairs = [paired(KnownMotion.of(open_recording(path, topic)), *(future.result() for future in pair))
-             for path, pair in zip(paths, futures, strict=True)]
+    pairs = [paired(motion, *(future.result() for future in pair)) for motion, pair in zip(known, futures, strict=True)]
     d = difference(pairs, 0, seed, confidence=0.95)
     shares = [100.0 * (1.0 - each.b / each.a) for each in (difference([pair], 0, seed) for pair in pairs)]
     lines = [f'Held out ({len(paths)}): {d.a:.5f} m before, {d.b:.5f} m after, over 1 m; gain {d.a - d.b:+.5f} m, '

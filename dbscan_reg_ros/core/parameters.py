@@ -421,7 +421,8 @@ class OdometryParameters(ParameterGroup):
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)
     retries: int = parameter(2, 'older key frames that are tried when the last one leads nowhere', '', 0, 100)
     coast: float = parameter(1.0, 'a lost sensor is taken to move on as expected this long', 's', 0.0, 1000.0)
-    give_up: float = parameter(5.0, 'and then to stand, or to move as it is told from elsewhere; after this long a new reference is started', 's', 0.0, 10000.0)
+    give_up: float = parameter(5.0, 'and then to stand, or to move as it is told from elsewhere; after this long a new '
+                                'reference is started', 's', 0.0, 10000.0)
     rest: float = parameter(5.0, 'a sensor that stays this close to where it stands, in standard deviations of a scan, has not '
                             'moved; 0: every scan is taken at its word', '', 0.0, 100.0)
     deskew: bool = parameter(True, 'take out the motion within a scan, where time_increment is given')

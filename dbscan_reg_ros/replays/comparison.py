@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..recordings import interpolate
+from ..recordings import KnownMotion, interpolate
 from ..recordings.metrics import apart, errors, path_lengths, related
 from ..recordings.poses import relative
 
@@ -60,6 +60,14 @@ class Difference:
     def better(self):
         """B is surely better."""
         return self.high < 0.0
+
+
+def known_motion(recording) -> KnownMotion:
+    """What is known of a recording's motion; RecordingError where that is too little for `paired`."""
+    known = KnownMotion.of(recording)
+    if not (known.truth or known.relations):
+        raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or reference.csv')
+    return known
 
 
 def paired(known, track_a, track_b) -> Paired:
