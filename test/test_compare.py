@@ -108,6 +108,12 @@ def test_without_truth_there_is_nothing_to_compare():
         paired(KnownMotion(None, None, None), track, track)
 
 
+def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):
+    assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out', str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
+
+
 def test_a_wrong_name_is_one_line(recording, capsys):
     assert main(['defaults', 'absent.yaml', str(recording)]) == 2
     assert capsys.readouterr().err == 'compare: absent.yaml: cannot be read: No such file or directory\n'

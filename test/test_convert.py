@@ -1,4 +1,5 @@
 """Conversion: every format into every other and back, and what must survive."""
+import gzip
 import itertools
 
 import numpy as np
@@ -229,3 +230,12 @@ def test_the_reference_reader_opens_our_mcap(data, tmp_path, source):
     assert {channel.topic: sum(topic == channel.topic for topic, _ in times) for channel in channels} == counts
     assert times == [(topic, time) for topic, time, _ in messages(tmp_path / 'bag')]
     assert counts['/scan'] == open_recording(data / source).count
+
+
+def test_many_damaged_lines_do_not_flood_the_terminal(data, tmp_path, capsys):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        lines = [line for line in whole.readlines()[:90] if line.startswith('FLASER')][:40]
+    (tmp_path / 'a.log').write_text(''.join(line[:200] + '\n' if k % 2 else line for k, line in enumerate(lines)))
+    assert main([str(tmp_path / 'a.log'), str(tmp_path / 'b.log')]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith('a.log:2: damaged FLASER skipped') and printed[5] == 'and 15 more' and len(printed) == 7

@@ -11,6 +11,7 @@ from ..core.errors import DbscanRegError
 BAD_INPUT = 2
 FAILED = 1
 INTERRUPTED = 130
+MOST_SHOWN = 5
 
 
 class CommandError(DbscanRegError):
@@ -60,6 +61,12 @@ def positive(text) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
     return int(text)
+
+
+def shortened(problems) -> list:
+    """The first `MOST_SHOWN` of the lines, and one that says how many there are more."""
+    more = len(problems) - MOST_SHOWN
+    return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
 def add_data(parser):

@@ -24,14 +24,14 @@ def main(argv=None) -> int:
 
 def compare(args):
     """Track every recording twice, print and write the comparison; the exit status says whether B is worse."""
-    from ..recordings import KnownMotion, find_recording, open_recording
-    from ..replays.comparison import paired
+    from ..recordings import find_recording, open_recording
+    from ..replays.comparison import known_motion, paired
     from ..replays.folder import new_folder, point_latest
     from .workers import processors, workers
 
     competitors = [Competitor.named(name) for name in (args.a, args.b)]
     paths = [find_recording(file, args.data) for file in args.files]
-    known = [KnownMotion.of(open_recording(path, args.topic)) for path in paths]
+    known = [known_motion(open_recording(path, args.topic)) for path in paths]
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:

@@ -1,5 +1,5 @@
 """``convert SOURCE TARGET``: CARMEN logs, ROS 1 bags and ROS 2 bags into one another."""
-from .command_line import add_data, make_parser, run
+from .command_line import add_data, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -32,6 +32,6 @@ def convert(args):
     source = find_recording(args.source, args.data)
     counts, problems = convert(source, args.target, args.topic, args.topics, args.start, args.end, args.storage,
                                lambda items, total: tqdm(items, source.name, total, disable=None))
-    for problem in problems:
+    for problem in shortened(problems):
         print(problem)
     print(f'{args.target}  ' + (', '.join(f'{count} {name}' for name, count in counts.items()) or 'no message'))

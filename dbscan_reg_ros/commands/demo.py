@@ -5,7 +5,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from .command_line import FAILED, add_data, make_parser, run
+from .command_line import FAILED, add_data, make_parser, run, shortened
 
 STARTING = 30
 """The node has to be up after this many seconds."""
@@ -103,7 +103,8 @@ def _report(recording, answers, out):
     plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
              relative(truth[1][:1], truth[1]) if truth else None)
     print(f'map          {out / "map.png"}')
-    print(*recording.problems, sep='\n', end='\n' if recording.problems else '')
+    for problem in shortened(recording.problems):
+        print(problem)
     if answers.unexpected:
         print(f'{answers.unexpected} odometry messages belong to no scan')
     print(' '.join([f'scans {len(answered)} lost {answers.lost}', *_errors(recording, stamps, poses)]))

@@ -3,7 +3,7 @@ import argparse
 import sys
 
 from ..node.ros_arguments import split_arguments
-from .command_line import add_recording, make_parser, run
+from .command_line import add_recording, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -34,7 +34,7 @@ def play(args, ros_arguments):
         player.wait_for_node(args.wait, answering=args.lockstep)
         scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
         answers = player.play(scans, None if args.lockstep else args.rate)
-    for problem in recording.problems:
+    for problem in shortened(recording.problems):
         print(problem, file=sys.stderr)
     if answers.stamps and not any(answers.messages):
         print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",

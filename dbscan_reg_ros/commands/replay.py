@@ -2,10 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import add_recordings, add_workers, complain, make_parser, run
-
-SHOWN = 5
-"""So many of the scans that were not used are named."""
+from .command_line import add_recordings, add_workers, complain, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -118,10 +115,7 @@ def write_results(folder, recording, track, spots, parameters, loops=None) -> li
     summary = summarise(measures)
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
                  spots.found(), parameters, register_command(folder, recording))
-    problems = track.problems[:SHOWN]
-    if len(track.problems) > SHOWN:
-        problems.append(f'and {len(track.problems) - SHOWN} more')
-    return [*recording.problems, *problems, *(f'{name:11} {value}' for name, value in summary)]
+    return [*shortened(recording.problems), *shortened(track.problems), *(f'{name:11} {value}' for name, value in summary)]
 
 
 def register_command(folder, recording) -> str:
