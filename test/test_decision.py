@@ -5,7 +5,18 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.decision import calibrated, decide, doubted, scatter, slid, uncertainty, what_holds
+from dbscan_reg_ros.core.alignment import derivatives, normal_equations
+from dbscan_reg_ros.core.decision import (
+    calibrated,
+    decide,
+    doubted,
+    motion_along,
+    motion_around,
+    scatter,
+    slid,
+    uncertainty,
+    what_holds,
+)
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import DecisionParameters, Parameters
 from dbscan_reg_ros.core.records import Prior, Registration, Status
@@ -72,6 +83,19 @@ def test_where_a_way_is_free_with_a_turn_only_both_are_uncertain_together():
     assert math.sqrt(covariance[1, 1]) > 10.0
     assert math.sqrt(covariance[1, 1] / covariance[2, 2]) == pytest.approx(3.0, rel=0.05)
     assert held_while_straight @ covariance @ held_while_straight < 0.01 * covariance[1, 1]
+
+
+def test_around_a_round_room_a_way_turns_and_a_turn_is_a_way():
+    """By all points of its wall, seen 2 m from its middle, which lies on the left."""
+    around = np.exp(2j * np.pi / 360 * np.arange(360))
+    arms = 2j + 3.0 * around
+    rows = derivatives((-around).conj(), arms)
+    information = normal_equations(rows, np.ones(360))
+    along, turn = motion_along(0.0, information, PARAMETERS), motion_around(information, information, PARAMETERS)
+    assert along == pytest.approx([1.0, 0.0, 0.5], rel=1e-6, abs=1e-9)
+    assert turn == pytest.approx([2.0, 0.0, 1.0], rel=0.02, abs=1e-9)
+    assert turn @ information @ turn < 1e-3 * information[2, 2]
+    assert motion_along(0.5 * math.pi, information, PARAMETERS) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
 def test_as_many_points_as_few_double_the_variance():

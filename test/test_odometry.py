@@ -460,6 +460,23 @@ def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_s
         assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])
 
 
+@pytest.mark.parametrize('name', ['plain', 'hokuyo_utm30lx', 'lds'])
+def test_in_a_round_room_way_and_turn_are_as_told(name):
+    """9.4 m around its middle, 1.5 m off it: any way along the wall is free, with its turn."""
+    world = World(outline(as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
+    rng, lidar = np.random.default_rng(1), dataclasses.replace(LIDARS.get(name, Lidar()), duration=0.0)
+    angles = np.linspace(0.0, 2.0 * math.pi, 120)
+    poses = [SE2(1.5 * math.cos(angle), 1.5 * math.sin(angle), angle + 0.5 * math.pi) for angle in angles]
+    spread = np.diag((0.02, 0.02, 0.03)) ** 2
+    odometry, before = Odometry(), poses[0]
+    for k, pose in enumerate(poses):
+        told = Prior(before.inverse() @ pose, spread)
+        update, before = odometry.process(measure(world, pose.as_array()[None], lidar, rng, k * TENTH), told), pose
+    distance, turn = error(update, SE2())
+    assert distance < 0.94 and turn < 0.63
+    assert turn < 3.0 * math.sqrt(update.covariance[2, 2])
+
+
 def test_a_lidar_that_loses_four_beams_of_five_is_followed():
     world = rooms(seed=1)
     recording = simulate(world, follow(world.tour[:4]), Lidar(beams=720, angle_min=-math.pi, angle_increment=math.radians(0.5),

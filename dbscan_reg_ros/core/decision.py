@@ -180,6 +180,23 @@ def _turn_information(shared, information, parameters):
     return turn + along * x + across * y, along, across
 
 
+def motion_along(angle, shared, parameters: DecisionParameters):
+    """``(3,)``: a way of 1 m along `angle` [rad], and the turn [rad] that goes with it by the `shared` information ``(3, 3)``.
+
+    What is held as long as nothing turns, as the way along the wall of a round room is, may be free where it turns.
+    """
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    if min(along @ shared @ along, shared[2, 2]) > parameters.min_information:
+        along[2] = -(shared[2, :2] @ along[:2]) / shared[2, 2]
+    return along
+
+
+def motion_around(information, shared, parameters: DecisionParameters):
+    """``(3,)``: a turn of 1 rad, and the way [m] that goes with it; arguments as for `calibrated`."""
+    _, *way = _turn_information(shared, information, parameters)
+    return np.array((*way, 1.0))
+
+
 def calibrated(information, shared, variance, held: Held, parameters: DecisionParameters):
     """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
 
@@ -193,15 +210,11 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     variance = variance * parameters.covariance_scale
     free, _, free_turn = 1.0 / np.array(parameters.prior_information())
     covariance = inverse(information / variance + np.diag(parameters.prior_information()))
-    along = np.array([math.cos(held.angle), math.sin(held.angle), 0.0])
-    if min(along @ shared @ along, shared[2, 2]) > parameters.min_information:
-        # Held as long as nothing turns: around a round room it is free along the wall, and turns with it.
-        along[2] = -(shared[2, :2] @ along[:2]) / shared[2, 2]
+    along = motion_along(held.angle, shared, parameters)
     extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)
     covariance = covariance + extra * (along[:, None] * along)
     if held.turn < parameters.min_information:
-        _, *way = _turn_information(shared, information, parameters)
-        turn = np.array((*way, 1.0))
+        turn = motion_around(information, shared, parameters)
         covariance = covariance + free_turn * (turn[:, None] * turn)
     return covariance
 

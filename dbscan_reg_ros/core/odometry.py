@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from .alignment import NO_STEP, kernel, normal_equations, shared_information
-from .decision import doubted, judge, match_covariance, match_segments, own_derivatives
+from .decision import doubted, judge, match_covariance, match_segments, motion_along, motion_around, own_derivatives
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
@@ -99,7 +99,7 @@ class Odometry:
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if frame is None:
             return self._coast(features, registration, expected, prior, own, time)
-        return self._follow(standing, frame, pose, registration, expected, prior, time)
+        return self._follow(standing, frame, pose, registration, expected, prior, own, time)
 
     def expected_motion(self, stamp) -> Prior | None:
         """What is expected of the motion to a scan at `stamp` [ns] when nobody tells of it; None before the first scan."""
@@ -232,7 +232,7 @@ class Odometry:
         off = (expected.inverse() @ pose).as_array()
         return mahalanobis(off, covariance) <= (share * self.parameters.prior.limit) ** 2
 
-    def _follow(self, features, frame, pose, registration, expected, prior, time):
+    def _follow(self, features, frame, pose, registration, expected, prior, own, time):
         """The scan is found: align it with the window, and make it a key frame when it is due."""
         p = self.parameters
         registration = doubted(registration, prior, p.decision)
@@ -242,9 +242,13 @@ class Odometry:
         if p.odometry.reference == 'window':
             scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
             strength = max(p.prior.point, features.noise) ** 2 * turned(known, expected.theta)
+            along, around = registration.free_direction, registration.free_turn and prior is not own and known.any()
+            if around:
+                pose = expected
             partners = self._window.partners(pose, features.dense_cloud, p.density)
-            if registration.free_direction is not None:
-                strength = self._stiffened(strength, features, pose, partners, frame.pose.theta + registration.free_direction)
+            if along is not None or around:
+                angle = None if along is None else frame.pose.theta + along
+                strength = self._stiffened(strength, features, pose, partners, angle, around)
             pose = align(partners, pose, expected, strength, scales[:-1], damping)
             # Points that lie close together have other partners soon, points far apart hardly.
             if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
@@ -305,19 +309,26 @@ class Odometry:
                 or math.hypot(moved.x, moved.y) > p.keyframe_distance or abs(moved.theta) > p.keyframe_angle
                 or registration.overlap < p.keyframe_overlap)
 
-    def _stiffened(self, strength, features, pose, partners, angle):
-        """The `strength` of a prior, more along the free direction `angle` [rad].
+    def _stiffened(self, strength, features, pose, partners, angle, around):
+        """The `strength` of a prior, more along the free direction `angle` [rad], if any, and where the turn is free `around`.
 
-        Most of what the points seem to know of it is noise of their normals. The prior counts for as many times more as all
-        their information is more than what both scans agree on.
+        Most of what the points seem to know of such a motion is noise of their normals. The prior counts for as many times
+        more as all their information is more than what both scans agree on.
         """
+        limits = self.parameters.decision
         _, weight = partners.match(NO_STEP, self.parameters.refinement.window_first_scale)
-        along = np.array([math.cos(angle), math.sin(angle), 0.0])
         rows, own = partners.rows[:3], _own_derivatives(features, pose, partners)
-        seeming = along @ normal_equations(rows, weight) @ along
-        shared = along @ shared_information(rows, weight, own) @ along
-        times = seeming / max(shared, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
-        return strength + max(times - 1.0, 0.0) * (along @ strength @ along) * (along[:, None] * along)
+        information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
+        motions = [] if angle is None else [motion_along(angle, shared, limits)]
+        if around:
+            motions.append(motion_around(information, shared, limits))
+        stiffened = strength
+        for motion in motions:
+            seeming, known = motion @ information @ motion, motion @ shared @ motion
+            times = seeming / max(known, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
+            pull = strength @ motion
+            stiffened = stiffened + max(times - 1.0, 0.0) / max(motion @ pull, 1e-12) * (pull[:, None] * pull)
+        return stiffened
 
     def _uncertainty(self, features, pose, partners, free_way=False, free_turn=False):
         """Covariance of the scan's place among the key frames, in its own frame, and what holds it: `decision.match_covariance`."""
