@@ -43,10 +43,14 @@ def test_swapping_the_scans_inverts_the_motion():
     assert (forth @ back).as_array() == pytest.approx(np.zeros(3), abs=0.005)
 
 
-def test_a_clockwise_lidar_sees_the_same_motion():
-    clockwise = ScanGeometry(math.pi, -FULL.angle_increment, FULL.size)
+CLOCKWISE = ScanGeometry(math.pi, -FULL.angle_increment, FULL.size)
+
+
+@pytest.mark.parametrize('geometries', [(CLOCKWISE, CLOCKWISE), (FULL, CLOCKWISE), (CLOCKWISE, FULL)])
+def test_a_clockwise_lidar_sees_the_same_motion(geometries):
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
-    distance, angle = off(register(features(start, clockwise), features(end, clockwise)), start.inverse() @ end)
+    scans = (features(pose, geometry) for pose, geometry in zip((start, end), geometries))
+    distance, angle = off(register(*scans), start.inverse() @ end)
     assert distance < 0.002
     assert angle < 0.002
 

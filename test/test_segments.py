@@ -210,17 +210,18 @@ def test_every_wall_of_a_room_is_found_wherever_the_sensor_looks(parameters, tur
 
 
 def test_a_clockwise_lidar_sees_the_mirrored_room():
-    """Directions follow the beams: walls run the other way, the sensor is on their other side."""
+    """Walls run counter-clockwise whichever way the beams go."""
     mirrored = outline(L_ROOM * (1.0, -1.0))
     clockwise = ScanGeometry(math.pi, -DEGREE, 360)
     found, other = segments_of(outline(L_ROOM)), segments_of(mirrored, geometry=clockwise)
-    np.testing.assert_allclose(other.start, found.start * (1.0, -1.0), atol=1e-5)
-    np.testing.assert_allclose(other.end, found.end * (1.0, -1.0), atol=1e-5)
-    np.testing.assert_allclose(wrap(other.direction + found.direction), 0.0, atol=1e-5)
-    np.testing.assert_array_equal(other.kinds, found.kinds)
+    np.testing.assert_allclose(other.start, found.end * (1.0, -1.0), atol=1e-5)
+    np.testing.assert_allclose(other.end, found.start * (1.0, -1.0), atol=1e-5)
+    np.testing.assert_allclose(wrap(other.direction + found.direction - math.pi), 0.0, atol=1e-5)
+    np.testing.assert_array_equal(other.kinds, found.kinds[:, ::-1])
+    np.testing.assert_array_equal(other.beams, found.beams[:, ::-1])
 
 
-def test_segments_run_with_the_beams():
+def test_segments_run_counter_clockwise():
     found = segments_of(outline(L_ROOM))
     cross = found.start[:, 0] * found.end[:, 1] - found.start[:, 1] * found.end[:, 0]
     assert (cross > 0.0).all()

@@ -42,6 +42,8 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
     normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
+    if scan.geometry.angle_increment < 0.0:
+        segments = segments.reversed()
     return Features(scan, points, beams, normals, segments, left, parameters.density)
 
 

@@ -45,8 +45,8 @@ class Segments:
     Attributes
     ----------
     start, end : (M, 2) float [m]
-        End points on the fitted line: first and last beam, so that a segment is directed and the sensor always
-        lies on the same side.
+        End points on the fitted line, counter-clockwise as the sensor sees them, so that a segment is directed and the
+        sensor always lies on its left.
     direction : (M,) float [rad]
         Angle of the line from start to end, in [-pi, pi).
     length : (M,) float [m]
@@ -57,7 +57,7 @@ class Segments:
     kinds : (M, 2) int
         `EndKind` of start and end.
     beams : (M, 2) int
-        First and last beam.
+        Beams at start and end.
     """
 
     start: np.ndarray
@@ -76,6 +76,11 @@ class Segments:
     def midpoint(self):
         """(M, 2) [m]"""
         return 0.5 * (self.start + self.end)
+
+    def reversed(self):
+        """The same, each from its end to its start."""
+        return dataclasses.replace(self, start=self.end, end=self.start, direction=wrap(self.direction + math.pi),
+                                   kinds=self.kinds[:, ::-1], beams=self.beams[:, ::-1])
 
 
 @dataclass(frozen=True, eq=False)
