@@ -1,5 +1,6 @@
 """What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -83,6 +84,28 @@ def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
         raise error
     assert run(work) == code
     assert capsys.readouterr().err == line
+
+
+def test_a_signal_is_an_interruption_whatever_a_library_makes_of_it():
+    usual = signal.getsignal(signal.SIGUSR1)
+    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1):
+        try:
+            signal.raise_signal(signal.SIGUSR1)
+        except KeyboardInterrupt:
+            raise RuntimeError('unable to convert') from None
+    assert signal.getsignal(signal.SIGUSR1) == usual
+    with pytest.raises(RuntimeError), command_line.interruptible(signal.SIGUSR1):
+        raise RuntimeError('no signal came')
+
+
+def test_an_ignored_signal_stays_ignored():
+    """As nohup wants it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with command_line.interruptible(signal.SIGHUP):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):

@@ -1,9 +1,11 @@
 """What all commands share: the way they take arguments, fail and end."""
 import argparse
 import os
+import signal
 import sys
 import traceback
 from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
@@ -104,6 +106,30 @@ def complain(command, error, verbose=False) -> int:
     code, message = _explain(error)
     print(f'{command}: {message}', file=sys.stderr)
     return code
+
+
+@contextmanager
+def interruptible(*signals):
+    """Turn `signals` that are not ignored into a KeyboardInterrupt, and what libraries make of one back into one.
+
+    rclpy's C++ turns an exception that is raised while it converts a message into one of its own.
+    """
+    came = []
+
+    def interrupt(number, _frame):
+        came.append(number)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
+    try:
+        yield
+    except Exception as error:
+        if came:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _explain(error):

@@ -5,7 +5,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from .command_line import FAILED, add_data, make_parser, run, shortened
+from .command_line import FAILED, add_data, interruptible, make_parser, run, shortened
 
 STARTING = 30
 """The node has to be up after this many seconds."""
@@ -26,17 +26,12 @@ def main(argv=None) -> int:
 
 def demo(args):
     """Play the recording to a node of our own, write the results and print the summary."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
-    recording = _recording(args)
-    out = Path(args.out or Path('results', f'demo-{recording.name}'))
-    out.mkdir(parents=True, exist_ok=True)
-    answers = _play(recording, out, args.params_file)
-    return _report(recording, answers, out)
-
-
-def _interrupt(_number, _frame):
-    raise KeyboardInterrupt
+    with interruptible(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        recording = _recording(args)
+        out = Path(args.out or Path('results', f'demo-{recording.name}'))
+        out.mkdir(parents=True, exist_ok=True)
+        answers = _play(recording, out, args.params_file)
+        return _report(recording, answers, out)
 
 
 def _recording(args):

@@ -1,9 +1,10 @@
 """``play FILE``: publish a recording to a running node."""
 import argparse
+import signal
 import sys
 
 from ..node.ros_arguments import split_arguments
-from .command_line import add_recording, make_parser, run, shortened
+from .command_line import add_recording, interruptible, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -30,7 +31,7 @@ def play(args, ros_arguments):
     from ..recordings import find_recording, open_recording
 
     recording = open_recording(find_recording(args.file, args.data), args.topic)
-    with Player(ros_arguments, args.clock) as player:
+    with interruptible(signal.SIGINT), Player(ros_arguments, args.clock) as player:
         player.wait_for_node(args.wait, answering=args.lockstep)
         scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
         answers = player.play(scans, None if args.lockstep else args.rate)
