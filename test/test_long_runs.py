@@ -12,7 +12,7 @@ from dbscan_reg_ros.benchmarks.trackers import Step
 @pytest.fixture(scope='module')
 def soaked(size):
     """The figures of a drive, and what tells its answers from others."""
-    return soak.in_a_process(soak.drive, size(20_000, 150_000))
+    return soak.in_a_process(soak.drive, size(10_000, 150_000))
 
 
 def test_memory_and_containers_do_not_grow(soaked):
