@@ -12,12 +12,13 @@ from dbscan_reg_ros.benchmarks.courses import strolled
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.alignment import refine
 from dbscan_reg_ros.core.features import extract_features
-from dbscan_reg_ros.core.moving import detached, held_share
+from dbscan_reg_ros.core.moving import detached, held_share, outweighed
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.surface import Cloud
 from dbscan_reg_ros.core.window import KeyFrame, Window
-from dbscan_reg_ros.simulation import Lidar, Person, corridor, follow, rooms, simulate
+from dbscan_reg_ros.simulation import Lidar, Person, World, corridor, follow, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
+from dbscan_reg_ros.simulation.worlds import box
 
 HERE, THERE = SE2(-0.6, 0.3, 0.3), SE2(-0.8, 0.2, 0.1)
 
@@ -122,6 +123,43 @@ def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
     whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
     assert held_share(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
     assert held_share(cloud, np.arange(60)) == pytest.approx(1.0) and held_share(cloud, np.arange(0)) == 0.0
+
+
+def things(*centres, points=4):
+    """So many points close together at each place."""
+    places = (np.array(centres)[:, None] + 0.05 * np.arange(points)).ravel()
+    return Cloud(places, np.ones(len(places), dtype=complex), np.arange(len(places)))
+
+
+def test_a_thing_counts_as_it_is_outweighed():
+    def worth(*centres):
+        return outweighed(things(*centres), 1.1, 0.2, 0.03)[::4].tolist()
+    assert worth(2.0) == [0.03]
+    assert worth(2.0, 2.5) == [0.03, 0.03]
+    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j) == [0.03] * 3
+    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.5] * 4
+    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
+    # Two legs of somebody, and three posts.
+    assert worth(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
+
+
+def racks():
+    """A bare hall with the legs of racks in rows, and a tour of the aisle between them."""
+    hall = outline([(-4.0, -6.0), (31.0, -6.0), (31.0, 6.0), (-4.0, 6.0)])
+    legs = [box(2.7 * bay, y, 0.1, 0.1, 0.0) for bay in range(11) for y in (-2.6, -1.5, 1.5, 2.6)]
+    return World(np.concatenate((hall, *legs)), np.array([(-2.0, 0.0), (29.0, 0.0)]))
+
+
+def test_among_the_legs_of_racks_the_odometry_sets_off():
+    """Each of them may move, and they are all that faces along the aisle."""
+    world = racks()
+    result = simulate(world, follow(world.tour), Lidar(), seed=1)
+    odometry = Odometry()
+    for scan in result.scans[:100]:
+        pose = odometry.process(scan).pose
+    first, last = (SE2.from_array(result.truth[k]) for k in (0, 99))
+    off = (first.inverse() @ last).inverse() @ pose
+    assert math.hypot(off.x, off.y) < 0.1
 
 
 def test_points_in_doubt_count_little():

@@ -253,8 +253,8 @@ def test_ten_intervals_without_a_scan_are_a_gap():
     assert all(time.half == 0.05 for time in found)
 
 
-@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (199, 199), (201, 100)])
-def test_an_interval_counts_between_half_and_twice_the_median(elapsed, taken):
+@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (210, 210), (230, 100)])
+def test_an_interval_counts_between_half_and_about_twice_the_median(elapsed, taken):
     intervals = Intervals()
     for stamp in range(0, 1100, 100):
         intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
@@ -316,6 +316,35 @@ def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
         if i >= 15:
             assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.01)
             assert update.pose.as_array() == pytest.approx([way[0], 0.0, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize('jump', [-50, 3])
+def test_after_a_jump_of_the_stamps_no_motion_is_taken_out_of_a_scan(jump):
+    """The sensor turns, then the stamps jump and it rests."""
+    odometry, increment, updates = Odometry(), 0.1 / FULL.size, []
+    for i in range(40):
+        turning = i < 30
+        turned = np.minimum(0.1 * i + increment * np.arange(FULL.size) * turning, 3.0)
+        angles = FULL.bearings + turned
+        ranges = cast(np.zeros((FULL.size, 2)), np.stack((np.cos(angles), np.sin(angles)), axis=1), ROOM, np.empty((0, 3)))
+        stamp = (i + 500) * TENTH + (0 if turning else jump * SECOND)
+        updates.append(odometry.process(Scan(stamp, ranges, FULL, increment)))
+    assert updates[30].restarted
+    for update in updates[30:]:
+        distance, angle = error(update, updates[30].pose)
+        assert distance < 0.002
+        assert angle < 0.002
+
+
+def test_a_scan_left_out_takes_twice_the_time_and_no_speed():
+    """However the stamps jitter."""
+    odometry, rng, speed = Odometry(), np.random.default_rng(0), 0.5
+    for i in range(60):
+        stamp = i * TENTH + round(rng.normal(0.0, 1e5))
+        if i % 7 != 6:
+            update = odometry.process(dataclasses.replace(scan_at(SE2(0.05 * i - 1.5), i, noise=0.002), stamp=stamp))
+        if i > 7:
+            assert update.twist[0] == pytest.approx(speed, abs=0.15)
 
 
 def test_without_deskewing_a_scan_is_taken_as_it_is():

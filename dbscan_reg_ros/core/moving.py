@@ -93,6 +93,35 @@ def detached(cloud: Cloud, size, margin, closed):
     return np.roll(found, shift) if shift else found
 
 
+def outweighed(cloud: Cloud, size, margin, least):
+    """What the points of things that may move count, as there are more of them elsewhere.
+
+    One thing that goes along with the sensor makes it seem to stand; several, each in a place of its own, do not move as one.
+    A thing counts in full where those that are not beside it weigh four times as much, and the `least` below twice as much.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        P points of such things.
+    size : float [m]
+        Things no farther apart than this may be one.
+    margin : float [m]
+        As in `detached`.
+    least : float
+
+    Returns
+    -------
+    (P,) array
+        From `least` to 1.
+    """
+    thing = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
+    each = cloud.weighed(np.ones(len(cloud)))
+    weight, centre = np.bincount(thing, each), np.bincount(thing, cloud.points.real) + 1j * np.bincount(thing, cloud.points.imag)
+    centre /= np.bincount(thing)
+    party = (np.abs(centre[:, None] - centre) <= size) @ weight
+    return np.clip(0.5 * (weight.sum() - party) / np.maximum(party, 1e-9) - 1.0, least, 1.0)[thing]
+
+
 def held_share(cloud: Cloud, chosen):
     """What share of all that holds the translation those points have that `chosen`, indices, picks: that of the direction in
     which it is greatest, from 0 to 1.

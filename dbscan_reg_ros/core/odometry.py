@@ -11,7 +11,7 @@ from .decision import doubted, judge, match_covariance, match_segments, motion_a
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
-from .moving import detached, held_share
+from .moving import detached, held_share, outweighed
 from .parameters import Parameters
 from .posts import with_posts
 from .records import OdometryUpdate, Prior, Registration, Status
@@ -84,7 +84,8 @@ class Odometry:
         """
         p = self.parameters
         timed = p.odometry.deskew and 0.0 < abs(scan.time_increment) * scan.geometry.size < p.time.jump
-        features = extract_features(deskew(scan, self._twist) if timed else scan, p)
+        skewed = timed and not self._intervals.jumps(scan.stamp, p.time)
+        features = extract_features(deskew(scan, self._twist) if skewed else scan, p)
         if p.odometry.post_size:
             features = with_posts(features, p.odometry.post_size, p.segments)
         half = scan.time_increment * float(features.beams.mean()) if timed else 0.0
@@ -121,9 +122,10 @@ class Odometry:
             movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
         if not len(movable):
             return features
-        seen = self._window.confirmed(pose, features.dense_cloud.select(movable), p.movable_distance,
-                                      self.parameters.refinement.score_scale, self.parameters.density.facing)
-        return features.doubting(movable, np.maximum(seen, p.movable_worth))
+        things = features.dense_cloud.select(movable)
+        seen = self._window.confirmed(pose, things, p.movable_distance, self.parameters.refinement.score_scale,
+                                      self.parameters.density.facing)
+        return features.doubting(movable, np.maximum(seen, outweighed(things, p.movable_size, p.moving_margin, p.movable_worth)))
 
     def _own_prior(self, time):
         """The last motion once more; its spread grows with the interval and with the motion itself."""
@@ -199,7 +201,7 @@ class Odometry:
         if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
             return registration, standing
         there = self._standing(features, frame.pose @ registration.transform)
-        if there.normals is features.normals:
+        if there.normals is standing.normals:
             return registration, standing
         return register(frame.features, there, self._search, guess), there
 

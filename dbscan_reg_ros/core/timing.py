@@ -13,7 +13,7 @@ class Interval:
     Attributes
     ----------
     interval : float [s]
-        The running median where the stamps' own difference lies outside half to twice of it; 0 while nothing is known.
+        The running median where the stamps' own difference lies outside half to about twice of it; 0 while nothing is known.
     elapsed : float [s]
         The stamps' own difference, 0 for stamps that go back.
     half : float [s]
@@ -38,6 +38,8 @@ class Interval:
 _GAP = 10.0
 # No lidar is faster [s].
 _LEAST = 0.001
+# Where one scan is left out the stamps are two intervals apart, give or take what they jitter.
+_TWICE = 2.2
 
 
 class Intervals:
@@ -60,7 +62,11 @@ class Intervals:
         if elapsed > _LEAST:
             self._recent.append(elapsed)
         usual = self._median()
-        return Interval(elapsed if 0.5 * usual <= elapsed <= 2.0 * usual else usual, max(elapsed, 0.0), half)
+        return Interval(elapsed if 0.5 * usual <= elapsed <= _TWICE * usual else usual, max(elapsed, 0.0), half)
+
+    def jumps(self, stamp, parameters: TimeParameters) -> bool:
+        """Whether a scan at `stamp` [ns] would lie more than `time.jump` away from the last."""
+        return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.jump
 
     def _median(self):
         return median(self._recent) if self._recent else 0.0
