@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dbscan_reg_ros import RecordingError
-from dbscan_reg_ros.commands.compare import main
+from dbscan_reg_ros import Parameters, RecordingError
+from dbscan_reg_ros.commands.compare import Competitor, main
 from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.recordings import KnownMotion
 from dbscan_reg_ros.replays.comparison import Paired, difference, paired
 from dbscan_reg_ros.replays.track import Track
@@ -81,6 +82,12 @@ def test_a_worse_set_is_found_and_the_exit_status_says_so(compare, tmp_path):
     assert (folder / 'table.txt').read_text() in printed.out
     assert 0.005 < 1.0 - imread(folder / 'comparison.png')[..., :3].mean() < 0.3
     assert compare(tmp_path / 'bad.yaml', 'defaults')[0] == 0
+
+
+def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
+    node, odometry = (Competitor(NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
+                      for name in ('prior.source', 'odometry.prior'))
+    assert node == odometry != Parameters().odometry
 
 
 def test_a_baseline_is_compared_like_a_parameter_set(compare):

@@ -11,7 +11,7 @@ from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.recordings import metrics, open_recording
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.recordings.trajectories import read_csv, read_tum, write_csv, write_tum
-from dbscan_reg_ros.recordings.truth import find_relations, interpolate, load_relations
+from dbscan_reg_ros.recordings.truth import Relations, find_relations, interpolate, load_relations
 
 
 @pytest.fixture(scope='module')
@@ -63,6 +63,12 @@ def test_every_measure_agrees_with_the_yardstick_where_scans_are_missing(data, i
     ours = metrics.evaluate(poses, stamps[kept], relations, reference[kept])
     assert 600 < ours['relations'] < 700
     assert max(abs(ours[key] - theirs[key]) for key in ours) < 1e-9
+
+
+def test_without_scans_no_relation_joins_any():
+    relations = Relations(np.array([[1_000_000_000, 2_000_000_000]]), np.zeros((1, 3)))
+    first, second, found = metrics.related([], relations)
+    assert not len(first) and not len(second) and found.tolist() == [False]
 
 
 def test_673_of_the_relations_join_neighbours(intel):

@@ -17,7 +17,7 @@ from dbscan_reg_ros.core.registration import register
 from dbscan_reg_ros.core.ring_band import Outcome
 from dbscan_reg_ros.figures.overlay import ellipse
 from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, draw_figures
-from dbscan_reg_ros.figures.steps import Steps
+from dbscan_reg_ros.figures.steps import ScanSteps, Steps
 from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.files import replacing
@@ -170,6 +170,13 @@ def test_the_steps_are_those_of_the_registration(pair):
     assert steps.rotations.phi[steps.rotation] == pytest.approx(steps.registration.transform.theta, abs=0.02)
     distances, k = steps.rotation_distances()
     assert k == 1 and distances[-1] < steps.rotations.sigma < distances[0]
+
+
+def test_the_filter_is_drawn_as_the_registration_had_it(data):
+    """Beside outliers, which make the ranges seem noisier before they are gone."""
+    for scan in itertools.islice(open_recording(data / 'intel' / 'intel.log.gz').scans(), 100, 160, 20):
+        steps = ScanSteps.of(scan, Parameters())
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(steps.filtered[:, 0])), steps.features.beams)
 
 
 def test_points_beyond_the_limits_of_the_parameters_are_not_measured(pair):

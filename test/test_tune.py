@@ -14,7 +14,7 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.commands.tune import main
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.parameter_files import read_parameters, write_parameters
-from dbscan_reg_ros.tuning.objective import cost_of
+from dbscan_reg_ros.tuning.objective import HOPELESS, cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
 
@@ -61,7 +61,7 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
     ('refinement.windowscale', "did you mean 'refinement.window_scale'"), ('rotation.sigma', 'rotation.sigma=LOW:HIGH'),
     ('refinement.window_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.window_scale=2:1', 'lower bound below'),
     ('refinement.window_scale=0.1:99', 'refinement.window_scale = 99'), ('rotation.directed=0:1', 'has no range'),
-    ('laser_pose', 'cannot be searched'),
+    ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'), ('segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
     with pytest.raises(ParameterError, match=re.escape(says)):
@@ -147,6 +147,16 @@ def test_consistency_tells_bad_parameters_without_truth(recordings):
     good, bad = (cost_of(recordings / 'a', None, NodeParameters().replace(values), 'consistency', 120)
                  for values in ({}, BAD))
     assert 0.0 < 1.5 * good < bad
+
+
+def test_too_little_of_a_drive_is_hopeless_and_ends_no_search(recordings):
+    assert cost_of(recordings / 'a', None, NodeParameters(), limit=5) == HOPELESS
+
+
+def test_a_node_without_any_prior_is_judged_as_the_odometry_that_it_runs(recordings):
+    usual, node, odometry = (cost_of(recordings / 'a', None, NodeParameters().replace(values), limit=60)
+                             for values in ({}, {'prior.source': 'none'}, {'odometry.prior': 'none'}))
+    assert node == odometry != usual
 
 
 def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):

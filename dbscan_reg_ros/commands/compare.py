@@ -72,7 +72,7 @@ class Competitor:
         """What has ``process(scan)``, at its start."""
         from ..benchmarks.trackers import tracker
         from ..core.odometry import Odometry
-        return Odometry(self.parameters) if self.parameters else tracker(self.method)
+        return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
 
 
 def track_one(path, topic, competitor):

@@ -22,14 +22,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
         When fewer than `scan.min_returns` beams have a return.
     """
     limits = parameters.scan
-    raw = usable_points(scan, limits)
-    valid = np.isfinite(raw[:, 0])
-    returns = int(np.count_nonzero(valid))
-    if returns < limits.min_returns:
-        raise ScanError(f'{returns} of {scan.geometry.size} beams have a return; scan.min_returns asks for '
-                        f'{limits.min_returns}')
-    noise = estimate_noise(scan.ranges[valid].astype(float), limits)
-    filtered, _ = ring_band_filter(raw, noise, parameters.filter)
+    filtered, _, returns, noise = filtered_points(scan, parameters)
     beams = np.isfinite(filtered[:, 0]).nonzero()[0]
     points = filtered[beams]
     if len(points) < limits.min_returns:
@@ -45,6 +38,36 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     if scan.geometry.angle_increment < 0.0:
         segments = segments.reversed()
     return Features(scan, points, beams, normals, segments, left, parameters.density)
+
+
+def filtered_points(scan: Scan, parameters: Parameters):
+    """What the ring band filter leaves of a scan.
+
+    Returns
+    -------
+    points : (N, 2) array [m]
+        Not finite without a return, or when removed.
+    outcome : (N,) int array
+        What it did with each beam, an `Outcome`.
+    returns : int
+        That there were before.
+    noise : float
+        Standard deviation of their ranges [m].
+
+    Raises
+    ------
+    ScanError
+        When fewer than `scan.min_returns` beams have a return.
+    """
+    limits = parameters.scan
+    raw = usable_points(scan, limits)
+    valid = np.isfinite(raw[:, 0])
+    returns = int(np.count_nonzero(valid))
+    if returns < limits.min_returns:
+        raise ScanError(f'{returns} of {scan.geometry.size} beams have a return; scan.min_returns asks for '
+                        f'{limits.min_returns}')
+    noise = estimate_noise(scan.ranges[valid].astype(float), limits)
+    return *ring_band_filter(raw, noise, parameters.filter), returns, noise
 
 
 def usable_points(scan, limits):

@@ -32,7 +32,7 @@ def mahalanobis(off, covariance):
 
 
 def solve(equations, damping):
-    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``; the damping is relative to each one's own trace.
+    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``; the damping is relative to the trace of each one's translational part.
 
     The left side is the upper left 3 x 3 of each, the right side the last column.
     """

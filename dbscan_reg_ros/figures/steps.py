@@ -4,11 +4,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.clustering import k_distances
-from ..core.features import extract_features, usable_points
+from ..core.features import extract_features, filtered_points, usable_points
 from ..core.parameters import Parameters
 from ..core.records import Features, Registration
 from ..core.registration import register
-from ..core.ring_band import ring_band_filter
 from ..core.rotation import Rotations, estimate_rotations, pair_weights
 from ..core.scan import Scan
 from ..core.se2 import as_complex, wrap
@@ -42,7 +41,7 @@ class ScanSteps:
         """Raises ScanError when the scan has too few returns."""
         features = extract_features(scan, parameters)
         measured = usable_points(scan, parameters.scan)
-        filtered, outcome = ring_band_filter(measured, features.noise, parameters.filter)
+        filtered, outcome, *_ = filtered_points(scan, parameters)
         points = as_complex(features.points)
         breaks = find_breaks(points, np.abs(points), features.beams, scan.geometry, features.noise, parameters.segments)
         return cls(features, measured, filtered, outcome, breaks)

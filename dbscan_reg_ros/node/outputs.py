@@ -73,7 +73,7 @@ class Outputs:
             self.publish_pictures()
 
     def _renew_map(self, update):
-        """Keep the key frames that the odometry keeps."""
+        """Keep the last `odometry.window` key frames."""
         if update.registration is None:
             self._key_frames.clear()
         if update.reference_changed:

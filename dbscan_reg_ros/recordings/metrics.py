@@ -152,6 +152,8 @@ def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
 def _scans_at(stamps, moments):
     """For each moment ``(R,)`` [ns] the index of its scan, and whether there is one."""
     stamps = np.asarray(stamps, dtype=np.int64)
+    if not len(stamps):
+        return np.zeros(len(moments), dtype=int), np.zeros(len(moments), dtype=bool)
     order = np.argsort(stamps, kind='stable')
     place = np.searchsorted(stamps[order], moments - SAME_SCAN_WITHIN // 2)
     index = order[np.minimum(place, len(stamps) - 1)]

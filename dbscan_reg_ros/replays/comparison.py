@@ -17,6 +17,10 @@ DRAWS = 2000
 MEASURES = ('m', 'deg')
 
 
+class TooShort(RecordingError):
+    """Too little of the motion is known to judge it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Paired:
     """Errors of the same motions found in two ways.
@@ -76,7 +80,7 @@ def paired(known, track_a, track_b) -> Paired:
     Raises
     ------
     RecordingError
-        When nothing is known of the true motion, or too little of it.
+        When nothing is known of the true motion; `TooShort` when too little of it.
     """
     both = np.array(track_a.used) & np.array(track_b.used)
     rows = [both[np.array(track.used)] for track in (track_a, track_b)]
@@ -95,8 +99,8 @@ def paired(known, track_a, track_b) -> Paired:
     else:
         raise RecordingError('nothing is known of the true motion; expected poses, relations or reference.csv')
     if len(first) < FEWEST_BLOCKS:
-        raise RecordingError(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive or more '
-                             'of its scans')
+        raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive or more '
+                       'of its scans')
     a, b = (np.array(errors(relative(found[first], found[second]), motions)) for found in poses)
     block = int(np.ceil(BLOCK_METRES * len(first) / max(length, BLOCK_METRES)))
     return Paired(a, b, min(block, len(first) // FEWEST_BLOCKS))

@@ -56,8 +56,7 @@ class Loops:
         number, self._count = self._count, self._count + 1
         if update.reference_changed:
             found = update.registration
-            known = found is not None and found.status is not Status.FAILED and not update.restarted
-            covariance = found.covariance + np.diag(STEP_SPREAD) ** 2 if known else np.diag(UNKNOWN_SPREAD) ** 2
+            covariance = found.covariance + np.diag(STEP_SPREAD) ** 2 if found else np.diag(UNKNOWN_SPREAD) ** 2
             self._frames.append(Stop(number, update.features, covariance))
 
     def close(self, poses, parameters, yaw=0.0):

@@ -13,12 +13,12 @@ from ..core.se2 import SE2
 from ..recordings import KnownMotion, open_recording
 from ..recordings.metrics import apart, errors, path_lengths
 from ..recordings.poses import relative
-from ..replays.comparison import METRES, paired
+from ..replays.comparison import METRES, TooShort, paired
 from ..replays.track import Track, track_of
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
 HOPELESS = 1e3
-"""Cost [m] of parameters that cannot be judged: no scan is used, or nothing moves."""
+"""Cost [m] of parameters that cannot be judged: hardly a scan is used, or nothing moves."""
 LOOPS = 30
 LOOP_METRES, LOOP_NEAR = 10.0, 1.0
 """A loop closes where the way since an earlier scan is at least this long and that scan at most this far away."""
@@ -35,11 +35,14 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
     RecordingError
         When the recording cannot be read, or `objective` is ``truth`` and nothing is known of it.
     """
-    known = _known(path, topic)
+    known, parameters = _known(path, topic), parameters.for_odometry()
     scans = list(itertools.islice(open_recording(path, topic).scans(), limit))
     if objective == 'truth' or objective == 'auto' and (known.truth or known.relations):
         track = track_of(scans, parameters)
-        return float(paired(known, track, track).a[0].mean()) if len(track.poses) > 1 else HOPELESS
+        try:
+            return float(paired(known, track, track).a[0].mean())
+        except TooShort:
+            return HOPELESS
     return _inconsistency(scans, parameters)
 
 

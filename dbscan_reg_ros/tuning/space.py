@@ -57,12 +57,12 @@ def read_axis(text, parameters) -> Axis:
     if name not in descriptions:
         raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
     d = descriptions[name]
+    if d.read_only or not d.choices and d.type not in (int, float, bool):
+        raise ParameterError(f'{name}: cannot be searched')
     if d.type is bool or d.choices:
         if given:
             raise ParameterError(f'{text}: {name} has no range; every value is tried')
         return Axis(name, d.type, choices=tuple(d.choices or (False, True)))
-    if d.type not in (int, float) or d.read_only:
-        raise ParameterError(f'{name}: cannot be searched')
     if given:
         try:
             low, high = (float(word) for word in given.split(':'))
@@ -73,10 +73,10 @@ def read_axis(text, parameters) -> Axis:
         high = min(d.default * FACTOR, math.inf if d.maximum is None else d.maximum)
     else:
         raise ParameterError(f'{name}: its default is {d.default}; say what to search, {name}=LOW:HIGH')
-    if not low < high:
-        raise ParameterError(f'{text}: expected a lower bound below the upper one')
     if d.type is int:
         low, high = math.ceil(low), math.floor(high)
+    if not low < high:
+        raise ParameterError(f'{text}: expected a lower bound below the upper one')
     for value in (low, high):
         check(d, d.type(value))
     return Axis(name, d.type, low, high)
