@@ -240,18 +240,28 @@ def test_several_recordings_in_several_processes_give_what_one_gives(data, repla
     for name, length in (('a', 80), ('b', 60)):
         with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
             (tmp_path / f'{name}.log').write_text(''.join(itertools.islice(whole, length)))
-    files = [tmp_path / 'a.log', tmp_path / 'b.log', tmp_path / 'absent.log', tmp_path / 'a.log']
+    absent = [tmp_path / 'absent.log', tmp_path / 'missing.log']
+    files = [tmp_path / 'a.log', tmp_path / 'b.log', *absent, tmp_path / 'a.log']
     assert replay(*files, '--processes', 1) == 2
     once = {name: (tmp_path / name / 'latest' / 'trajectory.tum').read_bytes() for name in 'ab'}
     capfd.readouterr()
     assert replay(*files, '--processes', 2) == 2
     out, error = capfd.readouterr()
-    assert error == f'replay: {tmp_path}/absent.log: cannot be read: No such file or directory\n'
+    assert error == ''.join(f'replay: {path}: cannot be read: No such file or directory\n' for path in absent)
     assert len(re.findall('^results', out, re.MULTILINE)) == 3
     assert len(names(tmp_path / 'a')) == 5 and len(names(tmp_path / 'b')) == 3
     for name, trajectory in once.items():
         for folder in (tmp_path / name).iterdir():
             assert (folder / 'trajectory.tum').read_bytes() == trajectory and names(folder) == FILES
+
+
+def test_a_reader_that_goes_away_is_no_failed_recording(data, root, tmp_path):
+    words = ['replay', str(data / 'lms511' / 'static'), '--processes', '1']
+    with subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path, stdout=subprocess.PIPE,
+                          env=os.environ | {'PYTHONPATH': str(root)}, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait(60) == 1
 
 
 def test_an_interrupted_replay_keeps_what_it_has(replay, tmp_path, capsys, monkeypatch):

@@ -34,9 +34,12 @@ def replay(args):
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         for future in [executor.submit(replay_one, job) for job in jobs]:
             try:
-                print('\n'.join(future.result()), flush=True)
+                lines = future.result()
             except Exception as error:  # noqa: BLE001 - the other recordings go on
-                code = code or complain('replay', error, args.verbose)
+                failed = complain('replay', error, args.verbose)
+                code = code or failed
+            else:
+                print('\n'.join(lines), flush=True)
     return code
 
 
