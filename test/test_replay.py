@@ -59,6 +59,7 @@ def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys,
     assert stamps.tolist() == open_recording(data / path).stamps() and len(stamps) == count and stamps[0] == first
     assert poses[0].tolist() == [0.0, 0.0, 0.0] and np.isfinite(poses).all()
     assert 0.003 < picture(latest / 'map.png').mean() < 0.5
+    assert (orange(latest / 'map.png') > 300) == bool(more)
     printed = capsys.readouterr().out
     assert re.search(rf'^scans +{count} lost 0 ', printed, re.MULTILINE)
     assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan', printed, re.MULTILINE)
@@ -166,11 +167,20 @@ def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_
 
 
 def test_corrected_poses_in_the_log_are_the_truth(replay, tmp_path, capsys):
-    assert replay('aces/aces.log.gz') == 0
+    assert replay('aces/aces.log.gz', '--close-loops') == 0
     printed = capsys.readouterr().out
     assert re.search(r'(?ms)^over 1 m +mean \d+\.\d+ m .*^over 5 m +mean .*^position +\d+\.\d+ m', printed)
-    stamps, _ = read_tum(tmp_path / 'aces' / 'latest' / 'truth.tum')
-    assert stamps.tolist() == read_tum(tmp_path / 'aces' / 'latest' / 'trajectory.tum')[0].tolist()
+    latest = tmp_path / 'aces' / 'latest'
+    stamps, _ = read_tum(latest / 'truth.tum')
+    assert stamps.tolist() == read_tum(latest / 'trajectory.tum')[0].tolist()
+    assert min(orange(latest / name) for name in ('map.png', 'map_closed.png')) > 300
+
+
+def orange(path):
+    """How many points of a picture have the colour of the truth."""
+    from matplotlib.image import imread
+    red, green, blue = imread(path)[..., :3].transpose(2, 0, 1)
+    return int(((red > 0.8) & (np.abs(green - 0.5) < 0.15) & (blue < 0.3)).sum())
 
 
 @pytest.mark.parametrize('path', ['aces/aces.log.gz', 'intel/intel.log.gz'])

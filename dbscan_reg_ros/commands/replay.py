@@ -96,25 +96,31 @@ def write_results(folder, recording, track, spots, parameters, loops=None) -> li
 
     from ..plots import density_map, draw_map
     from ..recordings import KnownMotion, interpolate, write_tum
+    from ..recordings.metrics import align
     from ..replays.report import write_report
     from ..replays.summary import summarise, write_metrics
 
     known, poses = KnownMotion.of(recording), track.pose_array()
     measures = track.measures() | known.measures(track.stamps, poses)
+    way, there = None, np.zeros(len(poses), dtype=bool)
+    if known.truth:
+        way = interpolate(*known.truth, track.stamps)
+        there = np.isfinite(way).all(axis=1)
+        write_tum(folder / 'truth.tum', np.array(track.stamps, dtype=np.int64)[there], way[there])
+
+    def draw(file, poses, title):
+        density = density_map(track.usable(recording.scans()), poses)
+        draw_map(folder / file, density, poses, title, align(way[there], poses[there]) if there.sum() > 1 else None)
+        return density
+
     if loops:
         closed, pairs = loops.close(poses, parameters.for_odometry(), track.yaw)
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in known.measures(track.stamps, closed).items()}
         write_tum(folder / 'closed.tum', track.stamps, closed)
-        draw_map(folder / 'map_closed.png', density_map(track.usable(recording.scans()), closed), closed,
-                 f'{recording.name}: {len(poses)} scans, {len(pairs)} places seen again')
+        draw('map_closed.png', closed, f'{recording.name}: {len(poses)} scans, {len(pairs)} places seen again')
     write_metrics(folder / 'metrics.json', recording, measures)
-    if known.truth:
-        at = interpolate(*known.truth, track.stamps)
-        there = np.isfinite(at).all(axis=1)
-        write_tum(folder / 'truth.tum', np.array(track.stamps, dtype=np.int64)[there], at[there])
     title = f'{recording.name}: {len(poses)} scans'
-    density = density_map(track.usable(recording.scans()), poses)
-    draw_map(folder / 'map.png', density, poses, title)
+    density = draw('map.png', poses, title)
     summary = summarise(measures)
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
                  spots.found(), parameters, register_command(folder, recording))
