@@ -1,6 +1,7 @@
 """Conversion: every format into every other and back, and what must survive."""
 import gzip
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -119,6 +120,13 @@ def test_a_time_range_and_topics_are_kept(data, tmp_path):
     assert counts == {'/scan': len(expected)} and 90 < len(expected) < 110
 
 
+@pytest.mark.parametrize('storage', conversion.STORAGES)
+def test_an_end_beyond_all_time_keeps_everything(data, tmp_path, storage):
+    convert(data / 'lms511' / 'static', tmp_path / 'first', storage=storage)
+    counts, _ = convert(tmp_path / 'first', tmp_path / 'all', end=1e300)
+    assert counts == {'/scan': 173}
+
+
 def test_a_time_range_of_a_log_follows_the_increasing_times(data, tmp_path):
     convert(data / 'intel' / 'intel.log.gz', tmp_path / 'part.log', start=100.0, end=200.0)
     stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
@@ -160,6 +168,9 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
     assert len(problems) == 1 and problems[0].startswith('bag: damaged message on /scan skipped')
     counts, problems = convert(tmp_path / 'bag', tmp_path / 'a.log')
     assert counts == {'ROBOTLASER1': 2} and len(problems) == 1
+    with pytest.raises(RecordingError, match='bag: damaged message on /scan skipped'):
+        convert(tmp_path / 'bag', tmp_path / 'none.bag', start=1e-9, end=1e-9)
+    assert not (tmp_path / 'none.bag').exists()
 
 
 @pytest.mark.parametrize('target', ['bag', 'a.bag', 'a.log.gz'])
@@ -198,6 +209,11 @@ def break_off(patch, count, error):
     ('lms511/static', 'a.log', {'topic': '/odom'}, "no scans on '/odom'"),
     ('lms511/static', 'a.log', {'topics': ['/scan']}, 'topics to keep \\(/scan\\) are for bags'),
     ('lms511/static', 'b', {'topic': '/scan'}, 'one topic of scans \\(/scan\\) is for logs'),
+    ('lms511/static', 'b', {'start': 50.0, 'end': 10.0}, 'from 50 to 10 s: expected a start of 0 s or later, and an end'),
+    ('lms511/static', 'b', {'end': math.nan}, 'from 0 to nan s: expected'),
+    *((source, target, {'start': start}, f'from {start:g} to inf s: no message to keep; the recording goes on for {length}')
+      for source, length in (('aces/aces.log.gz', 1318), ('lms511/static', 6))
+      for target in ('b', 'b.bag', 'b.log', 'b.log.gz') for start in (1e5, math.inf)),
     ('intel/absent.log', 'b', {}, 'cannot be read'),
     ('intel/pairs.csv', 'b', {}, 'holds no laser scan'),
 ])

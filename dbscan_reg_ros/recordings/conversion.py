@@ -15,6 +15,8 @@ from .messages import MessageMaker
 from .recording import is_bag, open_recording
 
 SECOND = 1_000_000_000
+LONGEST = 4e9
+"""No recording goes on for so long [s]."""
 STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/scan': LASER_SCAN}
 """What a CARMEN log becomes in a bag; one without odometry only has scans."""
@@ -53,11 +55,13 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     Raises
     ------
     RecordingError
-        When `source` cannot be read, `target` exists or cannot be made, or a topic is missing.
+        When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or nothing would be kept.
     """
     source, target = Path(source), Path(target)
     progress = progress or (lambda items, total: items)
     check_target(target)
+    if not 0.0 <= start <= end:
+        raise RecordingError(f'from {start:g} to {end:g} s: expected a start of 0 s or later, and an end that is not before it')
     from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
     if to_log and topics:
         raise RecordingError(f'{target}: topics to keep ({", ".join(topics)}) are for bags; a log takes the scans of one topic')
@@ -88,11 +92,20 @@ def check_target(target):
 def _timed(records, start, end):
     """Record time [ns], always increasing, and record, of those from `start` to `end` [s] after the first."""
     first = time = None
+    passed, kept = 0.0, False
     for record in records:
         time = record.scan.stamp if time is None else max(record.scan.stamp, time + 1)
         first = time if first is None else first
-        if start <= (time - first) / SECOND <= end:
+        passed = (time - first) / SECOND
+        if start <= passed <= end:
+            kept = True
             yield time, record
+    if not kept:
+        raise _nothing(start, end, passed)
+
+
+def _nothing(start, end, length):
+    return RecordingError(f'from {start:g} to {end:g} s: no message to keep; the recording goes on for {length:.3f} s')
 
 
 def write_log(target, records) -> Counter:
@@ -138,8 +151,8 @@ def _bag_to_bag(source, target, topics, start, end, storage, progress):
         if not reader.message_count:
             raise RecordingError(f'{source}: holds no message')
         connections = [c for c in reader.connections if not topics or c.topic in topics]
-        window = {'start': reader.start_time + round(start * SECOND)}
-        if math.isfinite(end):
+        window = {'start': reader.start_time + round(min(start, LONGEST) * SECOND)}
+        if end < LONGEST:
             window['stop'] = reader.start_time + round(end * SECOND) + 1
         messages = safely(reader, connections, problems.append, **window)
         with bag_writer(target, storage) as writer:
@@ -152,6 +165,8 @@ def _bag_to_bag(source, target, topics, start, end, storage, progress):
                     continue
                 writer.write(written[connection.id, connection.owner], time, message)
                 counts[connection.topic] += 1
+            if not counts:
+                raise RecordingError(problems[0]) if problems else _nothing(start, end, reader.duration / SECOND)
     return counts, problems
 
 
