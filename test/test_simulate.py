@@ -136,7 +136,22 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path, capsys, words, says):
     assert says in error and error.count('\n') == 1 and list(tmp_path.iterdir()) == []
 
 
+def test_a_ros_1_bag_is_made_by_convert(tmp_path, capsys):
+    assert main([str(tmp_path / 'a.bag'), *SHORT]) == 2
+    assert 'a.bag: expected NAME.log' in capsys.readouterr().err and list(tmp_path.iterdir()) == []
+
+
+def test_a_lidar_may_see_far_things_only(simulated):
+    scans = open_recording(simulated('bag', '--range-min', 12, '--outliers', 0.1)).scans()
+    ranges = np.concatenate([scan.ranges for scan in scans])
+    assert ranges.min() == 12.0 and np.isfinite(ranges).mean() > 0.1
+
+
 def test_nothing_is_overwritten(simulated, tmp_path, capsys):
     before = simulated('a.log').read_bytes()
     assert main([str(tmp_path / 'a.log'), *SHORT]) == 2
-    assert 'exists already' in capsys.readouterr().err and (tmp_path / 'a.log').read_bytes() == before
+    assert 'a.log: exists already' in capsys.readouterr().err and (tmp_path / 'a.log').read_bytes() == before
+    (tmp_path / 'b.log.png').write_text('mine')
+    assert main([str(tmp_path / 'b.log'), *SHORT]) == 2
+    assert 'b.log.png: exists already' in capsys.readouterr().err and not (tmp_path / 'b.log').exists()
+    assert (tmp_path / 'b.log.png').read_text() == 'mine'

@@ -66,19 +66,20 @@ def simulate(args):
     from ..recordings.conversion import check_target
     from ..simulation import simulate as record
     from ..simulation import wheel_odometry, yaw_rates
-    from ..simulation.sensors import RobotRecording
+    from ..simulation.sensors import RobotRecording, check_simulated
 
     check_limits(args)
     lidar = chosen_lidar(args)
     target = Path(args.target)
-    check_target(target)
+    picture = target.with_name(f'{target.name}.png')
+    check_simulated(target)
+    check_target(picture)
     world, path = world_and_path(args)
     simulation = record(world, path, lidar, args.seed)
     wheels = wheel_odometry(path, seed=args.seed, scale=args.wheel_scale, noise=args.wheel_noise, slips=args.slip)
     turning = yaw_rates(path, seed=args.seed, bias=args.gyro_bias, noise=args.gyro_noise)
     counts = RobotRecording(simulation, wheels, turning).write(target)
     print(f'{target}  ' + ', '.join(f'{count} {name}' for name, count in counts.items()))
-    picture = target.with_name(f'{target.name}.png')
     plot_world(picture, world.segments, world.circles, path.poses, [person.route for person in world.people],
                f'{args.world}, seed {args.seed}: {path.length:.0f} m in {path.duration:.0f} s')
     print(f'{picture}  the floor plan and the path')

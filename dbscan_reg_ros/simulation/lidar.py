@@ -68,7 +68,7 @@ class Lidar:
         spread = np.maximum(self.noise, self.noise_share * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)
         kind = rng.random(number)
-        random = rng.uniform(self.range_min, min(OUTLIER_RANGE, self.range_max), number)
+        random = rng.uniform(self.range_min, max(self.range_min, min(OUTLIER_RANGE, self.range_max)), number)
         ranges = np.where(kind < self.outliers, random, ranges)
         if self.resolution:
             ranges = self.resolution * np.round(ranges / self.resolution)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import RecordingError
 from ..core.se2 import SE2
 from ..message_fields import header_fields, pose_fields, scan_fields
 from ..recordings import interpolate
@@ -48,10 +49,10 @@ class RobotRecording:
         Raises
         ------
         RecordingError
-            When `target` exists or cannot be made.
+            As from `check_simulated`.
         """
         target = Path(target)
-        check_target(target)
+        check_simulated(target)
         if target.name.endswith(('.log', '.log.gz')):
             return write_log(target, self._records())
         maker, counts = MessageMaker(), Counter()
@@ -83,6 +84,14 @@ class RobotRecording:
              for stamp, pose in zip(*self.wheels, strict=True)),
             ((int(stamp), '/imu', _turning(stamp, rate)) for stamp, rate in zip(*self.turning, strict=True)),
             key=lambda message: message[0])
+
+
+def check_simulated(target):
+    """RecordingError where `target` exists, cannot be made, or is to be a ROS 1 bag."""
+    check_target(target)
+    if target.suffix == '.bag':
+        raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without ending; '
+                             'convert makes a ROS 1 bag of it')
 
 
 def _odometry(stamp, frame, child, pose):
