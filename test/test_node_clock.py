@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, distances, played, pose_of, said
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import SetBool, Trigger
 
 from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.node.messages import stamp_from_message, stamp_to_message
@@ -64,6 +65,48 @@ def test_a_clock_that_goes_far_back_starts_the_odometry_anew(start_node, player,
     assert pose_of(player.play(scans[20:21]).messages[0]) == SE2()
 
 
+@pytest.mark.parametrize('back', [3, 1000])
+def test_a_single_scan_far_back_in_time_is_skipped_with_the_reason(node, player, peer, scans, truth, back):
+    wrong = restamped(scans[30:31], [scans[30].stamp - back * SECOND])
+    answers = played(player, [*scans[:30], *wrong, *scans[31:40]])
+    assert [k for k, message in enumerate(answers.messages) if message is None] == [30]
+    assert distances(answers.messages[31:], truth[31:40]).max() < 0.05
+    said(node, 'scan skipped: its stamp lies far before those of the scans around it', peer)
+    assert 'odometry starts anew' not in node.output()
+
+
+def test_a_scan_far_back_in_time_is_forgotten_by_a_reset_and_not_by_a_pause(node, player, peer, scans, truth):
+    assert played(player, scans[40:60]).lost == 0
+    assert player.play(scans[:1], patience=0.5).lost == 1
+    for value in (True, False):
+        assert peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=value)).success
+    answers = player.play(scans[1:20])
+    assert (answers.lost, answers.unexpected) == (0, 1)
+    assert distances(answers.messages, truth[1:20]).max() < 0.05
+    late = restamped(scans[20:30], [scan.stamp - 1000 * SECOND for scan in scans[20:30]])
+    assert player.play(late[:1], patience=0.5).lost == 1
+    assert peer.call(Trigger, '/scan_matcher/reset', Trigger.Request()).success
+    answers = player.play(late[1:])
+    assert (answers.lost, answers.unexpected) == (0, 0)
+    assert pose_of(answers.messages[0]) == SE2()
+
+
+def test_a_clock_that_goes_back_after_the_first_scan_of_a_loop_takes_nothing_from_it(start_node, player, peer, scans, truth):
+    node = start_node('-p', 'use_sim_time:=true')
+    player.wait_for_node(TIMEOUT)
+    clock = Loudspeaker(peer, Clock, '/clock', 1)
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    now = Clock(clock=stamp_to_message(scans[59].stamp))
+    clock.until(lambda: heard and heard[-1].header.stamp == now.clock, now)
+    assert player.play(scans[40:60]).lost == 0
+    assert player.play(scans[:1], patience=0.5).lost == 1
+    clock.until(lambda: 'the clock went back' in node.output(), Clock(clock=stamp_to_message(scans[0].stamp)))
+    answers = player.play(scans[1:20])
+    assert (answers.lost, answers.unexpected) == (0, 1)
+    assert distances(answers.messages, truth[1:20]).max() < 0.05
+    assert node.output().count('odometry starts anew') == 1
+
+
 @pytest.mark.parametrize('stamp', [0, 2_100_000_000 * SECOND])
 def test_a_single_scan_with_a_wrong_stamp_does_not_start_the_odometry_anew(node, player, scans, truth, stamp):
     assert played(player, scans[:30]).lost == 0
@@ -73,12 +116,13 @@ def test_a_single_scan_with_a_wrong_stamp_does_not_start_the_odometry_anew(node,
     assert distances(answers.messages, truth[31:40]).max() < 0.3
 
 
-def test_the_stamp_of_a_scan_that_cannot_be_used_does_not_count(node, player, peer, scans, truth):
+@pytest.mark.parametrize('ahead', [1000, -1000])
+def test_the_stamp_of_a_scan_that_cannot_be_used_does_not_count(node, player, peer, scans, truth, ahead):
     assert played(player, scans[:10]).lost == 0
     bad = Loudspeaker(peer, LaserScan, 'scan')
     message = changed(scans[10], angle_increment=0.0)
-    message.header.stamp = stamp_to_message(scans[10].stamp + 1000 * SECOND)
-    bad.until(lambda: 'scan skipped' in node.output(), message)
+    message.header.stamp = stamp_to_message(scans[10].stamp + ahead * SECOND)
+    bad.until(lambda: 'scan skipped: angle_increment' in node.output(), message)
     answers = player.play(scans[10:20])
     assert answers.lost == 0
     assert distances(answers.messages, truth[10:20]).max() < 0.05

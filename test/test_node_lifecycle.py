@@ -96,6 +96,21 @@ def test_the_pose_goes_on_when_it_is_only_deactivated(managed, player, peer, sca
         peer.until(lambda: not peer.node.count_subscribers('/scan'))
 
 
+def test_the_first_scan_of_a_recording_that_starts_again_outlives_a_deactivation(managed, player, peer, scans, truth):
+    assert change(peer, Transition.TRANSITION_CONFIGURE)
+    assert change(peer, Transition.TRANSITION_ACTIVATE)
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[40:50]).lost == 0
+    assert player.play(scans[:1], patience=0.5).lost == 1
+    assert change(peer, Transition.TRANSITION_DEACTIVATE)
+    peer.until(lambda: not peer.node.count_subscribers('/scan'))
+    assert change(peer, Transition.TRANSITION_ACTIVATE)
+    player.wait_for_node(TIMEOUT)
+    answers = player.play(scans[1:10])
+    assert (answers.lost, answers.unexpected) == (0, 1)
+    assert distances(answers.messages, truth[1:10]).max() < 0.05
+
+
 def test_parameters_are_there_before_it_is_configured(managed, peer):
     parameters = Parameters(peer)
     [result] = parameters.set(scan__range_max=9.5)

@@ -12,7 +12,7 @@ from sensor_msgs.msg import LaserScan
 
 from ..core.scan import SECOND, Scan
 from .events import NO_SUBSCRIPTION_EVENTS
-from .messages import angles_disagree
+from .messages import angles_disagree, stamp_from_message
 from .subscriptions import Urgent, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -176,14 +176,46 @@ class ScanReader:
 
 
 class Stamps:
-    """Tells a recording that starts again from jitter, and from a single scan with a wrong stamp."""
+    """Tells a recording that starts again from jitter, and from a single scan with a wrong stamp.
+
+    Attributes
+    ----------
+    held : LaserScan or None
+        It goes far back, and the next one has to tell what that means.
+    """
 
     def __init__(self):
         self._used = deque(maxlen=2)
+        self.held = None
 
     def used(self, stamp):
         """The scan at `stamp` [ns] was used."""
         self._used.append(stamp)
+
+    def settle(self, message, jump):
+        """What to do when `message` has come.
+
+        Parameters
+        ----------
+        message : LaserScan
+        jump : float
+            Stamps may go back by so much [s].
+
+        Returns
+        -------
+        list of LaserScan
+            To be used now, in order.
+        LaserScan or None
+            To be skipped, for its stamp is wrong.
+        """
+        back = self.start_again(stamp_from_message(message.header.stamp), jump)
+        held, self.held = self.held, None
+        if held and (back or not self._used):
+            return [held, message], None
+        if back:
+            self.held = message
+            return [], None
+        return [message], held
 
     def start_again(self, stamp, jump) -> bool:
         """Whether `stamp` [ns] lies more than `jump` [s] before those of the last two scans; 0 is no time."""
@@ -192,6 +224,7 @@ class Stamps:
     def restart(self):
         """Take any stamp next: time has started anew."""
         self._used.clear()
+        self.held = None
 
 
 def within(bearings, sectors):

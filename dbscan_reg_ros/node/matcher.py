@@ -103,6 +103,17 @@ class ScanMatcher:
     def _on_scan(self, message):
         if self._services.paused:
             return
+        due, wrong = self._stamps.settle(message, self._live.value.time.jump)
+        if wrong:
+            self._skip('its stamp lies far before those of the scans around it')
+        for scan in due:
+            self._use(scan)
+
+    def _skip(self, reason):
+        self._notices.warn(f'scan skipped: {reason}')
+        self._health.skip(reason)
+
+    def _use(self, message):
         began = time.perf_counter()
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
@@ -112,8 +123,7 @@ class ScanMatcher:
             prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.expected_motion)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
-            self._notices.warn(f'scan skipped: {error}')
-            self._health.skip(str(error))
+            self._skip(str(error))
             return
         if self._origin is None:
             self._origin = self._start.pose @ mounting.place
@@ -169,4 +179,7 @@ class ScanMatcher:
             return
         if self._listener:
             self._listener.restart()
+        held = self._stamps.held
         self._start_anew(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())
+        # The first scan of a recording that starts again may come before its clock.
+        self._stamps.held = held
