@@ -8,12 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dbscan_reg_ros.benchmarks import __main__ as bench
 from dbscan_reg_ros.benchmarks import courses, odometry, pairs, relations, speed, synthetic
 from dbscan_reg_ros.benchmarks.__main__ import main
 from dbscan_reg_ros.benchmarks.bounds import Bound, at_least, at_most
 from dbscan_reg_ros.benchmarks.covariance import calibration
 from dbscan_reg_ros.benchmarks.intel import Intel
-from dbscan_reg_ros.benchmarks.methods import method
+from dbscan_reg_ros.benchmarks.methods import FACTORIES, method
 from dbscan_reg_ros.benchmarks.report import Report
 from dbscan_reg_ros.benchmarks.trackers import PRIORS, Step
 from dbscan_reg_ros.benchmarks.trials import Outcome, Trial, summarise
@@ -293,11 +294,22 @@ def test_a_run_prints_a_table_writes_json_and_ends_with_0(data, tmp_path, capsys
 @pytest.mark.parametrize('words, message', [
     (['pairs', '--method', 'guessing'], "unknown method 'guessing'"),
     (['odometry', '--course', 'moon'], "unknown course 'moon'"),
+    (['odometry', '--limit', '1'], '--limit 1: a drive of one scan'),
 ])
 def test_what_is_unknown_is_said_in_one_line(data, capsys, words, message):
     assert main([*words, '--data', str(data)]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count('\n') == 1
+
+
+def test_the_help_names_every_method_and_course():
+    assert list(bench.METHODS) == list(FACTORIES) and list(bench.COURSES) == list(courses.COURSES)
+
+
+def test_a_limit_of_nothing_is_refused(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(['odometry', '--limit', '0'])
+    assert stop.value.code == 2 and "'0': expected a whole number above 0" in capsys.readouterr().err
 
 
 def test_missing_data_is_said_in_one_line(tmp_path, capsys):

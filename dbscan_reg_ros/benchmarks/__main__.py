@@ -4,7 +4,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from ..commands.command_line import add_data, run
+from ..commands.command_line import add_data, positive, run
 
 BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',
@@ -19,6 +19,9 @@ BENCHMARKS = {
     'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
 }
+METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
+COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'lidars',
+           'leader', 'dropped', 'noise', 'person')
 
 
 def main(argv=None) -> int:
@@ -33,15 +36,14 @@ def make_parser():
     for name, summary in BENCHMARKS.items():
         command = commands.add_parser(name, help=summary, description=summary)
         add_data(command)
-        command.add_argument('--method', nargs='+', metavar='NAME', help='only these methods')
+        command.add_argument('--method', nargs='+', metavar='NAME', help=f'only these methods, of {", ".join(METHODS)}')
         command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
-        command.add_argument('--limit', type=int, metavar='N', help='at most N trials of each kind, evenly spread')
+        command.add_argument('--limit', type=positive, metavar='N',
+                             help='at most N trials of each kind, evenly spread; of each drive the first N scans')
         command.add_argument('-v', '--verbose', action='store_true',
                              help='list every trial that failed or was doubted; show the traceback of an error')
         if name == 'odometry':
-            command.add_argument('--course', nargs='+', metavar='NAME',
-                                 help='only these: intel, aces, urg04lx, lms511, rooms, corridors, halls, featureless, '
-                                 'lidars, leader, dropped, noise, person')
+            command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
             command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
                                  help='who tells of the motion; wheel: the odometry of the log, compared with laser '
                                  'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')

@@ -139,6 +139,8 @@ def _times(milliseconds):
 
 def measure(args) -> Report:
     """Every course by every method, side by side."""
+    if args.limit == 1:
+        raise BenchmarkError('--limit 1: a drive of one scan has no motion; expected 2 or more')
     folder = data_folder(args.data)
     report = Report()
     for name in args.course or COURSES:
