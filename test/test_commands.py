@@ -55,6 +55,15 @@ def test_wrong_usage_ends_with_2(argv, capsys):
     assert 'usage: ' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('words', [['simulate', 'a.log'], ['tune', 'a.log'], ['compare', 'defaults', 'icp', 'a.log']])
+@pytest.mark.parametrize('seed', ['-1', '1.5', str(2**32)])
+def test_a_seed_is_a_whole_number_from_0_on(words, seed, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*words, '--seed', seed])
+    assert stop.value.code == 2
+    assert f'{seed!r}: expected a whole number from 0 to 4294967295' in capsys.readouterr().err
+
+
 def test_bad_input_is_one_line_and_2(shell, tmp_path):
     result = shell('replay', 'absent.log')
     assert result.returncode == 2 and result.stdout == ''

@@ -121,6 +121,14 @@ def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording,
     assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
 
 
-def test_a_wrong_name_is_one_line(recording, capsys):
-    assert main(['defaults', 'absent.yaml', str(recording)]) == 2
-    assert capsys.readouterr().err == 'compare: absent.yaml: cannot be read: No such file or directory\n'
+def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
+    assert main(['defaults', 'absent', str(recording)]) == 2
+    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, "defaults", or a method: '
+                                       'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity\n')
+
+
+def test_a_table_that_cannot_be_written_is_printed(recording, tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 1
+    printed = capsys.readouterr()
+    assert 'B is neither better nor worse.' in printed.out and printed.err.endswith('file/compare: Not a directory\n')

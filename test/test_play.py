@@ -169,7 +169,8 @@ def test_the_command_takes_remappings(start_command, ros_environment, data):
 
 @pytest.mark.parametrize('words, complaint', [
     (['missing.bag'], 'missing.bag'),
-    (['setup.py', '--rate', '0'], 'expected a number above 0'),
+    (['setup.py', '--rate', '0'], "'0': expected a number above 0"),
+    (['setup.py', '--rate', 'fast'], "'fast': expected a number above 0"),
     (['setup.py', '--rate', '2', '--lockstep'], 'not allowed with'),
 ])
 def test_a_wrong_command_line_ends_with_one_line(start_command, words, complaint):

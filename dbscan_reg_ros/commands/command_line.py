@@ -14,6 +14,7 @@ BAD_INPUT = 2
 FAILED = 1
 INTERRUPTED = 130
 MOST_SHOWN = 5
+LARGEST_SEED = 2**32 - 1
 
 
 class CommandError(DbscanRegError):
@@ -62,6 +63,13 @@ def positive(text) -> int:
     """A whole number above 0, as an argument."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
+    return int(text)
+
+
+def seed(text) -> int:
+    """What makes random numbers the same again, as an argument."""
+    if not text.isdecimal() or int(text) > LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number from 0 to {LARGEST_SEED}')
     return int(text)
 
 

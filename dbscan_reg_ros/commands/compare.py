@@ -2,7 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, run
+from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, run, seed
 
 ALL = 'all'
 
@@ -15,7 +15,7 @@ def main(argv=None) -> int:
         parser.add_argument(name, metavar=name.upper(), help='parameter file, or "defaults", or a method: '
                             'icp, idc, icl, small_gicp, kiss-icp, identity')
     add_recordings(parser)
-    parser.add_argument('--seed', type=int, default=0, help='of the resampling (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='of the resampling (default: 0)')
     parser.add_argument('--out', metavar='DIR', default='results', help='the table and the picture go to '
                         'DIR/compare/DATE, with a link DIR/compare/latest (default: results)')
     add_workers(parser)
@@ -41,10 +41,13 @@ def compare(args):
     names = unique([path.name for path in paths])
     pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, tracks, strict=True)}
     table = differences(pairs, args.seed)
+    text = describe(table, args.a, args.b)
+    print(text, flush=True)
     folder = new_folder(Path(args.out) / 'compare')
-    worse = write_comparison(folder, table, args.a, args.b)
+    write_comparison(folder, table, text, args.a, args.b)
     point_latest(folder)
-    return FAILED if worse else 0
+    print(f'results  {folder}')
+    return FAILED if any(d.worse for d in table[ALL]) else 0
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class Competitor:
         if name in FACTORIES and not Path(name).exists():
             method(name)
             return cls(method=name)
+        if not Path(name).exists():
+            raise CommandError(f'{name}: no such file; expected a parameter file, "defaults", or a method: {", ".join(FACTORIES)}')
         return cls(read_parameters(name))
 
     def tracker(self):
@@ -103,22 +108,18 @@ def differences(pairs, seed):
     return {name: [difference(group, row, seed) for row in range(len(MEASURES))] for name, group in groups.items()}
 
 
-def write_comparison(folder, table, a, b) -> bool:
-    """Write table.txt, comparison.json and comparison.png, print the table; whether B is worse in all."""
+def write_comparison(folder, table, text, a, b):
+    """Write table.txt, comparison.json and comparison.png."""
     import dataclasses
     import json
 
     from ..plots import plot_differences
 
-    text = describe(table, a, b)
     (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
     content = {name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in table.items()}
     (folder / 'comparison.json').write_text(json.dumps({'a': a, 'b': b, 'differences': content}, indent=1) + '\n',
                                             encoding='utf-8')
     plot_differences(folder / 'comparison.png', table, Path(a).name, Path(b).name)
-    print(text)
-    print(f'results  {folder}')
-    return any(d.worse for d in table[ALL])
 
 
 def describe(table, a, b) -> str:

@@ -1,5 +1,6 @@
 """``play FILE``: publish a recording to a running node."""
 import argparse
+import math
 import signal
 import sys
 
@@ -44,7 +45,10 @@ def play(args, ros_arguments):
 
 
 def _positive(text):
-    value = float(text)
-    if not 0.0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'{text}: expected a number above 0')
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected a number above 0')
     return value

@@ -1,5 +1,5 @@
 """``simulate TARGET``: a seeded recording of any lidar with exact truth."""
-from .command_line import CommandError, make_parser, run
+from .command_line import CommandError, make_parser, run, seed
 
 WORLDS = ('rooms', 'corridor', 'hall')
 PRESETS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'rplidar_a', 'rplidar_s', 'sick_lms200', 'sick_lms5xx')
@@ -31,7 +31,7 @@ def main(argv=None) -> int:
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log, the truth as the poses '
                         'of the laser; any other name: folder of a ROS 2 bag with /scan, /wheel_odom, /imu, /truth and '
                         '/tf_static')
-    parser.add_argument('--seed', type=int, default=0, help='of everything that is random (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='of everything that is random (default: 0)')
     world = parser.add_argument_group('the world and the path')
     world.add_argument('--world', choices=WORLDS, default='rooms', help='what is driven through (default: rooms)')
     world.add_argument('--people', type=int, default=0, metavar='N', help='who walk about (default: 0)')

@@ -1,7 +1,7 @@
 """``tune FILE...``: search the parameters that suit recordings."""
 from pathlib import Path
 
-from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run
+from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run, seed
 
 SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
             'density.violation', 'selection.sieve_tolerance')
@@ -21,7 +21,7 @@ def main(argv=None) -> int:
     parser.add_argument('--params-file', metavar='YAML', help='where to start, and what the other parameters are '
                         '(default: the defaults)')
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='(default: 100)')
-    parser.add_argument('--seed', type=int, default=0, help='of the search (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
                         help='auto: Optuna where it is installed, else random (default: auto)')
     parser.add_argument('--objective', choices=('auto', 'truth', 'consistency'), default='auto',
