@@ -1,4 +1,5 @@
 """Places seen again: relations found, and poses that suit them."""
+import dataclasses
 import math
 
 import numpy as np
@@ -125,4 +126,17 @@ def test_a_way_that_a_corridor_left_free_is_made_longer_there_however_the_laser_
     short = truth + np.outer(np.cumsum(free), (0.08, 0.0, 0.0))
     closed, pairs = loops.close(short, Parameters(), 1.5)
     assert len(pairs) and mean_distance(short, truth) > 0.2
+    assert mean_distance(closed, truth) < 0.03
+
+
+def test_a_leap_that_no_scan_saw_stays_where_it_was():
+    """For five seconds nothing is heard of the sensor, and what is handed over leaps by half a metre."""
+    scans, truth = around_the_block()
+    odometry, loops, gap = Odometry(), Loops(), 24
+    for scan in scans[:gap] + [dataclasses.replace(scan, stamp=scan.stamp + 5 * 10**9) for scan in scans[gap:]]:
+        loops.add(odometry.process(scan))
+    leapt = truth.copy()
+    leapt[gap:, 1] += 0.5
+    closed, pairs = loops.close(leapt, Parameters())
+    assert len(pairs) and mean_distance(leapt, truth) > 0.2
     assert mean_distance(closed, truth) < 0.03
