@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from rooms import FULL, L_ROOM, look, outline
+from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
@@ -64,6 +64,16 @@ def test_the_sieve_keeps_the_best_first():
     chosen = ALIKE.replace({'selection.refined': 3}).selection
     np.testing.assert_array_equal(sieve(candidates[::-1], reference, current, chosen, DENSITY), candidates[:3])
     np.testing.assert_array_equal(sieve(candidates[:3], reference, current, chosen, DENSITY), candidates[:3])
+
+
+def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
+    """Half a scan from the middle of a hall, and a small room: one side of it on a wall of the hall, or all of it behind."""
+    hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
+    reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
+    at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
+    one = ALIKE.replace({'selection.refined': 1}).selection
+    found = sieve(np.concatenate((at_the_wall, behind)), reference, current, one, DENSITY)
+    np.testing.assert_array_equal(found, behind)
 
 
 def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
