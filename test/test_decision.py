@@ -131,6 +131,16 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
         assert np.trace(found.covariance) == pytest.approx(variance, abs=1e-3)
 
 
+def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinement():
+    """A fine score is less by what of the reference lies in the current scan's free space."""
+    reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
+    best = np.array([0.1, 0.0, 0.2])
+    coarse = np.array([best, best + [1.0, 1.0, 1.0]])
+    for rival, status in ((0.8, Status.OK), (0.88, Status.AMBIGUOUS)):
+        found = decide(best[None], np.array([0.7]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, Parameters())
+        assert found.status is status
+
+
 @pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [
     (Status.OK, 9.9, 0.6, Status.DEGENERATE), (Status.OK, 10.0, 0.6, Status.OK), (Status.OK, 9.9, 0.5, Status.OK),
     (Status.OK, None, 0.6, Status.OK), (Status.AMBIGUOUS, 9.9, 0.6, Status.AMBIGUOUS),
