@@ -357,6 +357,17 @@ def test_a_scan_left_out_takes_twice_the_time_and_no_speed():
             assert update.twist[0] == pytest.approx(speed, abs=0.15)
 
 
+def test_the_twist_after_a_scan_that_was_not_found_is_as_before():
+    """At a steady speed, with scans that take the whole interval."""
+    odometry, speed, increment, noise = Odometry(), 0.5, 0.1 / FULL.size, noise_at(0, np.random.default_rng(3)).ranges
+    for i in range(12):
+        way = speed * (0.1 * i + increment * np.arange(FULL.size))
+        ranges = cast(np.column_stack((way, np.zeros(FULL.size))), FULL.directions, ROOM, np.empty((0, 3)))
+        update = odometry.process(Scan(i * TENTH, noise if i == 10 else ranges, FULL, increment))
+        assert (update.status is Status.FAILED) == (i == 10)
+    assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.02)
+
+
 def test_without_deskewing_a_scan_is_taken_as_it_is():
     """Also when the speed changes."""
     odometry = Odometry(Parameters().replace({'odometry.deskew': False}))

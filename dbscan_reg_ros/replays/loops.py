@@ -50,14 +50,17 @@ class Loops:
 
     def __init__(self):
         self._frames, self._count = [], 0
+        # Whether all scans since the last key frame tell of the motion.
+        self._known = True
 
     def add(self, update):
         """Take note of the `OdometryUpdate` of the next scan."""
         number, self._count = self._count, self._count + 1
+        self._known &= update.registration is not None and not update.restarted
         if update.reference_changed:
-            found = update.registration
-            covariance = found.covariance + np.diag(STEP_SPREAD) ** 2 if found else np.diag(UNKNOWN_SPREAD) ** 2
+            covariance = update.registration.covariance + np.diag(STEP_SPREAD) ** 2 if self._known else np.diag(UNKNOWN_SPREAD) ** 2
             self._frames.append(Stop(number, update.features, covariance))
+            self._known = True
 
     def close(self, poses, parameters, yaw=0.0):
         """Poses that suit the odometry and every place that was seen again.
