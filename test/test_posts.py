@@ -141,7 +141,7 @@ def test_chair_legs_hold_the_odometry_where_walls_are_out_of_sight(seed):
 
 
 def test_what_no_single_key_frame_knows_is_found_among_all_of_them():
-    """Such scans were compared with nothing: they have no hypotheses. With one key frame the robot is lost."""
+    """Such scans were compared with nothing: they have no hypotheses. With one key frame the robot goes astray."""
     course = chairs(None)[0]
     updates, off = drive(course)
     together = [update for update in updates[1:] if not update.registration.hypotheses]
@@ -150,4 +150,4 @@ def test_what_no_single_key_frame_knows_is_found_among_all_of_them():
         assert update.status is not Status.FAILED and update.registration.overlap >= Parameters().decision.min_score
         seen = update.reference_pose @ update.registration.transform
         assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.1
-    assert drive(course, **{'odometry.window': 1})[1] > 0.3
+    assert drive(course, **{'odometry.window': 1})[1] > 2.0 * off
