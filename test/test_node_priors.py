@@ -102,11 +102,13 @@ def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translati
     assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
 
 
-def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path):
+@pytest.mark.parametrize('times', [1, 2])
+def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path, times):
+    """Messages that come twice are taken once."""
     start_with('odometry', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
-    messages = [wheel(*told) for told in between(scans[:20], truth[:20])]
+    messages = [wheel(*told) for told in between(scans[:20], truth[:20]) for _ in range(times)]
     answers = play_slowly(player, peer, wheels, scans[:20], messages)
     assert None not in answers
     updates = priors_taken(peer, tmp_path)

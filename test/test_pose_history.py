@@ -36,9 +36,16 @@ def test_nothing_is_said_of_other_times():
 
 
 def test_time_that_goes_back_starts_a_new_history():
-    poses = history((10, SE2()), (20, SE2()), (5, SE2(1.0)))
-    assert poses.at(5) == SE2(1.0)
-    assert poses.at(15) is None
+    poses = history((10 * SECOND, SE2()), (20 * SECOND, SE2()), (15 * SECOND, SE2(1.0)))
+    assert poses.at(15 * SECOND) == SE2(1.0)
+    assert poses.at(20 * SECOND) is None
+
+
+@pytest.mark.parametrize('late', [0, 10, SECOND])
+def test_a_pose_that_comes_twice_or_late_is_passed_over(late):
+    poses = history((0, SE2()), (2 * SECOND, SE2(2.0)), (2 * SECOND - late, SE2(9.0)), (3 * SECOND, SE2(4.0)))
+    assert poses.at(SECOND) == SE2(1.0)
+    assert poses.at(2 * SECOND + SECOND // 2) == SE2(3.0)
 
 
 def test_the_past_is_forgotten():
@@ -55,3 +62,20 @@ def test_headings_are_the_integral_of_the_rates():
         headings.add_rate(k * SECOND // 100, math.nan)
     assert headings.at(SECOND).theta == pytest.approx(1.0)
     assert headings.at(SECOND // 2).theta == pytest.approx(0.25)
+
+
+def test_rates_that_come_twice_or_late_turn_nothing():
+    headings = HeadingHistory()
+    for k in range(101):
+        headings.add_rate(k * SECOND // 100, 1.0)
+        headings.add_rate(k * SECOND // 100, 1.0)
+        headings.add_rate((k - 1) * SECOND // 100, -5.0)
+    assert headings.at(SECOND).theta == pytest.approx(1.0)
+
+
+def test_headings_begin_anew_when_time_goes_back():
+    headings = HeadingHistory()
+    for stamp in (10, 11, 5, 6):
+        headings.add_rate(stamp * SECOND, 1.0)
+    assert headings.at(6 * SECOND).theta - headings.at(5 * SECOND).theta == pytest.approx(1.0)
+    assert headings.at(10 * SECOND) is None

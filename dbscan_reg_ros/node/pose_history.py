@@ -6,6 +6,8 @@ from ..core.se2 import SE2, wrap
 
 SPAN = 10_000_000_000
 """So much of the past is kept [ns]."""
+LATE = 1_000_000_000
+"""What lies farther back [ns] than the newest was not overtaken: time has gone back."""
 
 
 class PoseHistory:
@@ -20,14 +22,21 @@ class PoseHistory:
         return bool(self._stamps) and self._stamps[-1] >= stamp
 
     def add(self, stamp, pose: SE2):
-        """Keep the pose at `stamp` [ns]; time that goes back empties the history first."""
-        if self._stamps and stamp <= self._stamps[-1]:
+        """Keep the pose at `stamp` [ns]; one that comes twice or late is passed over, time that goes back empties the
+        history first."""
+        if self._is_late(stamp):
+            return
+        if self._stamps and stamp < self._stamps[-1]:
             self.clear()
         self._stamps.append(stamp)
         self._poses.append(pose)
         if stamp - self._stamps[0] > 2 * SPAN:
             old = bisect.bisect_left(self._stamps, stamp - SPAN)
             del self._stamps[:old], self._poses[:old]
+
+    def _is_late(self, stamp):
+        """Whether a pose at `stamp` [ns] or a little later was told before."""
+        return bool(self._stamps) and 0 <= self._stamps[-1] - stamp <= LATE
 
     def clear(self):
         self._stamps.clear()
@@ -53,8 +62,9 @@ class HeadingHistory(PoseHistory):
         self._rate = 0.0
 
     def add_rate(self, stamp, rate):
-        """Go on turning up to `stamp` [ns], at last with `rate` [rad/s]; rates that are no numbers are passed over."""
-        if not math.isfinite(rate):
+        """Go on turning up to `stamp` [ns], at last with `rate` [rad/s]; rates that are no numbers, or come twice or late,
+        are passed over."""
+        if not math.isfinite(rate) or self._is_late(stamp):
             return
         heading = 0.0
         if self._stamps and stamp > self._stamps[-1]:
