@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from dbscan_reg_ros import SE2
+from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.node.messages import scan_to_message, stamp_to_message
 
 TIMEOUT = 20.0
@@ -171,6 +171,12 @@ def changed(scan, **fields):
     for name, value in fields.items():
         setattr(message, name, value)
     return message
+
+
+def restamped(scans, stamps):
+    """The same scans with the stamps [ns]."""
+    return [Scan(int(stamp), s.ranges, s.geometry, s.time_increment, s.frame_id)
+            for s, stamp in zip(scans, stamps, strict=True)]
 
 
 def inverted(scans):

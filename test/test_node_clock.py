@@ -5,21 +5,16 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, distances, played, pose_of, said
+from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, distances, played, pose_of, restamped, said
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool, Trigger
 
-from dbscan_reg_ros import SE2, Scan
+from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.messages import stamp_from_message, stamp_to_message
 from dbscan_reg_ros.node.player import Player
 
 SECOND = 1_000_000_000
-
-
-def restamped(scans, stamps):
-    return [Scan(int(stamp), s.ranges, s.geometry, s.time_increment, s.frame_id)
-            for s, stamp in zip(scans, stamps, strict=True)]
 
 
 def test_with_simulated_time_every_scan_is_answered_with_its_stamp(start_node, scans, truth):

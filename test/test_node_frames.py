@@ -1,5 +1,6 @@
 """Frames: where the laser sits, as transforms say; our own transform, and those of others."""
 import math
+import os
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
@@ -13,12 +14,15 @@ from ros_helpers import (
     needs_tf2_msgs,
     played,
     pose_of,
+    restamped,
     said,
     transform,
 )
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.messages import stamp_from_message
+
+SECOND = 1_000_000_000
 
 
 @pytest.fixture
@@ -57,6 +61,49 @@ def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command
     answers = player.play(scans[1:40])
     assert answers.lost == 0
     assert distances(answers.messages, [SE2()] * 39).max() < 0.05
+
+
+TF2_ROS = """
+class TransformException(Exception):
+    pass
+
+class ExtrapolationException(TransformException):
+    pass
+
+class Buffer:
+    def set_transform(self, message, authority):
+        self.message = message
+
+    def lookup_transform(self, target, source, time):
+        if not hasattr(self, 'message'):
+            raise TransformException('nothing is known')
+        if time.nanoseconds:
+            raise ExtrapolationException('only the latest is known')
+        return self.message
+"""
+"""What the node needs of it."""
+
+
+@pytest.fixture
+def with_tf2_ros(tmp_path, ros_environment):
+    """An environment in which tf2_ros can be imported."""
+    folder = tmp_path / 'with'
+    folder.mkdir()
+    (folder / 'tf2_ros.py').write_text(TF2_ROS)
+    return {'PYTHONPATH': os.pathsep.join([str(folder), os.environ['PYTHONPATH']])}
+
+
+def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command, player, peer, scans, with_tf2_ros, tf_type):
+    node = start_command('scan_matcher', **with_tf2_ros)
+    player.wait_for_node(TIMEOUT)
+    old = restamped(scans[:5], [(k - 100) * SECOND for k in range(5)])
+    assert player.play(old[:1], patience=0.2).lost == 1
+    said(node, "no transform from 'base_link' to 'laser'", peer)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    moving.until(lambda: not player.play(old[1:2], patience=0.2).lost, message)
+    assert player.play(old[2:]).lost == 0
+    said(node, 'is not known at the time of the scan; taking that of another time', peer)
 
 
 def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):

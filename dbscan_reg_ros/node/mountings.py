@@ -51,7 +51,7 @@ class Mountings:
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
     def find(self, frame, stamp) -> Mounting:
-        """The mounting of the laser whose scans are in `frame`, at the known time nearest to `stamp` [ns].
+        """The mounting of the laser whose scans are in `frame`, at `stamp` [ns] or else at a time that is known.
 
         Raises
         ------
@@ -71,5 +71,5 @@ class Mountings:
         self._last = stamp
         if not known:
             self._notices.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the scan; '
-                               'taking the nearest that is')
+                               'taking that of another time')
         return Mounting.from_matrix(matrix)

@@ -153,10 +153,11 @@ class Tf2Store:
         self._buffer.clear()
 
     def lookup(self, target, source, stamp):
-        """As in `TransformStore`."""
+        """As in `TransformStore`, but outside the known time it is the latest, and there is no time before 1970."""
         from rclpy.time import Time
         try:
-            return self._at(target, source, Time(nanoseconds=stamp)), True
+            if stamp >= 0:
+                return self._at(target, source, Time(nanoseconds=stamp)), True
         except self._tf2.ExtrapolationException:
             pass
         except self._tf2.TransformException as error:
