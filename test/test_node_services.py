@@ -73,6 +73,18 @@ def test_a_pose_that_is_set_is_that_of_the_next_scan(start_node, player, peer, s
     assert np.diag(last)[[0, 1]] == pytest.approx(0.04 + 0.04 * moved[::-1]**2, rel=0.1)
 
 
+def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, peer, scans):
+    """Rounding makes an eigenvalue of zero negative, by the size of the others."""
+    spread = np.array([300.0, 700.0, 0.0, 0.0, 0.0, 1.0])
+    message = given(SE2(1.0, 2.0, 0.5))
+    message.pose.covariance = (np.outer(spread, spread) - 1e-9 * np.eye(6)).ravel()
+    poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
+    poses.until(lambda: 'set_pose' in node.output(), message)
+    assert 'set_pose to x 1.000 m' in node.output()
+    [answer] = played(player, scans[:1]).messages
+    assert answer.pose.covariance[1] == pytest.approx(spread[0] * spread[1], rel=0.1)
+
+
 @pytest.mark.parametrize('message, complaint', [
     (given(SE2(), frame='map'), "the pose is in 'map'; expected 'odom'"),
     (given(SE2(math.nan)), 'is no pose'),
@@ -115,6 +127,15 @@ def test_a_snapshot_that_cannot_be_written_says_why(start_node, player, peer, sc
     answer = trigger(peer, 'snapshot')
     assert not answer.success
     assert 'cannot be written: No such file or directory' in answer.message
+    assert player.play(scans[3:5]).lost == 0
+
+
+def test_a_snapshot_in_the_home_of_nobody_says_so(start_node, player, peer, scans):
+    start_node('-p', 'snapshot.folder:=~nobody_of_this_name/snapshots')
+    assert played(player, scans[:3]).lost == 0
+    answer = trigger(peer, 'snapshot')
+    assert not answer.success
+    assert answer.message == "snapshot.folder = '~nobody_of_this_name/snapshots': no such user"
     assert player.play(scans[3:5]).lost == 0
 
 

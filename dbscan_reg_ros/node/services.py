@@ -14,6 +14,9 @@ from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import PoseError, planar_from_message
 from .mounting import Start
 
+ROUNDING = 1e-9
+"""A covariance may be negative along a direction by this share of its greatest number."""
+
 
 class Services:
     """``~/reset``, ``~/pause``, ``~/snapshot`` and ``set_pose``.
@@ -70,7 +73,11 @@ class Services:
             return response
         parameters = {name: list(value) if isinstance(value, tuple) else value
                       for name, value in self.parameters.flatten().items()}
-        folder = Path(self.parameters.snapshot.folder).expanduser()
+        try:
+            folder = Path(self.parameters.snapshot.folder).expanduser()
+        except RuntimeError:
+            response.success, response.message = False, f'snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
+            return response
         path = (folder / f'{self._node.get_name()}_{time.strftime("%Y%m%d_%H%M%S")}_{self._updates[-1].stamp}.npz').absolute()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -92,9 +99,10 @@ class Services:
         except PoseError as error:
             self._notices.warn(f'set_pose is ignored: {error}')
             return
-        covariance = np.reshape(message.pose.covariance, (6, 6))[PLANE]
-        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance + covariance.T)[0] < -1e-12:
+        covariance = 0.5 * np.reshape(message.pose.covariance, (6, 6))[PLANE]
+        covariance = covariance + covariance.T
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -ROUNDING * np.abs(covariance).max():
             self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
             return
         self._start_anew(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
-                         Start(pose, 0.5 * (covariance + covariance.T)))
+                         Start(pose, covariance))
