@@ -166,6 +166,22 @@ def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, 
         assert update.prior.angular_spread == pytest.approx(0.03, rel=1e-6)
 
 
+def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, player, peer, scans, truth, tmp_path):
+    node = start_with('imu', *PLACE)
+    player.wait_for_node(TIMEOUT)
+    imu = Loudspeaker(peer, Imu, 'imu')
+    messages = [turning(scan.stamp, 0.0) for scan in scans[:20]]
+    for message in messages:
+        message.angular_velocity_covariance[0] = -1.0
+    imu.tell(*messages)
+    said(node, '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate', peer)
+    answers = player.play(scans[:20])
+    assert answers.lost == 0
+    assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
+    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
+    assert node.output().count('begins with -1') == 1
+
+
 def test_a_frame_of_somebody_else_gives_the_motion(start_with, player, peer, scans, truth, tmp_path):
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     start_with('tf', *PLACE, *WAIT)

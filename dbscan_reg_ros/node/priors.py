@@ -49,7 +49,7 @@ class Priors:
                                  'another source')
         self._source: Any = {
             'odometry': lambda: _Wheels(node, notices, heard),
-            'imu': lambda: _Gyroscope(node, heard),
+            'imu': lambda: _Gyroscope(node, notices, heard),
             'tf': lambda: _Frame(transforms, parameters.prior.frame),
         }.get(name, lambda: None)()
         self._last: tuple | None = None
@@ -155,13 +155,17 @@ class _Wheels:
 class _Gyroscope:
     """The yaw rate on the topic ``imu``; the way goes on as before, and is known no better."""
 
-    def __init__(self, node, heard):
+    def __init__(self, node, notices, heard):
         self._headings = HeadingHistory()
+        self._notices = notices
         self._heard = heard
         self.name = node.create_subscription(Imu, 'imu', self._on_message, QUALITY,
                                              event_callbacks=NO_SUBSCRIPTION_EVENTS).topic_name
 
     def _on_message(self, message):
+        if message.angular_velocity_covariance[0] == -1.0:
+            self._notices.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
+            return
         self._headings.add_rate(stamp_from_message(message.header.stamp), message.angular_velocity.z)
         self._heard()
 
