@@ -141,6 +141,16 @@ def values(vector, names='xyz'):
     return [getattr(vector, name) for name in names]
 
 
+def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
+    file = tmp_path / 'a.yaml'
+    for settings, names in (('input.every: 2, prior.source: imu, scan.range_max: 5.0', 'prior.source, input.every'),
+                            ('prior.source: none, mounting: none, base_frame: base, prior.weight: 0.1', '')):
+        file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
+        assert main([str(data / 'absent.log'), '--params-file', str(file), '--out', str(tmp_path)]) == 2
+        said = f'replay: {file}: only the running node goes by {names}\n' if names else ''
+        assert capsys.readouterr().err.startswith(f'{said}replay: {data}/absent.log: ')
+
+
 def test_a_sensor_that_stands_still_stays_where_it_is(replay, tmp_path):
     assert replay('lms511/static') == 0
     _, poses = read_tum(tmp_path / 'static' / 'latest' / 'trajectory.tum')

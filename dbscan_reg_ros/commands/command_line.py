@@ -79,6 +79,12 @@ def shortened(problems) -> list:
     return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
+def note_online_only(command, path, parameters):
+    """Say which of the `NodeParameters` that the file at `path` sets have no effect in `command`."""
+    if names := parameters.online_only():
+        print(f'{command}: {path}: only the running node goes by {", ".join(names)}', file=sys.stderr)
+
+
 def add_data(parser):
     """The argument that names the folder of public recordings."""
     parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '

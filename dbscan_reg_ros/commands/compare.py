@@ -2,7 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, run, seed
+from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, note_online_only, run, seed
 
 ALL = 'all'
 
@@ -30,6 +30,9 @@ def compare(args):
     from .workers import processors, workers
 
     competitors = [Competitor.named(name) for name in (args.a, args.b)]
+    for name, competitor in zip((args.a, args.b), competitors, strict=True):
+        if competitor.parameters:
+            note_online_only('compare', name, competitor.parameters)
     paths = [find_recording(file, args.data) for file in args.files]
     known = [known_motion(open_recording(path, args.topic)) for path in paths]
     if args.scheduler:

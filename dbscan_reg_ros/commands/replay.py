@@ -2,7 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import add_recordings, add_workers, complain, make_parser, run, shortened
+from .command_line import add_recordings, add_workers, complain, make_parser, note_online_only, run, shortened
 
 
 def main(argv=None) -> int:
@@ -27,6 +27,7 @@ def replay(args):
     from .workers import processors, workers
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    note_online_only('replay', args.params_file, parameters)
     place = Path.absolute if args.scheduler else Path
     jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops)
             for file in args.files]

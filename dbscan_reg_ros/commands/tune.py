@@ -1,7 +1,7 @@
 """``tune FILE...``: search the parameters that suit recordings."""
 from pathlib import Path
 
-from .command_line import CommandError, add_recordings, add_workers, make_parser, positive, run, seed
+from .command_line import CommandError, add_recordings, add_workers, make_parser, note_online_only, positive, run, seed
 
 SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
             'density.violation', 'selection.sieve_tolerance')
@@ -48,6 +48,7 @@ def tune(args):
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    note_online_only('tune', args.params_file, start)
     axes = [read_axis(text, start) for text in args.parameters]
     paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
                        for files in (args.files, args.held_out))

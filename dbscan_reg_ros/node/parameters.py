@@ -9,6 +9,8 @@ from ..core.parameters import ParameterGroup, Parameters, PriorParameters, param
 MOUNTINGS = ('none', 'laser_pose', 'tf')
 SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
 SECTORS = 4
+OFFLINE = ('odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down')
+"""What a replay goes by as well, besides the parameters of the method."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,12 @@ class NodeParameters(Parameters):
     def for_odometry(self) -> Parameters:
         """What the odometry is to go by: without any prior, `odometry.prior` does not count."""
         return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
+
+    def online_only(self) -> list:
+        """Full names of those that differ from their defaults and that only the running node goes by."""
+        offline, values = {*OFFLINE, *(d.name for d in Parameters.describe())}, self.flatten()
+        return [d.name for d in self.describe() if d.name not in offline and values[d.name] != d.default
+                and (d.name, values[d.name]) != ('prior.source', 'none')]
 
 
 def is_ros_parameter(name) -> bool:
