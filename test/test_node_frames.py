@@ -19,7 +19,7 @@ from ros_helpers import (
     transform,
 )
 
-from dbscan_reg_ros import SE2
+from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.node.messages import stamp_from_message
 
 SECOND = 1_000_000_000
@@ -61,6 +61,15 @@ def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command
     answers = player.play(scans[1:40])
     assert answers.lost == 0
     assert distances(answers.messages, [SE2()] * 39).max() < 0.05
+
+
+def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
+    answers = played(player, [Scan(s.stamp, s.ranges, s.geometry, s.time_increment, frame)
+                              for s, frame in zip(scans[:6], ['front', 'rear'] * 3, strict=True)])
+    assert answers.lost == 0
+    said(node, "the scans change from the frame 'front' to 'rear'", peer)
+    assert 'give each laser a topic and a node of its own' in node.output()
+    assert node.output().count('the scans change') == 1
 
 
 TF2_ROS = """

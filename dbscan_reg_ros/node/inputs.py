@@ -124,6 +124,7 @@ class ScanReader:
     def __init__(self, clock, notices):
         self._clock = clock
         self._notices = notices
+        self._frame = None
         self._geometry = None
         self._mask = None
 
@@ -137,10 +138,18 @@ class ScanReader:
             When the message cannot be a scan.
         """
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
+        if scan.frame_id != self._frame:
+            self._look_at_frame(scan.frame_id)
         if scan.geometry is not self._geometry:
             self._look_at_geometry(message, scan.geometry)
         self._look_at_stamp(scan.stamp)
         return self._masked(scan, mounting, parameters)
+
+    def _look_at_frame(self, frame):
+        if self._frame is not None:
+            self._notices.warn(f'the scans change from the frame {self._frame!r} to {frame!r}: the odometry is that of one laser; '
+                               'give each laser a topic and a node of its own')
+        self._frame = frame
 
     def _look_at_geometry(self, message, geometry):
         if self._geometry is not None and geometry.size != self._geometry.size:
