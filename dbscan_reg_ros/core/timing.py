@@ -39,7 +39,7 @@ _GAP = 10.0
 # No lidar is faster [s].
 _LEAST = 0.001
 # Where one scan is left out the stamps are two intervals apart, give or take what they jitter.
-_TWICE = 2.2
+_TWICE = 2.05
 
 
 class Intervals:
