@@ -245,6 +245,11 @@ def test_a_misspelt_parameter_is_named(start_node, peer):
     ('mounting:=above', "mounting = 'above': expected one of"),
     ('laser_pose:=[1.0, 2.0]', 'expected 3 numbers'),
     ('odom_frame:=base_link', 'expected two different frames'),
+    ('qos_overrides./scan.subscription.reliability:=nonsense', "'reliability': 'nonsense'"),
+    ('qos_overrides./scan.subscription.reliability:=1', "'reliability': 1"),
+    ('qos_overrides./scan.subscription.depth:=many', "'depth': 'many'"),
+    ('qos_overrides./scan.subscription.depth:=-3', "'depth': -3"),
+    ('qos_overrides./scan.subscription.history:=unknown', "'history': 'unknown'"),
 ])
 def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argument, complaint):
     node = start_node('-p', argument)

@@ -4,6 +4,7 @@ import os
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import (
     LATCHED,
     TIMEOUT,
@@ -185,6 +186,15 @@ def test_where_nobody_else_sends_transforms_there_is_nothing_to_hear(start_node,
     with Peer('arm') as arm:
         other = Loudspeaker(arm, tf_type, '/tf')
         other.until(lambda: peer.node.count_subscribers('/tf') == 1, tf_type(transforms=[transform('elbow', 'hand')]))
+
+
+def test_where_no_transform_is_sent_or_read_there_is_nothing_to_hear(start_node, player, peer, tf_type):
+    start_node('-p', 'publish_tf:=false')
+    player.wait_for_node(TIMEOUT)
+    peer.node.create_publisher(tf_type, '/tf', 100)
+    reports = peer.hear(DiagnosticArray, '/diagnostics')
+    peer.until(lambda: len(reports) == 3)
+    assert peer.node.count_subscribers('/tf') == 0
 
 
 def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, peer, scans, tf_type):

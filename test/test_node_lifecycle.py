@@ -126,6 +126,18 @@ def test_what_cannot_be_configured_is_refused_with_the_reason(start_command, pee
     assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
 
 
+def test_a_quality_of_service_that_does_not_exist_is_refused_with_the_reason(start_command, peer):
+    node = start_command('scan_matcher_lifecycle', '--ros-args', '-p', 'mounting:=none',
+                         '-p', 'qos_overrides./scan.subscription.reliability:=nonsense')
+    assert change(peer, Transition.TRANSITION_CONFIGURE)
+    for _ in range(2):
+        assert not change(peer, Transition.TRANSITION_ACTIVATE)
+        assert state(peer) == State.PRIMARY_STATE_INACTIVE
+    assert "'reliability': 'nonsense'" in node.output()
+    assert 'Traceback' not in node.output()
+    assert change(peer, Transition.TRANSITION_CLEANUP)
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('steps', [[], [Transition.TRANSITION_CONFIGURE],
                                    [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]])

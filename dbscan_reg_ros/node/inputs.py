@@ -4,12 +4,14 @@ import time
 from collections import deque
 
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from sensor_msgs.msg import LaserScan
 
+from ..core.errors import ParameterError
 from ..core.scan import SECOND, Scan
 from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import angles_disagree, stamp_from_message
@@ -38,6 +40,11 @@ class ScanInbox:
     ----------
     received, dropped : int
         Scans so far.
+
+    Raises
+    ------
+    ParameterError
+        When the quality of service that is asked for does not exist.
     """
 
     def __init__(self, node: Node, parameters, ready, handle):
@@ -47,11 +54,22 @@ class ScanInbox:
         self._ready = ready
         self._handle = handle
         self._waiting = deque()
+        self._subscription = self._subscribe()
         self._alarm = node.create_timer(1.0, self._next, callback_group=Urgent(self.is_waiting),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
-        self._subscription = node.create_subscription(
-            LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def _subscribe(self):
+        name = f'qos_overrides.{self._node.resolve_topic_name("scan")}.subscription'
+        given = {key: p.value for key, p in self._node.get_parameters_by_prefix(name).items()}
+        try:
+            return self._node.create_subscription(
+                LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(callback=_exists))
+        except (RuntimeError, AssertionError, AttributeError, InvalidQosOverridesError):
+            if not given:
+                raise
+            raise ParameterError(f'{name} = {given}: expected reliability best_effort or reliable, history keep_last or keep_all, '
+                                 'and a depth of at least 1') from None
 
     @property
     def topic(self):
@@ -110,6 +128,11 @@ class ScanInbox:
         while len(self._waiting) > self.parameters.input.queue:
             self._waiting.popleft()
             self.dropped += 1
+
+
+def _exists(quality):
+    return SetParametersResult(successful=quality.depth >= 0 and quality.reliability != ReliabilityPolicy.UNKNOWN
+                               and quality.history != HistoryPolicy.UNKNOWN)
 
 
 class ScanReader:

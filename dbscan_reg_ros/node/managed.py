@@ -29,13 +29,19 @@ class ManagedScanMatcher(LifecycleNode):
         try:
             self._matcher = ScanMatcher(self, self._live)
         except ParameterError as error:
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
+            return self._refuse(error)
         return super().on_configure(state)
 
     def on_activate(self, state):
-        self._matcher.activate()
+        try:
+            self._matcher.activate()
+        except ParameterError as error:
+            return self._refuse(error)
         return super().on_activate(state)
+
+    def _refuse(self, error):
+        self.get_logger().error(str(error))
+        return TransitionCallbackReturn.FAILURE
 
     def on_deactivate(self, state):
         self._matcher.deactivate()

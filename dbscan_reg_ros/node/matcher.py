@@ -71,7 +71,7 @@ class ScanMatcher:
         live.changed = self._reconfigure
 
     def activate(self):
-        """Begin to listen."""
+        """Begin to listen; ParameterError as of `ScanInbox`."""
         self._inbox = ScanInbox(self._node, self._live.value, self._ready, self._on_scan)
         self._diagnostics.watch(self._inbox)
         self._node.get_logger().info(f'ready: {self._inbox.topic} -> {self._outputs.topic}')

@@ -28,8 +28,8 @@ def transform_type():
 class TransformListener:
     """Hears /tf and /tf_static; needs tf2_msgs.
 
-    Transforms that need not be kept are only heard to know who else sends them: where nobody does there is no subscription
-    to /tf, which would bring back each of our own.
+    Transforms that need not be kept are only heard to know who else sends ours: where nobody else sends any, or we send none,
+    there is no subscription to /tf, which would bring back each of our own.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class TransformListener:
         if self._moving:
             for message in taken(self._moving):
                 self._hear_moving(message)
-        elif self._node.count_publishers(self._node.resolve_topic_name('/tf')) > self._sender.is_sending:
+        elif self._sender.is_sending and self._node.count_publishers(self._node.resolve_topic_name('/tf')) > 1:
             self._moving = self._subscription()
 
     def _hear_moving(self, message):
