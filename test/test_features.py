@@ -17,7 +17,7 @@ PLAIN = Parameters().replace({'filter.test': 'off'})
 def normals_of(points, breaks=None, increment=DEGREE, **changes):
     points = np.asarray(points, dtype=float)
     breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
-    return estimate_normals(as_complex(points), summed_moments(points), breaks, increment, SegmentParameters(**changes))
+    return estimate_normals(as_complex(points), summed_moments(points), breaks, increment, 0.0, SegmentParameters(**changes))
 
 
 @pytest.mark.parametrize('sigma', [0.005, 0.02, 0.05])
@@ -68,6 +68,19 @@ def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_no
     assert normals.tolist() == [pytest.approx([0.0, -1.0], abs=1e-9)] * 3 + [[0.0, 0.0]] * 2
     normals = normals_of([(0.0, 2.0), (0.02, 2.02), (0.04, 2.0)], normal_beams=2)
     assert normals.tolist() == [[0.0, 0.0]] * 3
+
+
+@pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
+def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
+    """Noise lies along the beams: fitted to little more than the noise, the normals of a wall turn towards the sensor."""
+    walls, parameters = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]]), PLAIN.replace({'segments.normal_noise': reach})
+    turned = []
+    for seed in range(20):
+        found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), parameters)
+        bearing = np.arctan2(found.points[:, 1], found.points[:, 0])
+        aside = found.normals.any(axis=1) & (np.radians(30.0) < bearing) & (bearing < np.radians(60.0))
+        turned.append(np.arctan2(found.normals[aside, 0], -found.normals[aside, 1]))
+    assert (abs(np.degrees(np.concatenate(turned).mean())) > 5.0) == biased
 
 
 def test_noise_finer_beams_than_itself_do_not_make_the_normals_stray():

@@ -438,11 +438,13 @@ def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wro
     assert any(wrong) is lies
 
 
-@pytest.mark.parametrize('name', LIDARS)
-def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(name):
+NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_share=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
+
+
+@pytest.mark.parametrize('lidar', [*LIDARS.values(), *NOISY.values()], ids=[*LIDARS, *NOISY])
+def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lidar):
     """Both ends out of range; the noise of some is greater than what lies between two beams."""
     world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (20.0, 0.0)]))
-    lidar = LIDARS[name]
     drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
     odometry = Odometry()
     updates = [odometry.process(scan) for scan in drive.scans][1:]

@@ -33,7 +33,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     # Outliers count as noise while they are there. Corners have to stand out from all of it.
     left = min(noise, estimate_noise(radius, limits)) if len(points) < returns else noise
     breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
-    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, parameters.segments)
+    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, left, parameters.segments)
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
     if scan.geometry.angle_increment < 0.0:
         segments = segments.reversed()
@@ -97,12 +97,13 @@ _NOISE_QUANTILE = 0.3
 _NOISE_BEND = 0.38532 * math.sqrt(1.5)
 
 
-def estimate_normals(points, total, breaks, increment, parameters):
+def estimate_normals(points, total, breaks, increment, noise, parameters):
     """Unit normals on the sensor's side, from the neighbours of each point within its run.
 
     The side follows from the order of the beams and the sign of their `increment`. The window grows from `normal_beams`
-    on each side until it spans `normal_reach`; points with fewer than three neighbours on their surface get a zero
-    normal. The way along a surface is measured over three beams at a time: noise makes a zigzag of single steps.
+    on each side until it spans `normal_reach`, or `normal_noise` times the noise where that is more: noise lies along the
+    beams, and turns what is fitted to little more than that. Points with fewer than three neighbours on their surface get a
+    zero normal. The way along a surface is measured over three beams at a time: noise makes a zigzag of single steps.
 
     Parameters
     ----------
@@ -110,6 +111,8 @@ def estimate_normals(points, total, breaks, increment, parameters):
     total : (P + 1, 5) array
         Their `summed_moments`.
     breaks : (P - 1,) bool array
+    noise : float
+        Standard deviation of a range [m].
 
     Returns
     -------
@@ -124,8 +127,9 @@ def estimate_normals(points, total, breaks, increment, parameters):
     edge = np.concatenate(([0], breaks.nonzero()[0] + 1, [size]))
     first, end = edge[:-1], edge[1:]
     index, length = np.arange(size), end - first
-    low = np.minimum(path.searchsorted(path - parameters.normal_reach), index - parameters.normal_beams)
-    high = np.maximum(path.searchsorted(path + parameters.normal_reach, 'right'), index + (parameters.normal_beams + 1))
+    reach = max(parameters.normal_reach, parameters.normal_noise * noise)
+    low = np.minimum(path.searchsorted(path - reach), index - parameters.normal_beams)
+    high = np.maximum(path.searchsorted(path + reach, 'right'), index + (parameters.normal_beams + 1))
     low, high = np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))
     count = high - low
     _, angle, spread, residual = fit_lines(total.take(high, axis=0) - total.take(low, axis=0), count)

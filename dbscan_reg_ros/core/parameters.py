@@ -205,6 +205,7 @@ class SegmentParameters(ParameterGroup):
     depth_margin: float = parameter(0.15, 'an end is free when the next return lies this much deeper', 'm', 0.0, 10.0)
     corner_reach: float = parameter(0.1, 'two lines meet in a corner when both end this close to it', 'm', 0.0, 10.0)
     normal_reach: float = parameter(0.1, 'normals are fitted to neighbours up to this far on each side', 'm', 0.0, 10.0)
+    normal_noise: float = parameter(4.0, 'or this far, in multiples of the range noise, where that is more', '', 0.0, 100.0)
     normal_beams: int = parameter(2, 'and to at least this many beams on each side', 'beams', 1, 100)
 
 
