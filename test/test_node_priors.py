@@ -173,8 +173,8 @@ def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, p
     messages = [turning(scan.stamp, 0.0) for scan in scans[:20]]
     for message in messages:
         message.angular_velocity_covariance[0] = -1.0
+    imu.until(lambda: '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate' in node.output(), *messages)
     imu.tell(*messages)
-    said(node, '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate', peer)
     answers = player.play(scans[:20])
     assert answers.lost == 0
     assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
