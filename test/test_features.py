@@ -73,8 +73,8 @@ def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_no
 @pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
 def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
     """Noise lies along the beams: fitted to little more than the noise, the normals of a wall turn towards the sensor."""
-    walls, parameters = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]]), PLAIN.replace({'segments.normal_noise': reach})
-    turned = []
+    walls = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]])
+    parameters, turned = PLAIN.replace({'segments.normal_noise': reach}), []
     for seed in range(20):
         found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), parameters)
         bearing = np.arctan2(found.points[:, 1], found.points[:, 0])

@@ -131,7 +131,10 @@ def test_a_way_that_a_corridor_left_free_is_made_longer_there_however_the_laser_
 
 @pytest.mark.parametrize('gap', [18, 24])
 def test_a_leap_that_no_scan_saw_stays_where_it_was(gap):
-    """For five seconds nothing is heard of the sensor, and what is handed over leaps by half a metre; the next scan is a key frame or not."""
+    """For five seconds nothing is heard of the sensor, and what is handed over leaps by half a metre.
+
+    The next scan is a key frame or not.
+    """
     scans, truth = around_the_block()
     odometry, loops = Odometry(), Loops()
     for scan in scans[:gap] + [dataclasses.replace(scan, stamp=scan.stamp + 5 * 10**9) for scan in scans[gap:]]:

@@ -32,9 +32,10 @@ def mahalanobis(off, covariance):
 
 
 def solve(equations, damping):
-    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``; the damping is relative to the trace of each one's translational part.
+    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``.
 
-    The left side is the upper left 3 x 3 of each, the right side the last column.
+    The left side is the upper left 3 x 3 of each, the right side the last column. The damping is relative to the trace of the
+    translational part.
     """
     steps = []
     for xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ in equations.reshape(-1, 16).tolist():

@@ -51,14 +51,13 @@ class Intervals:
 
     def next(self, stamp, half, parameters: TimeParameters) -> Interval:
         """Take the next scan's stamp [ns] and the time from it to the middle of the scan [s]."""
-        last, self._last = self._last, stamp
+        jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
             return Interval(half=half)
         elapsed = (stamp - last) * 1e-9
-        if elapsed < -parameters.jump:
-            return Interval(self._median(), 0.0, half, f'stamps went back by {-elapsed:.3f} s')
-        if elapsed > parameters.jump:
-            return Interval(self._median(), elapsed, half, f'no scan for {elapsed:.3f} s')
+        if jumps:
+            reason = f'no scan for {elapsed:.3f} s' if elapsed > 0.0 else f'stamps went back by {-elapsed:.3f} s'
+            return Interval(self._median(), max(elapsed, 0.0), half, reason)
         if elapsed > _LEAST:
             self._recent.append(elapsed)
         usual = self._median()
