@@ -234,8 +234,9 @@ def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
     assert error(update, poses[30])[0] < 0.03
 
 
-def test_after_a_gap_the_last_motion_goes_on():
+def test_after_a_gap_between_uneven_stamps_the_last_motion_goes_on():
     odometry, late = Odometry(), 12 * TENTH
+    odometry.process(dataclasses.replace(scan_at(SE2(), 0), stamp=-SECOND // 1000))
     run(odometry, [SE2(0.03 * k) for k in range(20)])
     update = odometry.process(dataclasses.replace(scan_at(SE2(0.6), 20), stamp=20 * TENTH + late))
     assert error(update, SE2(0.6))[0] < 0.03
@@ -254,19 +255,42 @@ def test_jitter_of_the_stamps_does_not_make_speed():
         [0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
 
 
-def test_ten_intervals_without_a_scan_are_a_gap():
+def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
     intervals = Intervals()
-    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
-    assert [time.gap for time in found[2:]] == [False, False, False, True, False, True]
-    assert [bool(time.jump) for time in found] == [False] * 7 + [True]
-    assert found[5].elapsed == pytest.approx(1.05) and found[6].elapsed == 0.0
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
+    assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
+    assert [bool(time.jump) for time in found] == [False] * 8 + [True]
+    assert found[6].elapsed == pytest.approx(1.05) and found[7].elapsed == 0.0
     assert all(time.half == 0.05 for time in found)
 
 
-@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
-def test_an_interval_counts_between_half_and_about_twice_the_median(elapsed, taken):
+def test_even_stamps_are_believed_and_scans_between_them_were_lost():
     intervals = Intervals()
-    for stamp in range(0, 1100, 100):
+    stamps = (0, 100, 400, 500, 1900, 2600, 2700, 2702, 3000, 3100)
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
+    assert [time.interval for time in found[1:7]] == pytest.approx([0.1, 0.3, 0.1, 1.4, 0.7, 0.1])
+    assert not any(time.gap for time in found)
+    assert [time.steady for time in found[1:]] == [True] * 6 + [False] * 3
+    assert [time.interval for time in found[8:]] == pytest.approx([0.298, 0.1])
+
+
+@pytest.mark.parametrize('share', [0.2, 0.5, 0.7])
+def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
+    world = rooms(4)
+    result = simulate(world, follow(world.tour[:4]), LIDARS['rplidar_a'], seed=4)
+    kept = np.random.default_rng(4).random(len(result.scans)) >= share
+    kept[0] = True
+    odometry, truth = Odometry(), [SE2(*pose) for pose in result.truth[kept]]
+    updates = [odometry.process(scan) for scan, there in zip(result.scans, kept, strict=True) if there]
+    off = [math.hypot(*((truth[0].inverse() @ pose).inverse() @ update.pose).as_array()[:2])
+           for pose, update in zip(truth, updates, strict=True)]
+    assert max(off) < 0.1
+
+
+@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
+def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_median(elapsed, taken):
+    intervals = Intervals()
+    for stamp in (-1, *range(0, 1100, 100)):
         intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
     found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters())
     assert (found.interval, found.elapsed) == pytest.approx((taken * 1e-3, elapsed * 1e-3))

@@ -21,7 +21,7 @@ BENCHMARKS = {
 }
 METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'lidars',
-           'leader', 'dropped', 'noise', 'person')
+           'leader', 'losses', 'dropped', 'noise', 'person')
 
 
 def main(argv=None) -> int:

@@ -207,9 +207,16 @@ def leader(folder) -> list:
             for world, seed in zip(worlds, SEEDS, strict=True)]
 
 
+def losses(folder, share=0.5) -> list:
+    """Tours through furnished rooms by a lidar whose scan takes the whole interval, and half of its scans are lost."""
+    courses = [simulated(rooms(seed), LIDARS['rplidar_a'], seed=seed) for seed in SEEDS]
+    return [course.take(np.random.default_rng(seed).random(len(course.scans)) >= share)
+            for course, seed in zip(courses, SEEDS, strict=True)]
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'dropped': dropped, 'noise': noise, 'person': person,
+    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'losses': losses, 'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -134,6 +134,9 @@ class Odometry:
         step = SE2() if unknown or time.jump else self._step
         if unknown or time.gap:
             return Prior(step, self._leap(time))
+        if time.steady and self._velocities and not 1.0 / _ALIKE < time.interval / self._lasted < _ALIKE:
+            # Scans were lost, now or before.
+            step = _travel(self._usual_twist(), time.interval)
         faster, faster_turn = p.acceleration * time.interval ** 2, p.angular_acceleration * time.interval ** 2
         sigma = math.hypot(p.least, faster, p.jitter * math.hypot(step.x, step.y))
         turn = math.hypot(p.least_angle, faster_turn, p.jitter * step.theta)
@@ -293,7 +296,7 @@ class Odometry:
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
             self._twist = (before.inverse() @ middle).as_array() / time.interval
             self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
-            self._step = _travel(self._usual_twist(), time.interval)
+            self._step, self._lasted = _travel(self._usual_twist(), time.interval), time.interval
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
 
     def _usual_twist(self):
@@ -378,6 +381,8 @@ _STALE = 0.25
 """Share of a cell of the table: a scan that has moved farther may have other partners."""
 _GLIMMER = 0.3
 """Share of the least score from which on a place is worth a second look."""
+_ALIKE = 1.5
+"""Intervals whose ratio is less are the same but for what stamps jitter."""
 _DOUBTFUL = 0.7
 """Share of `prior.limit` within which a doubtful scan is believed after a motion of which nothing is known."""
 _LEAST_SHARED = 1e-3

@@ -13,13 +13,15 @@ class Interval:
     Attributes
     ----------
     interval : float [s]
-        The running median where the stamps' own difference lies outside half to about twice of it; 0 while nothing is known.
+        The stamps' own difference where it can be believed, else the running median; 0 while nothing is known.
     elapsed : float [s]
         The stamps' own difference, 0 for stamps that go back.
     half : float [s]
         From the stamp of the scan to the middle of its beams.
     jump : str
         What is wrong with the stamp when it lies more than `time.jump` away from the last; empty otherwise.
+    steady : bool
+        The stamps tell when scans were taken: a long interval comes of scans that were lost.
     gap : bool
         So much time seems to have passed that the last motion says little of this one; or else the stamp is wrong.
     """
@@ -28,13 +30,14 @@ class Interval:
     elapsed: float = 0.0
     half: float = 0.0
     jump: str = ''
+    steady: bool = False
 
     @property
     def gap(self):
         return bool(self.jump) or self.elapsed > _GAP * self.interval
 
 
-# Stamps that jitter leave up to eight intervals between scans that are evenly apart.
+# Stamps that jitter leave up to eight intervals between scans that are evenly apart, and then next to none.
 _GAP = 10.0
 # No lidar is faster [s].
 _LEAST = 0.001
@@ -58,14 +61,20 @@ class Intervals:
         if jumps:
             reason = f'no scan for {elapsed:.3f} s' if elapsed > 0.0 else f'stamps went back by {-elapsed:.3f} s'
             return Interval(self._median(), max(elapsed, 0.0), half, reason)
-        if elapsed > _LEAST:
-            self._recent.append(elapsed)
+        self._recent.append(elapsed)
         usual = self._median()
-        return Interval(elapsed if 0.5 * usual <= elapsed <= _TWICE * usual else usual, max(elapsed, 0.0), half)
+        steady = min(self._recent) > usual / _GAP
+        believed = steady or 0.5 * usual <= elapsed <= _TWICE * usual
+        return Interval(elapsed if believed else usual, max(elapsed, 0.0), half, steady=steady)
 
     def jumps(self, stamp, parameters: TimeParameters) -> bool:
         """Whether a scan at `stamp` [ns] would lie more than `time.jump` away from the last."""
         return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.jump
 
+    def _steady(self):
+        """Whether stamps tell when scans were taken, as those that jitter as much as Intel's do not."""
+        return min(self._raw) * _GAP > self._median()
+
     def _median(self):
-        return median(self._recent) if self._recent else 0.0
+        recent = [elapsed for elapsed in self._recent if elapsed > _LEAST]
+        return median(recent) if recent else 0.0
