@@ -58,6 +58,24 @@ def test_frames_that_are_not_connected_are_named(store):
         store.lookup('base', 'laser', 0)
 
 
+def test_when_stamps_start_again_what_moves_is_forgotten_and_when_one_is_only_late_it_is_not(store):
+    store.add(transform('base', 'mast', x=5.0), static=True)
+    for stamp in (100, 101, 92):
+        store.add(transform('mast', 'laser', x=float(stamp), stamp=stamp * SECOND), static=False)
+        store.add(transform('mast', 'camera', stamp=stamp * SECOND), static=False)
+    matrix, known = store.lookup('base', 'laser', 96 * SECOND)
+    assert known
+    assert matrix[0, 3] == pytest.approx(101.0)
+    for stamp in (89, 90):
+        store.add(transform('mast', 'laser', x=float(stamp), stamp=stamp * SECOND), static=False)
+    matrix, known = store.lookup('base', 'laser', 89 * SECOND + SECOND // 2)
+    assert known
+    assert matrix[0, 3] == pytest.approx(94.5)
+    assert not store.lookup('base', 'laser', 96 * SECOND)[1]
+    with pytest.raises(NoTransformError):
+        store.lookup('base', 'camera', 101 * SECOND)
+
+
 def test_transforms_without_a_rotation_are_passed_over():
     store = TransformStore()
     broken = transform('base', 'laser')

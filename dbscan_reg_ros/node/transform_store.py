@@ -7,7 +7,7 @@ from .messages import matrix_from_pose, pose_from_message, stamp_from_message
 
 MAX_CHAIN = 100
 SPAN = 10_000_000_000
-"""So much of the past is kept [ns]."""
+"""So much of the past is kept [ns], here as in tf2_ros."""
 
 
 class NoTransformError(LookupError):
@@ -23,7 +23,10 @@ def make_store():
 
 
 class TransformStore:
-    """Transforms composed along their tree and interpolated between their stamps."""
+    """Transforms composed along their tree and interpolated between their stamps.
+
+    Where one comes more than `SPAN` before the newest between the same frames, time has started anew.
+    """
 
     def __init__(self):
         self._edges = {}
@@ -33,11 +36,14 @@ class TransformStore:
         pose = pose_from_message(message.transform)
         if pose is None:
             return
-        parent, child = message.header.frame_id, message.child_frame_id
+        parent, child, stamp = message.header.frame_id, message.child_frame_id, stamp_from_message(message.header.stamp)
         edge = self._edges.get(child)
         if edge is None or edge.parent != parent or edge.static != static:
             edge = self._edges[child] = _Edge(parent, static)
-        edge.add(stamp_from_message(message.header.stamp), pose)
+        elif edge.starts_again(stamp):
+            self.clear()
+            edge = self._edges[child] = _Edge(parent, static)
+        edge.add(stamp, pose)
 
     def clear(self):
         """Forget what moves: time has started anew."""
@@ -98,8 +104,12 @@ class _Edge:
         self._stamps = []
         self._poses = []
 
+    def starts_again(self, stamp):
+        """Whether a transform at `stamp` belongs to another run than those before it."""
+        return not self.static and stamp < self._stamps[-1] - SPAN
+
     def add(self, stamp, pose):
-        if self.static or self._stamps and stamp < self._stamps[-1] - SPAN:
+        if self.static:
             self._stamps, self._poses = [], []
         index = bisect.bisect_left(self._stamps, stamp)
         if index < len(self._stamps) and self._stamps[index] == stamp:
@@ -140,17 +150,23 @@ class Tf2Store:
         import tf2_ros
         self._tf2 = tf2_ros
         self._buffer = tf2_ros.Buffer()
+        self._newest = {}
 
     def add(self, message, static):
-        """As in `TransformStore`."""
+        """As in `TransformStore`; the buffer by itself takes none that is so much older than the newest."""
         if static:
             self._buffer.set_transform_static(message, 'scan_matcher')
-        else:
-            self._buffer.set_transform(message, 'scan_matcher')
+            return
+        child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
+        if stamp < self._newest.get(child, stamp) - SPAN:
+            self.clear()
+        self._newest[child] = max(stamp, self._newest.get(child, stamp))
+        self._buffer.set_transform(message, 'scan_matcher')
 
     def clear(self):
         """As in `TransformStore`."""
         self._buffer.clear()
+        self._newest.clear()
 
     def lookup(self, target, source, stamp):
         """As in `TransformStore`, but outside the known time it is the latest, and there is no time before 1970."""
