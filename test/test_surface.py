@@ -1,5 +1,6 @@
 """What a scan knows of the space around it: surfaces by place, free space by bearing."""
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -18,22 +19,32 @@ def drawn(count, seed=0):
                  np.exp(1j * rng.uniform(-math.pi, math.pi, count)), np.arange(count))
 
 
-@pytest.mark.parametrize('cells, cell', [(800, 0.04), (50, 6.8 / 50)])
-def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell):
+@pytest.mark.parametrize('cells, cell, reach', [(800, 0.04, 0.4), (50, 6.8 / 50, 0.4), (1000, 0.01, 2.0)])
+def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell, reach):
     cloud = drawn(300)
-    surface = build_surface(cloud, DensityParameters(cells=cells))
+    surface = build_surface(cloud, DensityParameters(cells=cells, cell=min(cell, 0.04), reach=reach))
     assert surface.cell == pytest.approx(cell, rel=0.01)
     rng = np.random.default_rng(1)
-    places = rng.uniform(-2.4, 4.4, 5000) + 1j * rng.uniform(-3.4, 1.4, 5000)
+    places = rng.uniform(-2.0 - reach, 4.0 + reach, 5000) + 1j * rng.uniform(-3.0 - reach, 1.0 + reach, 5000)
     distance, _ = cKDTree(np.column_stack((cloud.points.real, cloud.points.imag))).query(
         np.column_stack((places.real, places.imag)))
     found = surface.nearest(places)
     diagonal = math.sqrt(2.0) * surface.cell
-    assert (found[distance < PARAMETERS.reach - diagonal] < 300).all()
-    assert (found[distance > PARAMETERS.reach + diagonal] == 300).all()
+    assert (found[distance < reach - diagonal] < 300).all()
+    assert (found[distance > reach + diagonal] == 300).all()
     near = found < 300
     assert (np.abs(places[near] - cloud.points[found[near]]) <= distance[near] + 2.0 * diagonal).all()
     assert surface.nearest(np.array([100.0, -100.0, 100j, -100j])).tolist() == [300] * 4
+
+
+def test_far_reaching_points_take_little_memory():
+    tracemalloc.start()
+    try:
+        build_surface(drawn(300), DensityParameters(cell=0.01, cells=1000, reach=2.0))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 100e6
 
 
 def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():

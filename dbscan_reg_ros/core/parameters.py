@@ -258,7 +258,7 @@ class DensityParameters(ParameterGroup):
     points: int = parameter(200, 'points of the current scan that are compared, evenly along the scan', '', 10, 100000)
     cell: float = parameter(0.04, 'least cell of the table', 'm', 0.005, 10.0)
     cells: int = parameter(800, 'most cells along a side of the table', '', 50, 4000)
-    reach: float = parameter(0.4, 'a point has no partner farther away than this', 'm', 0.02, 10.0)
+    reach: float = parameter(0.4, 'a point has no partner farther away than this', 'm', 0.02, 2.0)
     facing: float = parameter(0.5, 'cosine of the greatest angle between the normals of partners', '', -1.0, 1.0)
     violation: float = parameter(0.7, 'weight of a point in the other scan\'s free space against one on its surface', '', 0.0, 100.0)
     violation_tolerance: float = parameter(0.15, 'a point this far in front of what the other scan saw begins to count', 'm', 0.01, 10.0)

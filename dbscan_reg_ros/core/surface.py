@@ -8,6 +8,9 @@ import numpy as np
 from .parameters import DensityParameters
 from .se2 import as_complex
 
+_AT_ONCE = 2**22
+"""So many cells are written in one step, however far the points reach."""
+
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
@@ -155,7 +158,9 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     # Of the points in one cell, the one closest to its centre wins everywhere: the others need not be written. Written
     # from the far offsets to the near ones, the nearest point has the last word. Beam order would favour one side and
     # turn the match.
-    index[home[order] + (row * columns + column)] = order
+    away, some = row * columns + column, max(_AT_ONCE // max(len(order), 1), 1)
+    for first in range(0, len(away), some):
+        index[home[order] + away[first:first + some]] = order
     normals = np.append(cloud.normals.conj(), 0.0)
     return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
 
