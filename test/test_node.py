@@ -245,6 +245,7 @@ def test_a_misspelt_parameter_is_named(start_node, peer):
     ('mounting:=above', "mounting = 'above': expected one of"),
     ('laser_pose:=[1.0, 2.0]', 'expected 3 numbers'),
     ('odom_frame:=base_link', 'expected two different frames'),
+    ('scan.noise_max:=0.001', 'scan.noise_min = 0.004: expected at most scan.noise_max, which is 0.001'),
     ('qos_overrides./scan.subscription.reliability:=nonsense', "'reliability': 'nonsense'"),
     ('qos_overrides./scan.subscription.reliability:=1', "'reliability': 1"),
     ('qos_overrides./scan.subscription.depth:=many', "'depth': 'many'"),
@@ -310,6 +311,20 @@ def test_several_parameters_set_at_once_are_taken_all_or_none(node, player, peer
     assert parameters.get('scan.range_min', 'scan.range_max') == [0.3, 9.0]
     said(node, 'parameters changed: scan.range_min: 0.0 -> 0.3, scan.range_max: 0.0 -> 9.0', peer)
     assert played(player, scans[:3]).lost == 0
+
+
+def test_a_least_value_is_never_set_above_the_greatest_whatever_the_order(node, peer):
+    parameters = Parameters(peer)
+    [least, greatest] = parameters.set(scan__noise_min=0.06, scan__noise_max=0.1)
+    assert (least.successful, greatest.successful) == (False, True)
+    assert 'scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or first' in least.reason
+    assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.004, 0.1]
+    assert parameters.set(scan__noise_min=0.06)[0].successful
+    assert not parameters.set(scan__noise_max=0.01)[0].successful
+    assert parameters.set_together(scan__noise_max=0.01, scan__noise_min=0.002).successful
+    assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.002, 0.01]
+    for limits in ({'scan__range_min': 3.0, 'scan__range_max': 8.0}, {'scan__range_max': 0.0, 'scan__range_min': 9.0}):
+        assert all(result.successful for result in parameters.set(**limits))
 
 
 # Bad input

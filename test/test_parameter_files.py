@@ -74,9 +74,17 @@ def test_printing_the_defaults_is_the_file_of_defaults(capsys):
 def test_written_parameters_are_read_back_unchanged(tmp_path):
     changed = NodeParameters().replace({
         'odom_frame': 'yes', 'base_frame': '1e3', 'publish_tf': False, 'laser_pose': [0.1, -1e-7, math.pi],
-        'mounting': 'laser_pose', 'scan.range_max': 1e-5, 'scan.range_min': 1 / 3})
+        'mounting': 'laser_pose', 'scan.range_min': 1e-5, 'scan.range_max': 1 / 3})
     write_parameters(tmp_path / 'changed.yaml', changed)
     assert read_parameters(tmp_path / 'changed.yaml') == changed
+
+
+@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')])
+def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
+    text = '/**: {{ros__parameters: {{{}: {{{}_min: 0.4, {}_max: {}}}}}}}'.format
+    with pytest.raises(ParameterError, match=rf'{group}\.{name}_min = 0.4: expected at most {group}\.{name}_max, which is 0.3'):
+        read(text(group, name, name, 0.3))
+    assert read(text(group, name, name, 0.4)).flatten()[f'{group}.{name}_max'] == 0.4
 
 
 @pytest.mark.parametrize('section', ['/**', '/*', 'scan_matcher', '/scan_matcher', '/robot/scan_matcher',

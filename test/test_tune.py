@@ -105,6 +105,14 @@ def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path,
     assert min(costs) <= 1.1 * cost_of(intel, None, NodeParameters(), 'truth', scans) < 0.5 * costs[0]
 
 
+def test_values_that_contradict_each_other_are_hopeless_and_end_no_search(recordings, tmp_path):
+    assert main([str(recordings / 'a'), *SEARCH, '--trials', '4', '--processes', '1', '--out', str(tmp_path),
+                 '--parameters', 'scan.noise_min=0.001:0.9']) == 0
+    trials = trials_of(tmp_path)
+    assert {trial['values']['scan.noise_min'] > 0.05 for trial in trials} == {True, False}
+    assert all((trial['cost'] == HOPELESS) == (trial['values']['scan.noise_min'] > 0.05) for trial in trials)
+
+
 def test_a_gain_within_the_noise_is_called_that(recordings, tmp_path, capsys):
     assert main([str(recordings / 'a'), *SEARCH, '--trials', '1', '--processes', '1', '--out', str(tmp_path),
                  '--held-out', str(recordings / 'b')]) == 0

@@ -1,6 +1,7 @@
 """``tune FILE...``: search the parameters that suit recordings."""
 from pathlib import Path
 
+from ..core.errors import ParameterError
 from .command_line import CommandError, add_recordings, add_workers, make_parser, note_online_only, positive, run, seed
 
 SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
@@ -89,13 +90,21 @@ def tune(args):
 
 def evaluated(executor, trials, start, paths, topic, objective, limit):
     """(number, cost) of the `trials`, number -> values, as they are done: the mean over the recordings."""
-    from ..tuning.objective import cost_of
+    from ..tuning.objective import HOPELESS, cost_of
 
-    candidates = [start.replace(values) for values in trials.values()]
-    costs = executor.map(cost_of, *zip(*((path, topic, candidate, objective, limit)
-                                         for candidate in candidates for path in paths), strict=True))
+    candidates = {number: made for number, values in trials.items() if (made := candidate(start, values))}
+    asked = [(path, topic, made, objective, limit) for made in candidates.values() for path in paths]
+    costs = executor.map(cost_of, *zip(*asked, strict=True)) if asked else iter(())
     for number in trials:
-        yield number, sum(next(costs) for _ in paths) / len(paths)
+        yield number, sum(next(costs) for _ in paths) / len(paths) if number in candidates else HOPELESS
+
+
+def candidate(start, values):
+    """The parameters `start` with some `values` changed, or None where these contradict each other."""
+    try:
+        return start.replace(values)
+    except ParameterError:
+        return None
 
 
 def progress(total):

@@ -77,7 +77,7 @@ class ParameterTree:
         Raises
         ------
         ParameterError
-            When a name is unknown, or a value has the wrong type or lies outside its bounds.
+            When a name is unknown, a value has the wrong type or lies outside its bounds, or two contradict each other.
         """
         descriptions = {d.name: d for d in self.describe()}
         own, groups = {}, {}
@@ -436,6 +436,10 @@ class TimeParameters(ParameterGroup):
     jump: float = parameter(2.0, 'stamps that go back, or leave a gap, of more than this are a restart', 's', 0.0, 1000000.0)
 
 
+_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')
+"""Group and name of what has a least and a greatest value, each a parameter; a greatest one of 0 is none."""
+
+
 @dataclass(frozen=True)
 class Parameters(ParameterTree):
     """All parameters of the registration and the odometry."""
@@ -454,6 +458,14 @@ class Parameters(ParameterTree):
     prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
     time: TimeParameters = dataclasses.field(default_factory=TimeParameters)
+
+    def __post_init__(self):
+        super().__post_init__()
+        for group, name in _LIMITED:
+            least, greatest = (getattr(getattr(self, group), f'{name}_{end}') for end in ('min', 'max'))
+            if 0.0 < greatest < least:
+                raise ParameterError(f'{group}.{name}_min = {least}: expected at most {group}.{name}_max, which is {greatest}; '
+                                     'set both at once, or first the one that still fits')
 
     def widened(self):
         """The same with a search of more hypotheses, which is not repeated."""
