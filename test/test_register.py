@@ -10,7 +10,7 @@ import pytest
 
 from dbscan_reg_ros import Odometry, Parameters, Scan, Status
 from dbscan_reg_ros.__main__ import main as package_main
-from dbscan_reg_ros.commands.register import main
+from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.registration import register
@@ -18,7 +18,8 @@ from dbscan_reg_ros.core.ring_band import Outcome
 from dbscan_reg_ros.figures.overlay import ellipse
 from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, draw_figures
 from dbscan_reg_ros.figures.steps import ScanSteps, Steps
-from dbscan_reg_ros.parameter_files import read_parameters
+from dbscan_reg_ros.node.parameters import NodeParameters
+from dbscan_reg_ros.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.files import replacing
 from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
@@ -108,6 +109,22 @@ def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_anew(snapshot,
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
     assert len(again.hypotheses) > len(update.registration.hypotheses)
     assert f'\nhypotheses  {len(again.hypotheses)}, best first\n' in text
+
+
+def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel, tmp_path, capsys):
+    reference, current = map(extract_features, pair)
+    own = Parameters()
+    drive = [each for each in Parameters.describe() if each.name.startswith(OF_A_DRIVE)]
+    others = own.replace({each.name: next(c for c in each.choices if c != each.default) if each.choices
+                          else not each.default if each.type is bool else each.maximum for each in drive})
+    told = register(reference, current, others)
+    assert told.transform == register(reference, current, own).transform
+    np.testing.assert_array_equal(told.covariance, register(reference, current, own).covariance)
+    file = tmp_path / 'a.yaml'
+    write_parameters(file, NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
+    assert intel(3, 5505, '--params-file', file) == 2
+    note, refused = capsys.readouterr().err.splitlines()
+    assert note == f'register: {file}: does not count here: ' + ', '.join([*(each.name for each in drive), 'mounting'])
 
 
 @pytest.mark.parametrize(('words', 'complaint'), [

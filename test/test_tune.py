@@ -177,6 +177,13 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
     assert cost_of(bag, None, NodeParameters(), 'consistency') < 0.02
 
 
+def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
+    file = tmp_path / 'robot.yaml'
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, odometry.rest: 4.0}}')
+    assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
+    assert capsys.readouterr().err.startswith(f'tune: {file}: does not count here: mounting, upside_down\ntune: ')
+
+
 def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):
     assert main(words(1, 'out', '--held-out', recordings / 'a')) == 2
     assert 'cannot be held out' in capsys.readouterr().err

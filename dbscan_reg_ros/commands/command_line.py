@@ -79,10 +79,10 @@ def shortened(problems) -> list:
     return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
-def note_online_only(command, path, parameters):
-    """Say which of the `NodeParameters` that the file at `path` sets have no effect in `command`."""
-    if names := parameters.online_only():
-        print(f'{command}: {path}: only the running node goes by {", ".join(names)}', file=sys.stderr)
+def note_unused(command, path, parameters, used):
+    """Say which of the `NodeParameters` that the file at `path` sets do not count in `command`, which goes by those `used`."""
+    if names := parameters.unused(used):
+        print(f'{command}: {path}: does not count here: {", ".join(names)}', file=sys.stderr)
 
 
 def add_data(parser):

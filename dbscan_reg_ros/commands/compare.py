@@ -2,7 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, note_online_only, run, seed
+from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, note_unused, run, seed
 
 ALL = 'all'
 
@@ -24,6 +24,7 @@ def main(argv=None) -> int:
 
 def compare(args):
     """Track every recording twice, print and write the comparison; the exit status says whether B is worse."""
+    from ..node.parameters import METHOD
     from ..recordings import find_recording, open_recording
     from ..replays.comparison import known_motion, paired
     from ..replays.folder import new_folder, point_latest
@@ -32,7 +33,7 @@ def compare(args):
     competitors = [Competitor.named(name) for name in (args.a, args.b)]
     for name, competitor in zip((args.a, args.b), competitors, strict=True):
         if competitor.parameters:
-            note_online_only('compare', name, competitor.parameters)
+            note_unused('compare', name, competitor.parameters, METHOD)
     paths = [find_recording(file, args.data) for file in args.files]
     known = [known_motion(open_recording(path, args.topic)) for path in paths]
     if args.scheduler:

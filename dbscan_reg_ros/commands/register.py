@@ -4,7 +4,10 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from .command_line import CommandError, add_data, make_parser, run
+from .command_line import CommandError, add_data, make_parser, note_unused, run
+
+OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.window', 'decision.vague'
+"""How the names of the parameters begin that do not count for a pair of scans."""
 
 
 def main(argv=None) -> int:
@@ -38,11 +41,14 @@ def register(args):
     """Register the pair, print what came of it and draw how."""
     from ..figures.sheet import draw_figures
     from ..figures.steps import Steps
+    from ..node.parameters import METHOD
     from ..parameter_files import read_parameters
     from ..recordings import find_recording
     from ..replays.folder import new_folder, point_latest
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
+    if parameters:
+        note_unused('register', args.params_file, parameters, [name for name in METHOD if not name.startswith(OF_A_DRIVE)])
     if path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:

@@ -2,7 +2,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import add_recordings, add_workers, complain, make_parser, note_online_only, run, shortened
+from .command_line import add_recordings, add_workers, complain, make_parser, note_unused, run, shortened
 
 
 def main(argv=None) -> int:
@@ -21,13 +21,13 @@ def main(argv=None) -> int:
 
 def replay(args):
     """Replay every recording, and print what came of each; the exit status is that of the first that failed."""
-    from ..node.parameters import NodeParameters
+    from ..node.parameters import REPLAYED, NodeParameters
     from ..parameter_files import read_parameters
     from ..recordings import find_recording
     from .workers import processors, workers
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    note_online_only('replay', args.params_file, parameters)
+    note_unused('replay', args.params_file, parameters, REPLAYED)
     place = Path.absolute if args.scheduler else Path
     jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops)
             for file in args.files]

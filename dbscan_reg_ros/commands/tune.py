@@ -2,7 +2,7 @@
 from pathlib import Path
 
 from ..core.errors import ParameterError
-from .command_line import CommandError, add_recordings, add_workers, make_parser, note_online_only, positive, run, seed
+from .command_line import CommandError, add_recordings, add_workers, make_parser, note_unused, positive, run, seed
 
 SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
             'density.violation', 'selection.sieve_tolerance')
@@ -38,7 +38,7 @@ def main(argv=None) -> int:
 
 def tune(args):
     """Search, write the best and print what it is worth."""
-    from ..node.parameters import NodeParameters
+    from ..node.parameters import METHOD, NodeParameters
     from ..parameter_files import read_parameters, write_parameters
     from ..recordings import find_recording, open_recording
     from ..replays.comparison import known_motion
@@ -49,7 +49,7 @@ def tune(args):
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    note_online_only('tune', args.params_file, start)
+    note_unused('tune', args.params_file, start, METHOD)
     axes = [read_axis(text, start) for text in args.parameters]
     paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
                        for files in (args.files, args.held_out))

@@ -9,8 +9,12 @@ from ..core.parameters import ParameterGroup, Parameters, PriorParameters, param
 MOUNTINGS = ('none', 'laser_pose', 'tf')
 SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
 SECTORS = 4
-OFFLINE = ('odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down')
-"""What a replay goes by as well, besides the parameters of the method."""
+METHOD = frozenset(each.name for each in Parameters.describe())
+"""Full names of the parameters of the method."""
+REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down'}
+"""Full names of what a replay goes by."""
+OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
+"""What is so offline in any case."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +110,11 @@ class NodeParameters(Parameters):
         """What the odometry is to go by: without any prior, `odometry.prior` does not count."""
         return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
-    def online_only(self) -> list:
-        """Full names of those that differ from their defaults and that only the running node goes by."""
-        offline, values = {*OFFLINE, *(d.name for d in Parameters.describe())}, self.flatten()
-        return [d.name for d in self.describe() if d.name not in offline and values[d.name] != d.default
-                and (d.name, values[d.name]) != ('prior.source', 'none')]
+    def unused(self, used) -> list:
+        """Full names of those that differ from their defaults though what runs offline goes by those named in `used` only."""
+        values = self.flatten()
+        return [d.name for d in self.describe() if d.name not in used and values[d.name] != d.default
+                and (d.name, values[d.name]) not in OFFLINE]
 
 
 def is_ros_parameter(name) -> bool:
