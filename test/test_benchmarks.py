@@ -325,6 +325,14 @@ def test_verbose_lists_every_failure(data, capsys):
     assert all('pairs_s' in line and 'deg' in line for line in lines)
 
 
+@pytest.mark.parametrize('words', [*([name, '--method', 'icp'] for name in ('node', 'soak', 'silent', 'covariance')),
+                                   *([name, '--data', '.'] for name in ('node', 'soak', 'covariance'))])
+def test_what_a_benchmark_would_ignore_is_refused(words, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        main([*words, '--limit', '1'])
+    assert f'unrecognized arguments: {words[1]} {words[2]}' in capsys.readouterr().err
+
+
 def test_the_script_runs_with_the_python_it_is_told(root, data):
     done = subprocess.run([root / 'scripts' / 'bench', 'pairs', '--data', data, '--method', 'identity', '--limit', '2'],
                           env={'PYTHON': sys.executable, 'PATH': '/usr/bin:/bin'}, capture_output=True, text=True,

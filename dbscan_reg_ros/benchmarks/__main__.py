@@ -19,6 +19,10 @@ BENCHMARKS = {
     'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
 }
+OURS_ONLY = ('node', 'soak', 'silent', 'covariance')
+"""No other method has what they measure."""
+SIMULATED = ('node', 'soak', 'covariance')
+"""They need no recordings."""
 METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'lidars',
            'leader', 'losses', 'dropped', 'noise', 'person')
@@ -35,8 +39,10 @@ def make_parser():
     commands = parser.add_subparsers(dest='benchmark', required=True, metavar='BENCHMARK')
     for name, summary in BENCHMARKS.items():
         command = commands.add_parser(name, help=summary, description=summary)
-        add_data(command)
-        command.add_argument('--method', nargs='+', metavar='NAME', help=f'only these methods, of {", ".join(METHODS)}')
+        if name not in SIMULATED:
+            add_data(command)
+        if name not in OURS_ONLY:
+            command.add_argument('--method', nargs='+', metavar='NAME', help=f'only these methods, of {", ".join(METHODS)}')
         command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
         command.add_argument('--limit', type=positive, metavar='N',
                              help='at most N trials of each kind, evenly spread; of each drive the first N scans')
