@@ -250,6 +250,7 @@ def test_a_misspelt_parameter_is_named(start_node, peer):
     ('qos_overrides./scan.subscription.reliability:=1', "'reliability': 1"),
     ('qos_overrides./scan.subscription.depth:=many', "'depth': 'many'"),
     ('qos_overrides./scan.subscription.depth:=-3', "'depth': -3"),
+    ('qos_overrides./scan.subscription.depth:=0', "'depth': 0"),
     ('qos_overrides./scan.subscription.history:=unknown', "'history': 'unknown'"),
 ])
 def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argument, complaint):

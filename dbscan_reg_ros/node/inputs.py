@@ -1,6 +1,7 @@
 """The scans that come in: which are used, in which order, and which of their beams."""
 import math
 import time
+import warnings
 from collections import deque
 
 import numpy as np
@@ -62,9 +63,12 @@ class ScanInbox:
         name = f'qos_overrides.{self._node.resolve_topic_name("scan")}.subscription'
         given = {key: p.value for key, p in self._node.get_parameters_by_prefix(name).items()}
         try:
-            return self._node.create_subscription(
-                LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(callback=_exists))
+            with warnings.catch_warnings():
+                # rclpy would warn of a depth of 0, which is refused.
+                warnings.filterwarnings('ignore', 'A zero depth', UserWarning)
+                return self._node.create_subscription(
+                    LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(callback=_exists))
         except (RuntimeError, AssertionError, AttributeError, InvalidQosOverridesError):
             if not given:
                 raise
@@ -131,7 +135,8 @@ class ScanInbox:
 
 
 def _exists(quality):
-    return SetParametersResult(successful=quality.depth >= 0 and quality.reliability != ReliabilityPolicy.UNKNOWN
+    least = 0 if quality.history == HistoryPolicy.KEEP_ALL else 1
+    return SetParametersResult(successful=quality.depth >= least and quality.reliability != ReliabilityPolicy.UNKNOWN
                                and quality.history != HistoryPolicy.UNKNOWN)
 
 
