@@ -209,14 +209,20 @@ def ours(messages):
     return [t for m in messages for t in m.transforms if t.transform.translation.x != 5.0]
 
 
-def test_where_nobody_else_sends_transforms_there_is_nothing_to_hear(start_node, player, peer, scans, tf_type):
-    start_node()
+def test_only_where_we_and_others_send_transforms_there_is_something_to_hear(start_node, player, peer, scans, tf_type):
+    node = start_node()
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:3]).lost == 0
     assert peer.node.count_publishers('/tf') == 1 and peer.node.count_subscribers('/tf') == 0
     with Peer('arm') as arm:
         other = Loudspeaker(arm, tf_type, '/tf')
-        other.until(lambda: peer.node.count_subscribers('/tf') == 1, tf_type(transforms=[transform('elbow', 'hand')]))
+        for value in (True, False, True):
+            assert Parameters(peer).set(publish_tf=value)[0].successful
+            other.until(lambda hears=value: peer.node.count_subscribers('/tf') == hears, tf_type(transforms=[transform('elbow', 'hand')]))
+    peer.until(lambda: peer.node.count_subscribers('/tf') == 0)
+    assert player.play(scans[3:6]).lost == 0
+    assert node.stop() == 0
+    assert 'Traceback' not in node.output()
 
 
 def test_where_no_transform_is_sent_or_read_there_is_nothing_to_hear(start_node, player, peer, tf_type):

@@ -75,8 +75,14 @@ class TransformListener:
         if self._moving:
             for message in taken(self._moving):
                 self._hear_moving(message)
-        elif self._sender.is_sending and self._node.count_publishers(self._node.resolve_topic_name('/tf')) > 1:
+        if self._store:
+            return
+        useful = self._sender.is_sending and self._node.count_publishers(self._node.resolve_topic_name('/tf')) > 1
+        if useful and not self._moving:
             self._moving = self._subscription()
+        elif self._moving and not useful:
+            self._node.destroy_subscription(self._moving)
+            self._moving = None
 
     def _hear_moving(self, message):
         self._hear(message, '/tf')
