@@ -1,4 +1,5 @@
 """The page of a replay: it opens in a real browser, shows everything, and asks nobody."""
+import dataclasses
 import json
 import re
 
@@ -108,6 +109,30 @@ def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page,
             return [box.width, box.height];
         }})()''')
         assert width > 400 and height > 150, chart
+
+
+def test_where_nothing_moves_all_is_shown_over_the_scans(browser, simulation, tmp_path):
+    path, track, scan = tmp_path / 'rest.html', Track(), simulation.scans[20]
+    scans = [dataclasses.replace(scan, stamp=scan.stamp + k * 100_000_000) for k in range(20)]
+    for _ in track.follow(scans, Odometry()):
+        pass
+    truth = np.array(track.stamps), np.zeros((20, 3))
+    write_report(path, 'rest', [], KnownMotion(truth, None, None), track, density_map(scans, track.poses), [], Parameters())
+    browser.open(path.as_uri())
+    assert browser.value('document.querySelector("#statuses svg[role=img]").textContent').endswith('scan')
+    box = browser.value('document.querySelector("#statuses [clip-path] path").getBBox().width')
+    assert box == pytest.approx(932.0, abs=5.0)
+    assert 'No part of the way is long enough to be set against what is known of it.' in browser.value('document.body.innerText')
+    assert browser.complaints == []
+
+
+def test_the_page_is_no_wider_than_a_narrow_screen_and_its_words_keep_their_size(browser, page, simulation):
+    browser.call('Emulation.setDeviceMetricsOverride', width=400, height=900, deviceScaleFactor=1, mobile=True)
+    browser.open(page(KnownMotion((simulation.stamps[20:120], simulation.truth[20:120]), None, None)).as_uri())
+    assert browser.value('document.documentElement.scrollWidth') == 400
+    scales = browser.value('[...document.querySelectorAll("svg[role=img]")]'
+                           '.map(x => x.getBoundingClientRect().width / x.viewBox.baseVal.width)')
+    assert len(scales) == 6 and min(scales) > 0.99
 
 
 def test_a_click_on_a_spot_shows_its_pair(browser, page):

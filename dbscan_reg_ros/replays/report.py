@@ -14,6 +14,8 @@ from ..recordings.metrics import align, apart, errors, path_lengths, related
 from ..recordings.poses import compose, relative
 
 BARS = 40
+DRIVE = 1.0
+"""Where the sensor moved less than this [m] all is shown over the scans instead of the distance."""
 LEVELS = [status.value for status in Status]
 
 
@@ -39,14 +41,18 @@ def write_report(path, title, summary, known: KnownMotion, track, density: Densi
     poses = track.pose_array()
     distance = path_lengths(poses) if len(poses) else np.zeros(0)
     scans = np.flatnonzero(track.used)
+    moved = not len(distance) or distance[-1] >= DRIVE
+    along = distance if moved else scans.astype(float)
     data = {
-        'title': title, 'summary': summary, 'length': max(float(distance[-1]) if len(distance) else 0.0, 0.1),
+        'title': title, 'summary': summary,
+        'along': {'label': 'distance driven [m]' if moved else 'scan', 'end': max(along.max(initial=0.0), 1.0), 'at': _rounded(along)},
         'map': {'image': _picture(density.ink), 'extent': _rounded(density.extent)},
         'track': {'x': _rounded(poses[:, 0]), 'y': _rounded(poses[:, 1]), 'distance': _rounded(distance),
                   'status': [LEVELS.index(status.value) for status in track.statuses]},
         'statusNames': LEVELS,
         'others': list(_others(known, track.stamps, poses)),
-        'errors': _errors(known, track.stamps, poses, distance),
+        'errors': _errors(known, track.stamps, poses, along),
+        'nothing': _nothing(known),
         'spots': [{'number': spot.number, 'scan': int(scans[spot.number]), 'on': int(scans[spot.reference_number]),
                    'status': spot.status.value, 'reason': spot.reason, 'overlap': round(float(spot.overlap), 3),
                    'reference': _rounded(spot.reference.T), 'current': _rounded(spot.current.T),
@@ -92,34 +98,41 @@ def _others(known, stamps, poses):
         yield {'kind': kind, 'name': name, 'x': _rounded(way[:, 0]), 'y': _rounded(way[:, 1])}
 
 
-def _errors(known, stamps, poses, distance):
+def _nothing(known):
+    """Why there are no errors, where there are none."""
+    if known.truth or known.relations or known.wheels:
+        return 'No part of the way is long enough to be set against what is known of it.'
+    return 'Nothing is known of the true motion.'
+
+
+def _errors(known, stamps, poses, along):
     """Errors along the way: by the truth, else by relations, else as the difference from the wheels."""
     if known.truth:
-        return _over_a_metre(known.truth, stamps, poses, distance,
+        return _over_a_metre(known.truth, stamps, poses, along,
                              'Error of the motion over the next metre, against the truth', 'error')
     if known.relations and len(poses):
         first, second, found = related(stamps, known.relations)
         values = errors(relative(poses[first], poses[second]), known.relations.motions[found])
-        return _panels(distance[second], values, 'Error of the motion between related scans, at the later one', 'error')
+        return _panels(along[second], values, 'Error of the motion between related scans, at the later one', 'error')
     if known.wheels:
-        return _over_a_metre(known.wheels, stamps, poses, distance,
+        return _over_a_metre(known.wheels, stamps, poses, along,
                              'Difference of the motion over the next metre from the wheel odometry', 'difference')
     return []
 
 
-def _over_a_metre(trajectory, stamps, poses, distance, note, word):
+def _over_a_metre(trajectory, stamps, poses, along, note, word):
     reference = interpolate(*trajectory, stamps)
     there = np.isfinite(reference).all(axis=1)
-    poses, distance, reference = poses[there], distance[there], reference[there]
+    poses, along, reference = poses[there], along[there], reference[there]
     scans, later = apart(reference, 1.0) if len(reference) else ([], [])
     if not len(scans):
         return []
     values = errors(relative(poses[scans], poses[later]), relative(reference[scans], reference[later]))
-    return _panels(distance[scans], values, note, word)
+    return _panels(along[scans], values, note, word)
 
 
-def _panels(distance, values, note, word):
-    return [{'note': f'{note}: {what}.', 'label': f'{word} [{unit}]', 'distance': _rounded(distance),
+def _panels(along, values, note, word):
+    return [{'note': f'{note}: {what}.', 'label': f'{word} [{unit}]', 'at': _rounded(along),
              'value': np.round(value, 5).tolist()}
             for what, unit, value in zip(('translation', 'rotation'), ('m', 'deg'), values, strict=True)]
 
@@ -133,7 +146,7 @@ def _times(milliseconds):
     beyond = len(milliseconds) - len(shown)
     return {'edges': _rounded(edges), 'counts': counts.tolist(),
             'note': f'Median {median:.2f} ms, 95 % below {p95:.2f} ms, longest {milliseconds.max():.1f} ms'
-                    + (f'; {beyond} scans that took longer than shown.' if beyond else '.'),
+                    + (f'; {beyond} beyond the picture.' if beyond else '.'),
             'marks': [['median', round(float(median), 3)], ['95 %', round(float(p95), 3)]]}
 
 
