@@ -241,6 +241,26 @@ def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
         assert not axes.axison or re.search(r'\[.+\]|segment|rank', axes.get_xlabel()) and axes.get_ylabel()
 
 
+@pytest.mark.parametrize('name', ['points', 'segments', 'rotation', 'overlay'])
+def test_ticks_are_round_numbers_and_plans_of_both_scans_show_the_same(pair, name):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=SIZE, layout='constrained')
+    FIGURES[name][1](figure, Steps.of(*pair, Parameters()))
+    FigureCanvasAgg(figure).draw()
+    panels = {axes.get_label(): axes for axes in figure.axes if axes.axison}
+    for axes in panels.values():
+        for axis in (axes.xaxis, axes.yaxis):
+            step = np.diff(axis.get_ticklocs()[:2])[0]
+            assert round(step / 10.0 ** math.floor(math.log10(step) + 1e-9), 6) in (1, 2, 5) or step == 45.0
+    if name == 'rotation':
+        assert panels['all'].get_xticks().tolist() == [-180, -135, -90, -45, 0, 45, 90, 135, 180]
+    else:
+        limits = [(axes.get_xlim(), axes.get_ylim()) for label, axes in panels.items() if label != 'ellipse']
+        assert len(limits) > 1
+        np.testing.assert_allclose(limits, np.broadcast_to(limits[0], np.shape(limits)), atol=1e-6)
+
+
 def words_of(figure):
     """Every text to be seen in a figure that was drawn."""
     for axes in figure.axes:

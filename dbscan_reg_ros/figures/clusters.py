@@ -21,7 +21,7 @@ def draw_rotation(figure, steps):
         panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
         grid(panel)
     axes['all'].set(title=f'{rotations.difference.size} angle differences; clusters followed: {len(rotations.phi)}',
-                    xlim=(-185.0, 185.0))
+                    xlim=(-185.0, 185.0), xticks=range(-180, 181, 45))
     axes['close'].set(title='close to the result', xlim=(result - CLOSE_ANGLE, result + CLOSE_ANGLE))
     _k_distances(axes['graph'], steps)
     legend(axes['legend'], axes['all'], 6)

@@ -4,7 +4,7 @@ import math
 import numpy as np
 
 from ..core.se2 import SE2
-from .style import CURRENT, CURRENT_POINTS, REFERENCE, REFERENCE_POINTS, draw_segments, legend, panels, plane
+from .style import CURRENT, CURRENT_POINTS, REFERENCE, REFERENCE_POINTS, alike, draw_segments, legend, panels, plane
 
 CONFIDENCE = 0.95
 THIN = {'linewidth': 0.9}
@@ -20,6 +20,7 @@ def draw_overlay(figure, steps):
     plane(axes['before'], 'before')
     plane(axes['after'], f'after: {100.0 * registration.overlap:.0f} % of the points fit,\n'
                          f'{len(matched)} pairs of segments fit (thick)')
+    alike(axes['before'], axes['after'])
     _draw_ellipse(axes['ellipse'], registration)
     legend(axes['legend'], axes['after'], 4)
 

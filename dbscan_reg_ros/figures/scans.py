@@ -3,7 +3,7 @@ import numpy as np
 
 from ..core.records import EndKind
 from ..core.ring_band import Outcome
-from .style import BLUE, POINTS, REST, draw_segments, legend, panels, plane
+from .style import BLUE, POINTS, REST, alike, draw_segments, legend, panels, plane
 
 OUTCOMES = {
     Outcome.KEPT: ('kept', POINTS),
@@ -27,10 +27,10 @@ def draw_points(figure, steps):
         for outcome, (label, style) in OUTCOMES.items():
             before.plot(*scan.measured[scan.outcome == outcome].T, label=label, **OPEN | style)
         after.plot(*scan.filtered.T, **POINTS)
-        after.update_datalim(scan.measured[np.isfinite(scan.measured[:, 0])])
         counts = [np.count_nonzero(scan.outcome == outcome) for outcome in OUTCOMES][1:]
         plane(before, f'{name} as measured')
         plane(after, '{}: {} smoothed,\n{} corners kept, {} removed'.format(name, *counts))
+    alike(*(panel for place, panel in axes.items() if place != 'legend'))
     legend(axes['legend'], axes['reference measured'], 4)
 
 
@@ -47,4 +47,5 @@ def draw_scan_segments(figure, steps):
         for kind, (label, style) in ENDS.items():
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)
         plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breaks')
+    alike(*(axes[name] for name, _ in steps.scans))
     legend(axes['legend'], axes['reference'], 6)

@@ -41,8 +41,18 @@ def plane(axes, title, low=None, high=None):
     grid(axes)
 
 
+def alike(*axes):
+    """Let all of the plans show what one of them does."""
+    corners = np.concatenate([each.dataLim.get_points() for each in axes])
+    for each in axes:
+        each.update_datalim(corners[np.isfinite(corners).all(axis=1)])
+        each.autoscale_view()
+
+
 def grid(axes):
+    """Thin lines at round numbers."""
     axes.grid(linewidth=0.3, alpha=0.6)
+    axes.locator_params(steps=(1, 2, 5, 10))
     axes.locator_params(axis='x', nbins=5)
 
 
