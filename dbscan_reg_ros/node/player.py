@@ -215,7 +215,8 @@ class Player:
             remaining = self._last_answer + patience - time.monotonic()
             if remaining <= 0.0:
                 if not self._scans.get_subscription_count():
-                    raise PlayerError(f'the node that heard {self._scans.topic_name} has gone after '
+                    answered = sum(message is not None for message in self._answers.messages)
+                    raise PlayerError(f'the node that heard {self._scans.topic_name} has gone; it answered {answered} of '
                                       f'{len(self._answers.stamps)} scans')
                 self._waiting.popleft()
                 self._last_answer = time.monotonic()
