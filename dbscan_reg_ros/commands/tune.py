@@ -80,7 +80,8 @@ def tune(args):
         head += gain(executor, held_out, known, args.topic, start, best, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join(head))
-    print('\n'.join(f'{name}: {start_values[name]} -> {value}' for name, value in values.items()))
+    changed = [f'{name}: {start_values[name]} -> {value}' for name, value in values.items() if value != start_values[name]]
+    print('\n'.join(changed or ['No other values were better: the best are those of the start.']))
     print(f'parameters  {folder / "best.yaml"}')
     if args.live:
         from ..node.remote_parameters import write_remote
