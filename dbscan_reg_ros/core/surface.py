@@ -149,18 +149,21 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     index = np.full(rows * columns, size, dtype=kind)
     place = (points - origin) / cell
     at = place.astype(np.intp)
-    off_centre = ((place - at - 0.5) ** 2).sum(axis=1)
-    order = np.argsort(-off_centre, kind='stable').astype(kind)
-    home = at @ (columns, 1)
-    index[home[order]] = order
-    order = order[index[home[order]] == order]
-    row, column = _disc(parameters.reach / cell)
+    off_centre = place - at - 0.5
+    order = (-(off_centre * off_centre).sum(axis=1)).argsort(kind='stable').astype(kind)
+    home = (at[:, 0] * columns + at[:, 1])[order]
+    index[home] = order
     # Of the points in one cell, the one closest to its centre wins everywhere: the others need not be written. Written
     # from the far offsets to the near ones, the nearest point has the last word. Beam order would favour one side and
     # turn the match.
+    winner = index[home] == order
+    home, order = home[winner], order[winner]
+    row, column = _disc(parameters.reach / cell)
     away, some = row * columns + column, max(_AT_ONCE // max(len(order), 1), 1)
+    # One long list of places is written twice as fast as a table of them.
     for first in range(0, len(away), some):
-        index[home[order] + away[first:first + some]] = order
+        places = home + away[first:first + some]
+        index[places.ravel()] = np.tile(order, len(places))
     normals = np.append(cloud.normals.conj(), 0.0)
     return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
 
