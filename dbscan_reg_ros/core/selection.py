@@ -67,8 +67,10 @@ def surprise(candidates, prior):
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
     chosen, left = [], np.arange(len(candidates))
-    while len(left) and len(chosen) < count:
+    while len(left):
         chosen.append(int(left[0]))
+        if len(chosen) == count:
+            break
         left = left[~same(candidates[left], candidates[left[0]], distance, angle)]
     return chosen
 

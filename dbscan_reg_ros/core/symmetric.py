@@ -45,7 +45,7 @@ def solve(equations, damping):
         t = (t - q * x - r * y) / c
         y = y / b - r * t
         steps.append((x / a - p * y - q * t, y, t))
-    return np.array(steps)
+    return np.array(steps).reshape(-1, 3)
 
 
 def _factors(xx, xy, xt, yy, yt, tt):

@@ -5,12 +5,14 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from .alignment import NO_STEP, normal_equations
 from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before, without_gaps
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
 from .se2 import as_complex, as_vectors
 from .squared import squared_samples
+from .symmetric import solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,19 +142,14 @@ def shortest_translations(pairs, equations, phi):
     """
     last = pairs[0].searchsorted(len(phi))
     rotation, _, _, weight = (part[:last] for part in pairs)
-    along, c = (part[:last] for part in equations)
-    weight = weight[:, None] * (rotation[:, None] == np.arange(len(phi)))
-    nx, ny = -along.imag, along.real
-    products = np.array((nx * nx, nx * ny, ny * ny, nx * c, ny * c))
-    nx, ny, c = nx[:, None], ny[:, None], c[:, None]
-    x, y = np.zeros((2, len(phi)))
+    along, distance = (part[:last] for part in equations)
+    weight = weight * (np.arange(len(phi))[:, None] == rotation)
+    rows = np.array((-along.imag, along.real, np.zeros(last), -distance))
+    found = np.tile(NO_STEP, (len(phi), 1))
     for scale in _SHORTEST_SCALES:
-        xx, xy, yy, cx, cy = products @ (weight / (1.0 + ((nx * x + ny * y - c) / scale) ** 2))
-        damping = _SHORTEST_DAMPING * (xx + yy) + 1e-9
-        xx, yy = xx + damping, yy + damping
-        determinant = xx * yy - xy * xy
-        x, y = (yy * cx - xy * cy) / determinant, (xx * cy - xy * cx) / determinant
-    return np.array((x, y, phi)).T
+        found[:, :3] = -solve(normal_equations(rows, weight / (1.0 + (found @ rows / scale) ** 2)), _SHORTEST_DAMPING)
+    found[:, 2] = phi
+    return found[:, :3]
 
 
 _SHORTEST_SCALES = 1.0, 0.3, 0.1
