@@ -71,10 +71,6 @@ class Intervals:
         """Whether a scan at `stamp` [ns] would lie more than `time.jump` away from the last."""
         return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.jump
 
-    def _steady(self):
-        """Whether stamps tell when scans were taken, as those that jitter as much as Intel's do not."""
-        return min(self._raw) * _GAP > self._median()
-
     def _median(self):
         recent = [elapsed for elapsed in self._recent if elapsed > _LEAST]
         return median(recent) if recent else 0.0
