@@ -287,6 +287,32 @@ def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
     assert max(off) < 0.1
 
 
+@pytest.mark.parametrize('jitter, pace, longer', [(0.05, 1.0, 1.0), (0.0, 0.5, 1.0), (0.0, 1.0, 2.0)])
+def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pace, longer):
+    """Stamps that jitter, a clock that is slow, scans that are said to take twice as long as they do."""
+    world, lidar = rooms(1), LIDARS['rplidar_a']
+    result = simulate(world, follow(world.tour[:5], turn_rate=1.2), lidar, seed=1)
+    late = np.random.default_rng(1).uniform(-jitter, jitter, len(result.scans))
+    stamps = result.stamps[0] + pace * (result.stamps - result.stamps[0]) + 1e9 * late
+    odometry, start = Odometry(), SE2(*result.truth[0])
+    for scan, stamp, true in zip(result.scans, stamps, result.truth, strict=True):
+        update = odometry.process(dataclasses.replace(scan, stamp=int(stamp), time_increment=longer * lidar.time_increment))
+        assert update.status is Status.OK
+        distance, angle = error(update, start.inverse() @ SE2(*true))
+        assert distance < 0.15
+        assert angle < 0.045
+
+
+def test_where_scans_would_overlap_intervals_are_whole():
+    intervals = Intervals()
+    stamps = (0, 130, 180, 310, 440, 500, 800, 890, 890)
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.1) for s in stamps]
+    assert [time.interval for time in found[1:]] == pytest.approx([0.13, 0.09, 0.13, 0.13, 0.13, 0.26, 0.11, 0.11])
+    assert [time.steady for time in found[1:]] == [True] + [False] * 7
+    assert intervals.share(0.1) == 1.0
+    assert intervals.share(0.2) == pytest.approx(0.65)
+
+
 @pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
 def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_median(elapsed, taken):
     intervals = Intervals()

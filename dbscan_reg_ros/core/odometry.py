@@ -83,13 +83,15 @@ class Odometry:
             When the scan holds too few returns to be used; the state is unchanged.
         """
         p = self.parameters
-        timed = p.odometry.deskew and 0.0 < abs(scan.time_increment) * scan.geometry.size < p.time.jump
+        lasts = abs(scan.time_increment) * scan.geometry.size if p.odometry.deskew else 0.0
+        timed = 0.0 < lasts < p.time.jump
         skewed = timed and not self._intervals.jumps(scan.stamp, p.time)
-        features = extract_features(deskew(scan, self._twist) if skewed else scan, p)
+        share = self._intervals.share(lasts) if timed else 1.0
+        features = extract_features(deskew(scan, share * self._twist) if skewed else scan, p)
         if p.odometry.post_size:
             features = with_posts(features, p.odometry.post_size, p.segments)
-        half = scan.time_increment * float(features.beams.mean()) if timed else 0.0
-        time = self._intervals.next(scan.stamp, half, p.time)
+        half = share * scan.time_increment * float(features.beams.mean()) if timed else 0.0
+        time = self._intervals.next(scan.stamp, half, p.time, lasts if timed else 0.0)
         if self._window is None or time.jump.startswith('stamps'):
             return self._start(features, time.jump)
         if time.jump:

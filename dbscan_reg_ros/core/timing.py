@@ -39,6 +39,8 @@ class Interval:
 
 # Stamps that jitter leave up to eight intervals between scans that are evenly apart, and then next to none.
 _GAP = 10.0
+# The share of a scan after which the next may seem to begin: stamps of a good clock jitter as well.
+_OVER = 0.9
 # No lidar is faster [s].
 _LEAST = 0.001
 # Where one scan is left out the stamps are two intervals apart, give or take what they jitter.
@@ -52,8 +54,11 @@ class Intervals:
         self._last = None
         self._recent = deque(maxlen=51)
 
-    def next(self, stamp, half, parameters: TimeParameters) -> Interval:
-        """Take the next scan's stamp [ns] and the time from it to the middle of the scan [s]."""
+    def next(self, stamp, half, parameters: TimeParameters, lasts=0.0) -> Interval:
+        """Take the next scan's stamp [ns], the time from it to the middle of the scan [s], and how long a scan takes [s].
+
+        No scan begins before the last is over: stamps that say so jitter, and what they say is rounded to whole intervals.
+        """
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
             return Interval(half=half)
@@ -63,13 +68,28 @@ class Intervals:
             return Interval(self._median(), max(elapsed, 0.0), half, reason)
         self._recent.append(elapsed)
         usual = self._median()
-        steady = min(self._recent) > usual / _GAP
+        steady = min(self._recent) > max(usual / _GAP, _OVER * lasts)
+        if lasts and not steady:
+            return Interval(self._whole(elapsed, lasts), max(elapsed, 0.0), half)
         believed = steady or 0.5 * usual <= elapsed <= _TWICE * usual
         return Interval(elapsed if believed else usual, max(elapsed, 0.0), half, steady=steady)
+
+    def _whole(self, elapsed, lasts):
+        """`elapsed` rounded to whole intervals, at least one: the median of those in which no scan seems to be lost."""
+        recent = sorted(each for each in self._recent if each > _LEAST)
+        if not recent:
+            return 0.0
+        usual = median(each for each in recent if each < 2.0 * max(recent[len(recent) // 4], lasts))
+        return usual * max(round(elapsed / usual), 1)
 
     def jumps(self, stamp, parameters: TimeParameters) -> bool:
         """Whether a scan at `stamp` [ns] would lie more than `time.jump` away from the last."""
         return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.jump
+
+    def share(self, lasts):
+        """The share of the time it is said to take [s] that a scan may have taken: a clock or a driver can be wrong by that."""
+        usual = self._median()
+        return usual / lasts if 0.0 < usual < _OVER * lasts else 1.0
 
     def _median(self):
         recent = [elapsed for elapsed in self._recent if elapsed > _LEAST]
