@@ -184,9 +184,8 @@ def polish(candidate, cloud, surface, facing, refinement):
     way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
         weight = cloud.weighed(kernel(rows[3], scale))
-        equations = normal_equations(rows, weight)
-        step, = solve(equations, refinement.damping)
-        scale = refinement.narrowed(scale, math.sqrt(equations[3, 3] / max(float(weight.sum()), 1e-9)))
+        step, = solve(normal_equations(rows, weight), refinement.damping)
+        scale = refinement.narrowed(scale, math.sqrt(mean_square(rows[3], weight)))
         way += step
         rows[3] -= step @ rows[:3]
     return candidate - way if math.hypot(way[0], way[1]) < refinement.final_scale else candidate

@@ -84,14 +84,14 @@ class Odometry:
         """
         p = self.parameters
         lasts = abs(scan.time_increment) * scan.geometry.size if p.odometry.deskew else 0.0
-        timed = 0.0 < lasts < p.time.jump
-        skewed = timed and not self._intervals.jumps(scan.stamp, p.time)
-        share = self._intervals.share(lasts) if timed else 1.0
+        lasts = lasts if lasts < p.time.jump else 0.0
+        skewed = lasts and not self._intervals.jumps(scan.stamp, p.time)
+        share = self._intervals.share(lasts)
         features = extract_features(deskew(scan, share * self._twist) if skewed else scan, p)
         if p.odometry.post_size:
             features = with_posts(features, p.odometry.post_size, p.segments)
-        half = share * scan.time_increment * float(features.beams.mean()) if timed else 0.0
-        time = self._intervals.next(scan.stamp, half, p.time, lasts if timed else 0.0)
+        half = share * scan.time_increment * float(features.beams.mean()) if lasts else 0.0
+        time = self._intervals.next(scan.stamp, half, p.time, lasts)
         if self._window is None or time.jump.startswith('stamps'):
             return self._start(features, time.jump)
         if time.jump:

@@ -13,7 +13,8 @@ class Interval:
     Attributes
     ----------
     interval : float [s]
-        The stamps' own difference where it can be believed, else the running median; 0 while nothing is known.
+        The stamps' own difference where it can be believed, else the running median, or whole ones where scans would overlap; 0
+        while nothing is known.
     elapsed : float [s]
         The stamps' own difference, 0 for stamps that go back.
     half : float [s]
@@ -55,7 +56,7 @@ class Intervals:
         self._recent = deque(maxlen=51)
 
     def next(self, stamp, half, parameters: TimeParameters, lasts=0.0) -> Interval:
-        """Take the next scan's stamp [ns], the time from it to the middle of the scan [s], and how long a scan takes [s].
+        """Take the next scan's stamp [ns], the time from it to its middle [s], and how long it takes [s], 0 for all at once.
 
         No scan begins before the last is over: stamps that say so jitter, and what they say is rounded to whole intervals.
         """
@@ -76,7 +77,7 @@ class Intervals:
 
     def _whole(self, elapsed, lasts):
         """`elapsed` rounded to whole intervals, at least one: the median of those in which no scan seems to be lost."""
-        recent = sorted(each for each in self._recent if each > _LEAST)
+        recent = self._possible()
         if not recent:
             return 0.0
         usual = median(each for each in recent if each < 2.0 * max(recent[len(recent) // 4], lasts))
@@ -92,5 +93,9 @@ class Intervals:
         return usual / lasts if 0.0 < usual < _OVER * lasts else 1.0
 
     def _median(self):
-        recent = [elapsed for elapsed in self._recent if elapsed > _LEAST]
+        recent = self._possible()
         return median(recent) if recent else 0.0
+
+    def _possible(self):
+        """The last intervals, in ascending order, without those that stamps which repeat or go back leave."""
+        return sorted(elapsed for elapsed in self._recent if elapsed > _LEAST)
