@@ -1,7 +1,9 @@
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
+import hashlib
 import shutil
 import subprocess
 import sys
+import zipfile
 
 import pytest
 
@@ -138,6 +140,29 @@ def test_an_interrupted_addition_is_repaired_from_the_ground_up(make):
     assert make(more=True) == ['install more.txt']
     assert make(more=True) == ['venv', 'install wanted.txt', 'install more.txt']
     assert make(more=True) == []
+
+
+def wheel(folder, name, version, *metadata):
+    """Write an empty package; return the line of a lock that names it."""
+    path, info = folder / f'{name}-{version}-py3-none-any.whl', f'{name}-{version}.dist-info'
+    with zipfile.ZipFile(path, 'w') as archive:
+        archive.writestr(f'{info}/METADATA', '\n'.join(('Metadata-Version: 2.1', f'Name: {name}', f'Version: {version}', *metadata)))
+        archive.writestr(f'{info}/WHEEL', 'Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n')
+        archive.writestr(f'{info}/RECORD', '')
+    return f'{name}=={version} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n'
+
+
+def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
+    tool = wheel(tmp_path, 'tool', '1.0', 'Provides-Extra: more')
+    plugin = wheel(tmp_path, 'plugin', '1.0', 'Requires-Dist: tool[more]>=0.9')
+    wheel(tmp_path, 'tool', '2.0', 'Provides-Extra: more')
+    (tmp_path / 'lock.txt').write_text(plugin + tool)
+    subprocess.run([sys.executable, '-m', 'venv', tmp_path / 'venv'], check=True)
+    result = subprocess.run(['bash', '-c', f'source {root}/scripts/setup; install {tmp_path}/venv {tmp_path}/lock.txt'],
+                            env={'PATH': '/usr/bin:/bin', 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)},
+                            capture_output=True, text=True, check=False, timeout=120)
+    assert (result.returncode, result.stderr) == (0, '')
+    assert [*(tmp_path / 'venv').glob('lib/python*/site-packages/tool-1.0.dist-info')]
 
 
 @pytest.fixture
