@@ -115,7 +115,7 @@ def test_every_candidate_is_refined_to_the_motion():
     found, _ = refine(near, current.cloud, reference.surface, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.facing, 1e-6)
     assert np.abs(found - MOTION.as_array()).max() < 2e-3
     assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
-    last = polish(found[0], current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
+    last, _ = polish(found[0], current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
     assert np.abs(last - MOTION.as_array()).max() < 5e-4
 
 
@@ -130,8 +130,24 @@ def test_refining_from_a_known_fit_is_refining():
 def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
     reference, current, refinement = features(START), features(END), PARAMETERS.refinement
     near, far = ((MOTION @ SE2(share * refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
-    assert np.abs(polish(near, current.dense_cloud, reference.surface, DENSITY.facing, refinement) - MOTION.as_array()).max() < 1e-3
-    assert (polish(far, current.dense_cloud, reference.surface, DENSITY.facing, refinement) == far).all()
+    found, _ = polish(near, current.dense_cloud, reference.surface, DENSITY.facing, refinement)
+    assert np.abs(found - MOTION.as_array()).max() < 1e-3
+    found, _ = polish(far, current.dense_cloud, reference.surface, DENSITY.facing, refinement)
+    assert (found == far).all()
+
+
+def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
+    reference, current = features(START), features(END)
+    near = (MOTION @ SE2(0.02, -0.01, 0.01)).as_array()
+    found, errors = polish(near, current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
+    there = fit(found[None], current.dense_cloud, reference.surface, DENSITY.facing)
+    both = errors.alike & there.alike
+    assert both.mean() > 0.95
+    assert np.percentile(np.abs(errors.error - there.error)[both], 95) < 3e-4
+    assert np.median(np.abs(errors.error - fit(near[None], current.dense_cloud, reference.surface, DENSITY.facing).error)[both]) > 3e-3
+    few = errors.thinned(50)
+    assert few.error.shape == (1, len(current.dense_cloud.thinned(50)))
+    np.testing.assert_array_equal(few.arms[0], errors.arms[0, ::8])
 
 
 def plainly(reference, current, motion):

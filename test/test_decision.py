@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.alignment import derivatives, normal_equations
+from dbscan_reg_ros.core.alignment import derivatives, fit, normal_equations
 from dbscan_reg_ros.core.decision import (
     calibrated,
     decide,
@@ -25,6 +25,10 @@ from dbscan_reg_ros.core.se2 import SE2
 ROOM = outline(L_ROOM)
 PARAMETERS = DecisionParameters(few=0.0, covariance_scale=1.0)
 VARIANCE = 1e-4
+
+
+def fitted(reference, current, motion):
+    return fit(motion[None], current.cloud, reference.surface, Parameters().density.facing)
 
 
 def turned(matrix, angle):
@@ -122,13 +126,15 @@ def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
 def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
-    _, held = uncertainty(best, reference, current, parameters)
+    found = fitted(reference, current, best)
+    _, held = uncertainty(best, found, current.cloud, current.noise, parameters)
     assert held.weak > parameters.decision.min_information
     coarse = np.array([best, best + [math.cos(held.angle), math.sin(held.angle), 0.0]])
     for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
-        found = decide(best[None], np.array([0.9]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, parameters)
-        assert found.status is status
-        assert np.trace(found.covariance) == pytest.approx(variance, abs=1e-3)
+        result = decide(best[None], np.array([0.9]), np.array([1.0]), found, coarse, np.array([0.9, rival]), reference, current,
+                        parameters)
+        assert result.status is status
+        assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
 
 
 def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinement():
@@ -137,8 +143,9 @@ def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinem
     best = np.array([0.1, 0.0, 0.2])
     coarse = np.array([best, best + [1.0, 1.0, 1.0]])
     for rival, status in ((0.8, Status.OK), (0.88, Status.AMBIGUOUS)):
-        found = decide(best[None], np.array([0.7]), np.array([1.0]), coarse, np.array([0.9, rival]), reference, current, Parameters())
-        assert found.status is status
+        result = decide(best[None], np.array([0.7]), np.array([1.0]), fitted(reference, current, best), coarse,
+                        np.array([0.9, rival]), reference, current, Parameters())
+        assert result.status is status
 
 
 @pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [

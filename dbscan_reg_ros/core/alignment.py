@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .symmetric import solve
+from .symmetric import solve, solve_one
 
 
 def origins(candidates):
@@ -64,6 +64,11 @@ class Fit(NamedTuple):
     def of(self, candidate):
         """The fit of one candidate alone, H = 1."""
         return Fit(*(part[candidate:candidate + 1] for part in self))
+
+    def thinned(self, count):
+        """That of at most `count` of the points, as `Cloud.thinned`."""
+        step = -(-self.error.shape[1] // count)
+        return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 
 def fit(candidates, cloud, surface, facing) -> Fit:
@@ -175,17 +180,25 @@ def polish(candidate, cloud, surface, facing, refinement):
 
     Partners are looked for once; from there on the errors are linear in the step. A candidate that creeps farther than the
     first kernel reaches, as along a corridor, stays where it was.
+
+    Returns
+    -------
+    candidate : (3,) array
+    found : Fit
+        Of it, H = 1.
     """
-    if not refinement.polish:
-        return candidate
     found = fit(candidate[None], cloud, surface, facing)
-    rows = found.rows()[0].compress(found.alike[0], axis=1)
-    cloud = cloud.select(found.alike[0])
+    if not refinement.polish:
+        return candidate, found
+    rows, worth = found.rows()[0], cloud.weighed(found.alike[0].astype(float))
     way, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish):
-        weight = cloud.weighed(kernel(rows[3], scale))
-        step, = solve(normal_equations(rows, weight), refinement.damping)
-        scale = refinement.narrowed(scale, math.sqrt(mean_square(rows[3], weight)))
+        weight = kernel(rows[3], scale) * worth
+        equations = normal_equations(rows, weight)
+        step = solve_one(equations, refinement.damping)
+        scale = refinement.narrowed(scale, math.sqrt(equations.item(15) / max(float(weight.sum()), 1e-9)))
         way += step
         rows[3] -= step @ rows[:3]
-    return candidate - way if math.hypot(way[0], way[1]) < refinement.final_scale else candidate
+    if math.hypot(way[0], way[1]) >= refinement.final_scale:
+        return candidate, found
+    return candidate - way, found._replace(error=rows[3:])

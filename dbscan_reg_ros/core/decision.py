@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .alignment import derivatives, fit, mean_square, normal_equations, shared_information
+from .alignment import derivatives, mean_square, normal_equations, shared_information
 from .free_direction import weakest_direction
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
@@ -17,18 +17,20 @@ from .selection import same
 from .symmetric import inverse
 
 
-def decide(fine, fine_score, overlap, coarse, coarse_score, reference: Features, current: Features, p: Parameters):
+def decide(fine, fine_score, overlap, found, coarse, coarse_score, reference: Features, current: Features, p: Parameters):
     """The `Registration` of the best of the refined hypotheses.
 
     Parameters
     ----------
     fine, fine_score, overlap : (H, 3), (H,), (H,) arrays
         Finely refined hypotheses, best first.
+    found : Fit
+        Of the best, for the points of the current scan's `cloud`.
     coarse, coarse_score : (G, 3), (G,) arrays
         All hypotheses after the coarse refinement: the rivals are among them.
     """
     best, limits = fine[0], p.decision
-    covariance, held = uncertainty(best, reference, current, p)
+    covariance, held = uncertainty(best, found, current.cloud, max(reference.noise, current.noise), p)
     angle, free = held.angle, held.weak < limits.min_information
     level = slid(coarse, best, angle) if free else coarse
     rivals = ~same(level, best, limits.rival_distance, limits.rival_angle)
@@ -96,15 +98,15 @@ def doubted(registration: Registration, prior: Prior, parameters: DecisionParame
     return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
 
 
-def uncertainty(candidate, reference, current, p: Parameters):
+def uncertainty(candidate, found, cloud, noise, p: Parameters):
     """Covariance ``(3, 3)`` of a motion in the current sensor's frame, and what holds it, `Held`.
 
-    The information is that of the points, each as uncertain as the points that fit are, at least the range noise.
+    The information is that of the points of a `cloud` as they were `found` there, a `Fit`, each as uncertain as the points that
+    fit are, at least the range `noise` [m].
     """
-    found = fit(candidate[None], current.cloud, reference.surface, p.density.facing)
-    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(current.cloud.normals, candidate[2], found.arms[0])
-    weight = current.cloud.weighed(found.weight(p.refinement.score_scale))[0]
-    covariance, held = match_covariance(found.error[0], weight, rows, own, max(reference.noise, current.noise), p.decision)
+    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(cloud.normals, candidate[2], found.arms[0])
+    weight = cloud.weighed(found.weight(p.refinement.score_scale))[0]
+    covariance, held = match_covariance(found.error[0], weight, rows, own, noise, p.decision)
     return turned(covariance, -candidate[2]), held
 
 
@@ -185,10 +187,10 @@ def motion_along(angle, shared, parameters: DecisionParameters):
 
     What is held as long as nothing turns, as the way along the wall of a round room is, may be free where it turns.
     """
-    along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    if min(along @ shared @ along, shared[2, 2]) > parameters.min_information:
-        along[2] = -(shared[2, :2] @ along[:2]) / shared[2, 2]
-    return along
+    (xx, xy, x), (_, yy, y), (_, _, turn) = shared.tolist()
+    c, s = math.cos(angle), math.sin(angle)
+    turns = min(c * c * xx + 2.0 * c * s * xy + s * s * yy, turn) > parameters.min_information
+    return np.array([c, s, -(x * c + y * s) / turn if turns else 0.0])
 
 
 def motion_around(information, shared, parameters: DecisionParameters):
@@ -208,14 +210,16 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     (3, 3) array
     """
     variance = variance * parameters.covariance_scale
-    free, _, free_turn = 1.0 / np.array(parameters.prior_information())
-    covariance = inverse(information / variance + np.diag(parameters.prior_information()))
-    along = motion_along(held.angle, shared, parameters)
+    known, _, known_turn = parameters.prior_information()
+    information_here = information / variance
+    information_here.flat[::4] += parameters.prior_information()
+    covariance = inverse(information_here)
+    along, free = motion_along(held.angle, shared, parameters), 1.0 / known
     extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)
-    covariance = covariance + extra * (along[:, None] * along)
+    covariance += extra * along[:, None] * along
     if held.turn < parameters.min_information:
         turn = motion_around(information, shared, parameters)
-        covariance = covariance + free_turn * (turn[:, None] * turn)
+        covariance += turn[:, None] * turn / known_turn
     return covariance
 
 

@@ -90,8 +90,9 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
         fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
                              p.refinement.damping, known)
-    fine[0] = polish(fine[0], current.dense_cloud, reference.surface, p.density.facing, p.refinement)
-    return decide(fine, fine_score, overlap, coarse, coarse_score, reference, current, p)
+    cloud = current.dense_cloud if p.refinement.polish else current.cloud
+    fine[0], found = polish(fine[0], cloud, reference.surface, p.density.facing, p.refinement)
+    return decide(fine, fine_score, overlap, found.thinned(p.density.points), coarse, coarse_score, reference, current, p)
 
 
 def improve(candidates, reference, current, scales, p, prior, both_ways=False):

@@ -3,6 +3,8 @@
 The current scan's points are looked up in the density of the reference, the cross term of the K-L divergence (Eq. 19) as
 a likelihood field; points in space that the other scan saw to be free count against a hypothesis.
 """
+import math
+
 import numpy as np
 
 from . import alignment
@@ -66,12 +68,12 @@ def surprise(candidates, prior):
 
 def distinct(candidates, count, distance, angle):
     """Indices of the first `count` hypotheses that differ from all chosen before them."""
-    chosen, left = [], np.arange(len(candidates))
-    while len(left):
-        chosen.append(int(left[0]))
-        if len(chosen) == count:
-            break
-        left = left[~same(candidates[left], candidates[left[0]], distance, angle)]
+    chosen, rows = [], candidates.tolist()
+    for index, (x, y, theta) in enumerate(rows):
+        if all(math.hypot(x - a, y - b) > distance or abs(wrap(theta - c)) > angle for a, b, c in map(rows.__getitem__, chosen)):
+            chosen.append(index)
+            if len(chosen) == count:
+                break
     return chosen
 
 

@@ -37,15 +37,22 @@ def solve(equations, damping):
     The left side is the upper left 3 x 3 of each, the right side the last column. The damping is relative to the trace of the
     translational part.
     """
-    steps = []
-    for xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ in equations.reshape(-1, 16).tolist():
-        lift = damping * (xx + yy + 1e-6)
-        a, b, c, p, q, r = _factors(xx + lift, xy, xt, yy + lift, yt, tt + lift)
-        y -= p * x
-        t = (t - q * x - r * y) / c
-        y = y / b - r * t
-        steps.append((x / a - p * y - q * t, y, t))
-    return np.array(steps).reshape(-1, 3)
+    return np.array([_step(each, damping) for each in equations.reshape(-1, 16).tolist()]).reshape(-1, 3)
+
+
+def solve_one(equations, damping):
+    """The step ``(3,)`` of one system ``(4, 4)``, as `solve`."""
+    return np.array(_step(equations.ravel().tolist(), damping))
+
+
+def _step(equations, damping):
+    xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ = equations
+    lift = damping * (xx + yy + 1e-6)
+    a, b, c, p, q, r = _factors(xx + lift, xy, xt, yy + lift, yt, tt + lift)
+    y -= p * x
+    t = (t - q * x - r * y) / c
+    y = y / b - r * t
+    return x / a - p * y - q * t, y, t
 
 
 def _factors(xx, xy, xt, yy, yt, tt):

@@ -5,7 +5,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from .alignment import NO_STEP, normal_equations
+from .alignment import normal_equations
 from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before, without_gaps
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
@@ -145,7 +145,8 @@ def shortest_translations(pairs, equations, phi):
     along, distance = (part[:last] for part in equations)
     weight = weight * (np.arange(len(phi))[:, None] == rotation)
     rows = np.array((-along.imag, along.real, np.zeros(last), -distance))
-    found = np.tile(NO_STEP, (len(phi), 1))
+    found = np.zeros((len(phi), 4))
+    found[:, 3] = 1.0
     for scale in _SHORTEST_SCALES:
         found[:, :3] = -solve(normal_equations(rows, weight / (1.0 + (found @ rows / scale) ** 2)), _SHORTEST_DAMPING)
     found[:, 2] = phi

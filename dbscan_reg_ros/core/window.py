@@ -9,7 +9,7 @@ from .moving import Sights
 from .records import Features
 from .se2 import SE2, wrap
 from .surface import high_leverage
-from .symmetric import solve
+from .symmetric import solve_one
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,6 +264,6 @@ def align(partners: Partners, start: SE2, expected: SE2, strength, scales, dampi
         equations = partners.equations(step, scale)
         equations[:3, :3] += strength
         equations[:3, 3] += pull
-        step[:3] = -solve(equations[None], damping)[0]
+        step[:3] = -solve_one(equations, damping)
     x, y, theta, _ = step.tolist()
     return SE2(pose.x + x, pose.y + y, wrap(pose.theta + theta))
