@@ -9,6 +9,13 @@ from scipy.spatial import cKDTree
 NOISE = -1
 
 
+def unlabelled(size):
+    """So many labels that say `NOISE`."""
+    labels = np.empty(size, dtype=int)
+    labels.fill(NOISE)
+    return labels
+
+
 def dbscan_line(samples, sigma, min_points, weights=None, period=None):
     """DBSCAN of numbers: sort, count the neighbours by bisection, cut at the gaps.
 
@@ -33,25 +40,20 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
     size = len(samples)
     order = samples.argsort(kind='stable')
     x = samples[order]
-    labels = np.full(size, NOISE)
-    if weights is None and min_points <= 1:
-        core = np.ones(size, dtype=bool)
-    else:
-        left, right = _neighbour_range(x, sigma, period)
-        copies = 1 if period is None else 3
-        mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
-        total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
-        core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
+    labels = unlabelled(size)
+    if size and weights is None and min_points <= 1:
+        labels[order] = _chains(x, order, sigma, period)
+        return labels
+    left, right = _neighbour_range(x, sigma, period)
+    copies = 1 if period is None else 3
+    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
+    total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
+    core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
     at = core.nonzero()[0]
     if not len(at):
         return labels
-    place = x[at]
-    component = np.zeros(len(at), dtype=int)
-    (place[1:] - place[:-1] > sigma).cumsum(out=component[1:])
-    if period is not None and component[-1] > 0 and place[0] + period - place[-1] <= sigma:
-        component[component == component[-1]] = 0
-    component = _renumber(component, order[at])
-    sorted_labels = np.full(size, NOISE)
+    component = _chains(x[at], order[at], sigma, period)
+    sorted_labels = unlabelled(size)
     sorted_labels[at] = component
     if len(at) < size:
         border = np.flatnonzero(~core)
@@ -68,6 +70,15 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
         sorted_labels[border] = np.where(best < size, best, NOISE)
     labels[order] = sorted_labels
     return labels
+
+
+def _chains(x, index, sigma, period):
+    """Number of the chain that each of the sorted `x` belongs to, cut at the gaps; numbered by the least `index` of each."""
+    chain = np.zeros(len(x), dtype=int)
+    (x[1:] - x[:-1] > sigma).cumsum(out=chain[1:])
+    if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= sigma:
+        chain[chain == chain[-1]] = 0
+    return _renumber(chain, index)
 
 
 def _neighbour_range(x, sigma, period):
@@ -96,7 +107,7 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)
     total = mass + np.bincount(one, mass[two], minlength=size) + np.bincount(two, mass[one], minlength=size)
     core = total >= min_points - 1e-12 * max(total.max(), 1.0)
-    labels = np.full(size, NOISE)
+    labels = unlabelled(size)
     at = np.flatnonzero(core)
     if not len(at):
         return labels
@@ -179,8 +190,9 @@ def k_distances(samples, k):
         return np.zeros(len(samples))
     if samples.ndim == 1:
         x = np.sort(samples)
-        padded = np.concatenate((np.full(k, -np.inf), x, np.full(k, np.inf)))
         size = len(x)
+        padded = np.empty(size + 2 * k)
+        padded[:k], padded[k:-k], padded[-k:] = -np.inf, x, np.inf
         nearest = np.full(size, np.inf)
         for before in range(k + 1):
             low = padded[k - before:k - before + size]

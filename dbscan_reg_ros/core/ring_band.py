@@ -61,11 +61,13 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
         removed |= gross
         corner &= ~gross
         smoothed &= ~gross
-    mean, complete = _inner_mean(points)
-    smoothed &= complete
-    outcome[smoothed], outcome[corner], outcome[removed] = Outcome.SMOOTHED, Outcome.CORNER, Outcome.REMOVED
-    filtered = np.where(smoothed[:, None], mean, points)
+    filtered = points.copy()
+    if smoothed.any():
+        mean, complete = _inner_mean(points)
+        smoothed &= complete
+        filtered[smoothed] = mean[smoothed]
     filtered[removed] = np.nan
+    outcome[smoothed], outcome[corner], outcome[removed] = Outcome.SMOOTHED, Outcome.CORNER, Outcome.REMOVED
     return filtered, outcome
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clustering import NOISE, dbscan_line, k_distances, knee, without_gaps
+from .clustering import NOISE, dbscan_line, k_distances, knee, unlabelled, without_gaps
 from .parameters import RotationParameters
 from .records import Segments
 from .se2 import wrap
@@ -54,7 +54,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
         return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.sigma)
     weights = weights.ravel()
     sigma = parameters.sigma or knee_sigma(samples, parameters)
-    labels = np.full(len(samples), NOISE)
+    labels = unlabelled(len(samples))
     todo, offset = np.arange(len(samples)), 0
     reach = sigma
     for _ in range(parameters.recuts + 1):
@@ -114,9 +114,9 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
         weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.focus) ** 2)
     mean = np.bincount(index, weight * offset) / np.bincount(index, weight)
     order = (-mass).argsort(kind='stable')[:parameters.hypotheses]
-    rank = np.full(len(mass), NOISE)
+    rank = unlabelled(len(mass))
     rank[order] = np.arange(len(order))
-    ranked = np.full(len(samples), NOISE)
+    ranked = unlabelled(len(samples))
     ranked[at] = rank[index]
     return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), sigma)
 

@@ -6,7 +6,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from .alignment import normal_equations
-from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before, without_gaps
+from .clustering import NOISE, dbscan_plane, k_distances, knee, pairs_before, unlabelled, without_gaps
 from .parameters import TranslationParameters
 from .records import EndKind, Segments
 from .rotation import Rotations, wrap_period
@@ -193,7 +193,7 @@ def _apart(samples, rotation, reach):
 
 def cluster(samples, rotation, sigma, parameters):
     """DBSCAN of the samples (complex [m]) of each rotation; clusters wider than `width` again, twice as finely."""
-    labels = np.full(len(samples), NOISE)
+    labels = unlabelled(len(samples))
     apart = as_vectors(_apart(samples, rotation, max(sigma, parameters.sigma_max)))
     todo, offset = np.arange(len(samples)), 0
     for _ in range(parameters.recuts + 1):
@@ -232,7 +232,7 @@ def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
     angle[index] = phi[rotation[at]]
     rank = np.empty(len(weight), dtype=int)
     rank[order] = np.arange(len(order))
-    ranked = np.full(len(samples), NOISE)
+    ranked = unlabelled(len(samples))
     ranked[at] = rank[index]
     transform = np.array((mean.real, mean.imag, angle)).T
     return Translations(transform[order], weight[order], as_vectors(samples), mass, rotation, ranked, sigma, shortest)
