@@ -378,6 +378,28 @@ def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
             assert update.pose.as_array() == pytest.approx([way[0], 0.0, 0.0], abs=0.01)
 
 
+@pytest.mark.parametrize(('lidar', 'off', 'turned'), [('rplidar_a', 0.015, 0.005), ('rplidar_s', 0.015, 0.005), ('lds', 0.05, 0.015)])
+@pytest.mark.parametrize(('speed', 'turn'), [(0.8, 1e-6), (0.5, 0.8), (0.0, -1.0)])
+def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
+    """A scan takes the whole interval; the motion within the first one is known from the second on."""
+    lidar, rng, odometry, world = LIDARS[lidar], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
+    for i in range(8):
+        angle = turn * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
+        poses = np.column_stack((speed / turn * np.sin(angle), speed / turn * (1.0 - np.cos(angle)), angle))
+        update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
+        if i >= 2:
+            distance, angle = error(update, SE2(*poses[0]))
+            assert distance < off
+            assert angle < turned
+
+
+def test_a_start_at_rest_stays_as_it_is():
+    scans = [dataclasses.replace(scan_at(SE2(), i), time_increment=0.1 / FULL.size) for i in range(10)]
+    odometry = Odometry()
+    start, *updates = [odometry.process(scan) for scan in scans]
+    assert all(update.reference is start.features for update in updates)
+
+
 @pytest.mark.parametrize('jump', [-50, 3])
 def test_after_a_jump_of_the_stamps_no_motion_is_taken_out_of_a_scan(jump):
     """The sensor turns, then the stamps jump and it rests."""

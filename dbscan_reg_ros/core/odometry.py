@@ -59,7 +59,7 @@ class Odometry:
     def _forget(self):
         """Know nothing of the motion."""
         self._halt()
-        self._middle, self._lost, self._pending, self._near = self._pose, 0.0, None, True
+        self._middle, self._lost, self._pending, self._near, self._fresh = self._pose, 0.0, None, True, True
         self._rest = Rest(self._pose)
 
     def _halt(self):
@@ -87,9 +87,7 @@ class Odometry:
         lasts = lasts if lasts < p.time.jump else 0.0
         skewed = lasts and not self._intervals.jumps(scan.stamp, p.time)
         share = self._intervals.share(lasts)
-        features = extract_features(deskew(scan, share * self._twist) if skewed else scan, p)
-        if p.odometry.post_size:
-            features = with_posts(features, p.odometry.post_size, p.segments)
+        features = self._features(scan, share * self._twist) if skewed else self._features(scan)
         half = share * scan.time_increment * float(features.beams.mean()) if lasts else 0.0
         time = self._intervals.next(scan.stamp, half, p.time, lasts)
         if self._window is None or time.jump.startswith('stamps'):
@@ -100,6 +98,10 @@ class Odometry:
         prior = prior or own
         expected = self._pose @ prior.transform
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
+        if skewed and frame is not None and self._drives_off(pose, registration, time):
+            features, time = self._begin_moving(scan, pose, time, self._intervals.share(lasts))
+            frame, pose, registration, standing = self._register(features, expected, prior, own, time)
+        self._fresh = False
         if frame is None:
             return self._coast(features, registration, expected, prior, own, time)
         return self._follow(standing, frame, pose, registration, expected, prior, own, time)
@@ -109,6 +111,30 @@ class Odometry:
         if self._window is None:
             return None
         return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time))
+
+    def _features(self, scan, twist=(0.0, 0.0, 0.0)):
+        """Of a scan without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
+        p = self.parameters
+        features = extract_features(deskew(scan, twist), p)
+        return with_posts(features, p.odometry.post_size, p.segments) if p.odometry.post_size else features
+
+    def _drives_off(self, pose, registration, time):
+        """Whether the scan after a start, found at `pose`, tells of a motion, and all of it."""
+        known = self._fresh and registration.status is Status.OK and time.interval > 0.0 and not time.gap
+        moved = (self._pose.inverse() @ pose).as_array()
+        return known and mahalanobis(moved, registration.covariance) > self.parameters.odometry.rest ** 2
+
+    def _begin_moving(self, scan, pose, time, share):
+        """Start anew, now that the motion is known: it is taken out of the first scan, and of the next, found at `pose`.
+
+        Returns the features and the time of the next.
+        """
+        twist = (self._pose.inverse() @ pose).as_array() / time.interval
+        first, features = (self._features(each, share * twist) for each in (self._window.latest.features.scan, scan))
+        time = dataclasses.replace(time, half=share * scan.time_increment * float(features.beams.mean()))
+        self._window, self._twist = Window((KeyFrame(first, self._pose),)), twist
+        self._middle = self._pose @ _travel(twist, time.half)
+        return features, time
 
     def _standing(self, features, pose):
         """The scan without what moves, and with little of what may move, if it was taken from `pose`."""
