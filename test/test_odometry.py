@@ -287,6 +287,16 @@ def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
     assert max(off) < 0.1
 
 
+def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out():
+    odometry = Odometry()
+    run(odometry, drive(20))
+    limit = odometry.parameters.prior.limit
+    for wait in (1, 5, 10, 18):
+        prior = odometry.expected_motion((19 + wait) * TENTH)
+        assert limit * prior.angular_spread <= math.pi + 1e-9
+        assert (np.diagonal(prior.covariance - prior.change) >= 0.0).all()
+
+
 @pytest.mark.parametrize('jitter, pace, longer', [(0.05, 1.0, 1.0), (0.0, 0.5, 1.0), (0.0, 1.0, 2.0)])
 def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pace, longer):
     """Stamps that jitter, a clock that is slow, scans that are said to take twice as long as they do."""

@@ -165,9 +165,11 @@ class Odometry:
         if time.steady and self._velocities and not 1.0 / _ALIKE < time.interval / self._lasted < _ALIKE:
             # Scans were lost, now or before.
             step = _travel(self._usual_twist(), time.interval)
-        faster, faster_turn = p.acceleration * time.interval ** 2, p.angular_acceleration * time.interval ** 2
+        # No turn is farther off than half of one, however long it had time: the prior still tells there from back.
+        farthest = math.pi / p.limit
+        faster, faster_turn = p.acceleration * time.interval ** 2, min(p.angular_acceleration * time.interval ** 2, farthest)
         sigma = math.hypot(p.least, faster, p.jitter * math.hypot(step.x, step.y))
-        turn = math.hypot(p.least_angle, faster_turn, p.jitter * step.theta)
+        turn = min(math.hypot(p.least_angle, faster_turn, p.jitter * step.theta), farthest)
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
     def _register(self, features, expected, prior, own, time):
