@@ -287,6 +287,19 @@ def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
     assert max(off) < 0.1
 
 
+@pytest.mark.parametrize(('name', 'seed'), [('hokuyo_urg04lx', 2), ('lds', 3), ('lds', 4)])
+def test_after_a_second_without_scans_nobody_has_turned_back(name, seed):
+    """A short corridor, there and back: it looks the same both ways, but only one way is where the sensor was heading."""
+    world = corridor(length=14.0, doors=4, seed=seed)
+    result = simulate(world, follow([*world.tour, world.tour[0], world.tour[1]], speed=1.2, acceleration=1.0, turn_rate=1.6),
+                      LIDARS[name], seed=seed)
+    odometry, start, off = Odometry(), SE2(*result.truth[0]), []
+    for scan, true in zip(result.scans, result.truth, strict=True):
+        if (scan.stamp - result.scans[0].stamp) % (3 * SECOND) < 2 * SECOND:
+            off.append(error(odometry.process(scan), start.inverse() @ SE2(*true))[1])
+    assert math.degrees(max(off)) < 15.0
+
+
 def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out():
     odometry = Odometry()
     run(odometry, drive(20))

@@ -182,6 +182,7 @@ class Odometry:
         p = self.parameters
         standing = self._standing(features, expected) if prior.spread < p.odometry.moving_margin else features
         usual = self._pose @ own.transform
+        vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         first, pending = None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -195,7 +196,7 @@ class Odometry:
             if registration.free_direction is not None:
                 pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
-            doubtful = registration.status is not Status.OK and prior.spread > p.decision.vague
+            doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
             if self._agrees(pose, expected, prior.covariance, share) or self._agrees(pose, usual, own.covariance, share):
                 return frame, pose, registration, seen
@@ -413,6 +414,8 @@ _GLIMMER = 0.3
 """Share of the least score from which on a place is worth a second look."""
 _ALIKE = 1.5
 """Intervals whose ratio is less are the same but for what stamps jitter."""
+_QUARTER = 0.5 * math.pi
+"""A motion whose prior rules out no turn as far as this [rad] is vaguely expected."""
 _DOUBTFUL = 0.7
 """Share of `prior.limit` within which a doubtful scan is believed after a motion of which nothing is known."""
 _LEAST_SHARED = 1e-3
