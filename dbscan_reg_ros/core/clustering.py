@@ -172,7 +172,7 @@ def _renumber(component, index):
 def without_gaps(labels):
     """Cluster numbers from 0, those that a cluster cut again has left empty closed up."""
     used = np.bincount(labels) > 0
-    return (used.cumsum() - 1)[labels]
+    return labels if used.all() else (used.cumsum() - 1)[labels]
 
 
 def k_distances(samples, k):

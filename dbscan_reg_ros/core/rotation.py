@@ -70,7 +70,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
         anchor = np.empty(count)
         anchor[found] = samples[todo]
         spread = wrap_period(samples[todo] - anchor[found], period)
-        low, high = np.full(count, np.inf), np.full(count, -np.inf)
+        low, high = np.zeros((2, count))
         np.minimum.at(low, found, spread)
         np.maximum.at(high, found, spread)
         wide = (high - low > parameters.width)[found]

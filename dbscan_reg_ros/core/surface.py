@@ -164,8 +164,10 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     for first in range(0, len(away), some):
         places = home + away[first:first + some]
         index[places.ravel()] = np.tile(order, len(places))
-    normals = np.append(cloud.normals.conj(), 0.0)
-    return Surface(complex(*origin), cell, (rows, columns), index, normals, (normals * np.append(cloud.points, 0.0)).real)
+    normals, offsets = np.zeros(size + 1, dtype=complex), np.zeros(size + 1)
+    np.conj(cloud.normals, out=normals[:size])
+    offsets[:size] = (normals[:size] * cloud.points).real
+    return Surface(complex(*origin), cell, (rows, columns), index, normals, offsets)
 
 
 @lru_cache(maxsize=4)
@@ -224,6 +226,12 @@ def in_front(radius, near, tolerance):
     return np.minimum(front, 1.0, out=front)
 
 
+@lru_cache(maxsize=4)
+def _edges(size):
+    """Bearings [rad] between which the bins of the full circle lie, so many of them."""
+    return np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
+
+
 def build_view(points, increment) -> View:
     """The `View` of a scan from its filtered points ``(P, 2)``.
 
@@ -235,7 +243,7 @@ def build_view(points, increment) -> View:
     bearing, radius = bearing[order], radius[order]
     bearing = np.concatenate((bearing[-1:] - 2.0 * math.pi, bearing, bearing[:1] + 2.0 * math.pi))
     radius = np.concatenate((radius[-1:], radius, radius[:1]))
-    edges = np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
+    edges = _edges(size)
     before = bearing.searchsorted(edges, 'right') - 1
     after = before + (bearing[before] < edges)
     # A moved scan is sparse in places: what counts is that both neighbours exist, not that they are in adjacent beams.

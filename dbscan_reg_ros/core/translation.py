@@ -96,14 +96,14 @@ def match_lines(rotations, weights, parameters):
     rotation, line_r, line_o : (L,) int arrays
     weight : (L,) array
     """
-    off = wrap_period(rotations.difference - rotations.phi[:, None, None], 2.0 * np.pi)
-    rotation, r, o = (np.abs(off) < 2.0 * parameters.parallel).nonzero()
-    weight = np.exp(-0.5 * (off[rotation, r, o] / parameters.parallel) ** 2) * weights[r, o]
+    off = wrap_period(rotations.difference.ravel() - rotations.phi[:, None], 2.0 * np.pi)
+    rotation, pair = (np.abs(off) < 2.0 * parameters.parallel).nonzero()
+    weight = np.exp(-0.5 * (off[rotation, pair] / parameters.parallel) ** 2) * weights.ravel()[pair]
     order = np.lexsort((-weight, rotation))
     size = np.bincount(rotation)
     rank = np.arange(len(order)) - (size.cumsum() - size).repeat(size)
     chosen = order[rank < parameters.pairs]
-    return rotation[chosen], r[chosen], o[chosen], weight[chosen]
+    return rotation[chosen], *np.divmod(pair[chosen], weights.shape[1]), weight[chosen]
 
 
 def signed_equations(reference, current, rotations, pairs):
