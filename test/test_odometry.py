@@ -326,6 +326,16 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
         assert angle < 0.045
 
 
+def test_what_is_expected_is_the_same_for_who_asks_where_stamps_overlap():
+    world, lidar = rooms(1), LIDARS['rplidar_a']
+    result = simulate(world, follow(world.tour[:3]), lidar, seed=1)
+    late, alone, told = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
+    for scan, delay in zip(result.scans, late):
+        scan = dataclasses.replace(scan, stamp=scan.stamp + round(delay * SECOND))
+        poses = alone.process(scan).pose, told.process(scan, told.expected_motion(scan.stamp)).pose
+        assert poses[0] == poses[1]
+
+
 def test_where_scans_would_overlap_intervals_are_whole():
     intervals = Intervals()
     stamps = (0, 130, 180, 310, 440, 500, 800, 890, 890)

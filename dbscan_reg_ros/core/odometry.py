@@ -53,7 +53,7 @@ class Odometry:
         """Forget everything; the next scan starts anew at `pose`."""
         self._pose, self._reported, self._drift = pose, pose, Drift()
         self._window = None
-        self._intervals = Intervals()
+        self._intervals, self._scan_lasts = Intervals(), 0.0
         self._forget()
 
     def _forget(self):
@@ -84,7 +84,7 @@ class Odometry:
         """
         p = self.parameters
         lasts = abs(scan.time_increment) * scan.geometry.size if p.odometry.deskew else 0.0
-        lasts = lasts if lasts < p.time.jump else 0.0
+        lasts = self._scan_lasts = lasts if lasts < p.time.jump else 0.0
         skewed = lasts and not self._intervals.jumps(scan.stamp, p.time)
         share = self._intervals.share(lasts)
         features = self._features(scan, share * self._twist) if skewed else self._features(scan)
@@ -110,7 +110,7 @@ class Odometry:
         """What is expected of the motion to a scan at `stamp` [ns] when nobody tells of it; None before the first scan."""
         if self._window is None:
             return None
-        return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time))
+        return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time, self._scan_lasts))
 
     def _features(self, scan, twist=(0.0, 0.0, 0.0)):
         """Of a scan without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
