@@ -132,9 +132,9 @@ def lms511(folder) -> list:
     return [Course(scans, reference=np.zeros((len(scans), 3)))]
 
 
-def simulated(world, lidar=Lidar(), seed=0, axis=None) -> Course:
-    """The tour of a world."""
-    result = simulate(world, follow(world.tour), lidar, seed)
+def simulated(world, lidar=Lidar(), seed=0, axis=None, **motion) -> Course:
+    """The tour of a world, with the `motion` of `follow`."""
+    result = simulate(world, follow(world.tour, **motion), lidar, seed)
     wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
     course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)
     return course.take(np.isfinite(wheels).all(axis=1))
@@ -214,9 +214,23 @@ def losses(folder, share=0.5) -> list:
             for course, seed in zip(courses, SEEDS, strict=True)]
 
 
+def bursts(folder) -> list:
+    """A short corridor, there and back, by each of the lidars of 4 m, which give no scan in every third second."""
+    courses = []
+    for lidar in (LIDARS['hokuyo_urg04lx'], LIDARS['lds']):
+        for seed in SEEDS:
+            world = corridor(length=14.0, doors=4, seed=seed)
+            there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:2])))
+            course = simulated(there_and_back, lidar, seed=seed, speed=1.2, acceleration=1.0, turn_rate=1.6)
+            seconds = np.array([scan.stamp - course.scans[0].stamp for scan in course.scans]) * 1e-9
+            courses.append(course.take(seconds % 3.0 < 2.0))
+    return courses
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'losses': losses, 'dropped': dropped, 'noise': noise, 'person': person,
+    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'losses': losses, 'bursts': bursts, 'dropped': dropped, 'noise': noise,
+    'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""
