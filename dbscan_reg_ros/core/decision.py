@@ -211,9 +211,9 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     """
     variance = variance * parameters.covariance_scale
     known, _, known_turn = parameters.prior_information()
-    information_here = information / variance
-    information_here.flat[::4] += parameters.prior_information()
-    covariance = inverse(information_here)
+    posterior = information / variance
+    posterior.flat[::4] += parameters.prior_information()
+    covariance = inverse(posterior)
     along, free = motion_along(held.angle, shared, parameters), 1.0 / known
     extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)
     covariance += extra * along[:, None] * along
