@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .surface import stride
 from .symmetric import solve, solve_one
 
 
@@ -67,7 +68,7 @@ class Fit(NamedTuple):
 
     def thinned(self, count):
         """That of at most `count` of the points, as `Cloud.thinned`."""
-        step = -(-self.error.shape[1] // count)
+        step = stride(self.error.shape[1], count)
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 

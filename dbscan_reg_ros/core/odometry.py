@@ -88,7 +88,7 @@ class Odometry:
         skewed = lasts and not self._intervals.jumps(scan.stamp, p.time)
         share = self._intervals.share(lasts)
         features = self._features(scan, share * self._twist) if skewed else self._features(scan)
-        half = share * scan.time_increment * float(features.beams.mean()) if lasts else 0.0
+        half = _half(scan, features, share) if lasts else 0.0
         time = self._intervals.next(scan.stamp, half, p.time, lasts)
         if self._window is None or time.jump.startswith('stamps'):
             return self._start(features, time.jump)
@@ -120,9 +120,10 @@ class Odometry:
 
     def _drives_off(self, pose, registration, time):
         """Whether the scan after a start, found at `pose`, tells of a motion, and all of it."""
-        known = self._fresh and registration.status is Status.OK and time.interval > 0.0 and not time.gap
+        if not self._fresh or registration.status is not Status.OK or time.gap or time.interval <= 0.0:
+            return False
         moved = (self._pose.inverse() @ pose).as_array()
-        return known and mahalanobis(moved, registration.covariance) > self.parameters.odometry.rest ** 2
+        return mahalanobis(moved, registration.covariance) > self.parameters.odometry.rest ** 2
 
     def _begin_moving(self, scan, pose, time, share):
         """Start anew, now that the motion is known: it is taken out of the first scan, and of the next, found at `pose`.
@@ -131,7 +132,7 @@ class Odometry:
         """
         twist = (self._pose.inverse() @ pose).as_array() / time.interval
         first, features = (self._features(each, share * twist) for each in (self._window.latest.features.scan, scan))
-        time = dataclasses.replace(time, half=share * scan.time_increment * float(features.beams.mean()))
+        time = dataclasses.replace(time, half=_half(scan, features, share))
         self._window, self._twist = Window((KeyFrame(first, self._pose),)), twist
         self._middle = self._pose @ _travel(twist, time.half)
         return features, time
@@ -427,6 +428,11 @@ _LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
 def _own_derivatives(features, pose, partners):
     """`own_derivatives` of the scan's points, one for each of the `partners`."""
     return own_derivatives(features.dense_cloud.normals.take(partners.index), pose.theta, partners.arms)
+
+
+def _half(scan, features, share):
+    """The time [s] from the stamp of a scan to the middle of its returns, when it took that share of the time it is said to take."""
+    return share * scan.time_increment * float(features.beams.mean())
 
 
 def _travel(twist, time):

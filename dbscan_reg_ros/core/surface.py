@@ -54,9 +54,14 @@ class Cloud:
 
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""
-        step = -(-len(self) // count)
+        step = stride(len(self), count)
         # A copy: with arrays that skip, the last bit of a product depends in numpy 1.26 on where in memory they lie.
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
+
+
+def stride(size, count):
+    """The step from one point to the next where at most `count` of `size` are kept."""
+    return -(-size // count)
 
 
 def build_cloud(points, normals, beams) -> Cloud:
