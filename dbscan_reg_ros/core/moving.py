@@ -56,6 +56,28 @@ class Sights:
         return moving if moving.mean() < _MOST else np.zeros_like(moving)
 
 
+def beside(cloud: Cloud, moving, margin):
+    """Which points lie close to what moves: the rest of it, most likely, where it leans against a wall.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        P points in beam order.
+    moving : (P,) bool array
+    margin : float [m]
+        No farther than this from the last point that moves, or from the next one.
+
+    Returns
+    -------
+    (P,) bool array
+    """
+    size, order = len(cloud), np.arange(len(cloud))
+    last = np.maximum.accumulate(np.where(moving, order, -1))
+    following = np.minimum.accumulate(np.where(moving, order, size)[::-1])[::-1]
+    points = np.append(cloud.points, np.inf)
+    return np.minimum(np.abs(points[last] - cloud.points), np.abs(points[following] - cloud.points)) <= margin
+
+
 def detached(cloud: Cloud, size, margin, closed):
     """Which points belong to small things that stand free: with deeper space on both sides, or the end of the scan.
 

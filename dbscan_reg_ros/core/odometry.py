@@ -1,4 +1,5 @@
 """Laser odometry: keeps key frames, registers every scan to them and integrates the pose."""
+import cmath
 import copy
 import dataclasses
 import math
@@ -11,7 +12,7 @@ from .decision import doubted, judge, match_covariance, match_segments, motion_a
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
-from .moving import detached, held_share, outweighed
+from .moving import beside, detached, held_share, outweighed
 from .parameters import Parameters
 from .posts import with_posts
 from .records import OdometryUpdate, Prior, Registration, Status
@@ -60,6 +61,7 @@ class Odometry:
         """Know nothing of the motion."""
         self._halt()
         self._middle, self._lost, self._pending, self._near, self._fresh = self._pose, 0.0, None, True, True
+        self._held, self._since, self._free = self._pose, 0.0, None
         self._rest = Rest(self._pose)
 
     def _halt(self):
@@ -134,17 +136,22 @@ class Odometry:
         first, features = (self._features(each, share * twist) for each in (self._window.latest.features.scan, scan))
         time = dataclasses.replace(time, half=_half(scan, features, share))
         self._window, self._twist = Window((KeyFrame(first, self._pose),)), twist
-        self._middle = self._pose @ _travel(twist, time.half)
+        self._middle = self._held = self._pose @ _travel(twist, time.half)
         return features, time
 
     def _standing(self, features, pose):
         """The scan without what moves, and with little of what may move, if it was taken from `pose`."""
         p = self.parameters.odometry
+        walls = features.walls
+        movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed)
         if p.moving_frames:
             moving = self._window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
-            features = features.without(moving) if moving.any() else features
-        walls = features.walls
-        movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed).nonzero()[0]
+            if moving.any():
+                gone = moving[:len(walls)]
+                movable = (movable | beside(walls, gone, p.moving_margin))[~gone]
+                features = features.without(moving)
+                walls = features.walls
+        movable = movable.nonzero()[0]
         if len(movable) and held_share(walls, movable) < p.movable_share:
             movable = movable[:0]
         if features.posts:
@@ -174,7 +181,7 @@ class Odometry:
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
     def _register(self, features, expected, prior, own, time):
-        """Register to the latest key frame, or where that leads nowhere to older ones.
+        """Register to the latest key frame, or where that leads nowhere, or leaves a direction free, to older ones.
 
         Returns the key frame, None when no result can be trusted, the pose, the registration and the scan without what
         moves; all of it where the motion is not expected to better than the margin. A direction that the scans leave free
@@ -184,7 +191,7 @@ class Odometry:
         standing = self._standing(features, expected) if prior.spread < p.odometry.moving_margin else features
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
-        first, pending = None, self._pending
+        first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
             back = frame.pose.inverse()
@@ -195,13 +202,19 @@ class Odometry:
                 continue
             pose = frame.pose @ registration.transform
             if registration.free_direction is not None:
-                pose = _slide(pose, expected, frame.pose.theta + registration.free_direction)
+                angle = frame.pose.theta + registration.free_direction
+                pose = _slide(pose, expected, angle)
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
             if self._agrees(pose, expected, prior.covariance, share) or self._agrees(pose, usual, own.covariance, share):
-                return frame, pose, registration, seen
-            if registration.status is Status.OK:
+                found = frame, pose, registration, seen
+                if registration.free_direction is None and (faint is None or registration.status is Status.OK):
+                    return found
+                faint = faint or found
+                if self._facing(seen, pose, angle).sum() < p.decision.min_information:
+                    break
+            elif registration.status is Status.OK and faint is None:
                 # Against all that was expected: a leap is believed when the next scan says the same.
                 if self._agrees(pose, usual, self._leap(time)) or (
                         pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
@@ -210,6 +223,8 @@ class Odometry:
                         self._middle = None
                     return frame, pose, registration, seen
                 self._pending = self._pending or pose
+        if faint is not None:
+            return faint
         if first.status is Status.FAILED and len(self._window.frames) > 1 and prior.spread < p.odometry.moving_margin:
             together = self._among_all(standing, expected)
             if together.status is not Status.FAILED:
@@ -291,20 +306,25 @@ class Odometry:
             if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
                 partners = self._window.partners(pose, features.dense_cloud, p.density)
             pose = align(partners, pose, expected, strength, scales[-1:], damping)
-            matched, _ = self._uncertainty(features, pose, partners, registration.free_direction is not None, registration.free_turn)
+            matched, held = self._uncertainty(features, pose, partners, along is not None, registration.free_turn)
+            free, weak = None if along is None else held.angle, held.weak
+            new = along is not None and self._sees_more(features, pose, partners, frame.pose.theta + along)
         else:
-            matched = registration.covariance
+            matched, along, new = registration.covariance, registration.free_direction, False
+            free, weak = None if along is None else frame.pose.theta + along, registration.weakest
+        share = 1.0 if free is None else min(weak / p.decision.min_information, 1.0)
         covariance = inverse(inverse(matched) + known)
         self._advance(pose, prior, time, np.eye(3) - covariance @ known, matched)
-        self._take(pose, time)
+        self._take(pose, time, free if share < 1.0 else None, share if prior is own else 1.0)
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
-        if due:
+        if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
-            self._window = self._window.with_frame(KeyFrame(features, pose), size)
+            self._window = self._window.with_frame(KeyFrame(features, pose), size, latest=due)
+        if due:
             self._drift.anchor()
         reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
-        return self._update(features, registration.status, time, reported, registration, frame, due)
+        return self._update(features, registration.status, time, reported, registration, frame, due or new)
 
     def _advance(self, pose, prior, time, *found):
         """Carry the covariances on to the new `pose`; `found` is what a match adds to `Drift.advance`."""
@@ -313,23 +333,40 @@ class Odometry:
             # Mostly the stamp is wrong, and the motion goes on; but nothing is known of how fast.
             self._drift.halt()
 
-    def _take(self, pose, time):
+    def _take(self, pose, time, free, share):
         """Go on to where the scan was found.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
         at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles. Where the scan before
-        was found nowhere no motion is known.
+        was found nowhere no motion is known. Along a direction that the scan leaves `free` [rad] the speed stays as it was, but
+        for a `share`. Once a scan holds that direction again the speed follows from the way since one did so last.
         """
         middle = pose @ _travel(self._twist, time.half)
         before, self._middle = self._middle, middle
+        self._since += time.interval
         if before is None:
             self._halt()
             self._step = None
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
+            usual = self._usual_twist()
             self._twist = (before.inverse() @ middle).as_array() / time.interval
+            if free is not None:
+                self._set_speed(usual[:2], free - middle.theta, 1.0 - share)
+            elif self._free is not None:
+                back = (middle.inverse() @ self._held).as_array()
+                faster = -back[:2] / self._since - usual[:2]
+                self._set_speed(usual[:2] + _WANDERS * faster, self._free - middle.theta)
             self._velocities = [*self._velocities, self._twist[:2]][-self.parameters.prior.velocities:]
             self._step, self._lasted = _travel(self._usual_twist(), time.interval), time.interval
+        if free is None:
+            self._held, self._since = middle, 0.0
+        self._free = free
         self._pose, self._lost = middle @ _travel(self._twist, time.half).inverse(), 0.0
+
+    def _set_speed(self, velocity, angle, share=1.0):
+        """Take a `share` of the speed along `angle` [rad] from a `velocity` [m/s, m/s], both in the sensor's frame."""
+        along = np.array((math.cos(angle), math.sin(angle)))
+        self._twist[:2] += share * ((velocity - self._twist[:2]) @ along) * along
 
     def _usual_twist(self):
         """The twist that is expected to go on: the last turning rate, and the mean of the last few velocities.
@@ -337,8 +374,24 @@ class Odometry:
         Walls always hold the rotation, but not the motion along them: a step that noise has made too long would be expected
         again, and found.
         """
-        vx, vy = sum(self._velocities) / len(self._velocities)
+        vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
         return np.array((vx, vy, self._twist[2]))
+
+    def _facing(self, features, pose, angle):
+        """``(P,)``: what each point of a scan at `pose` would hold of the motion along `angle` [rad], if it faces along it."""
+        cloud = features.dense_cloud
+        along = (cloud.normals * cmath.exp(1j * (pose.theta - angle))).real
+        return cloud.weighed(np.where(np.abs(along) < self.parameters.free.facing, 0.0, along * along))
+
+    def _sees_more(self, features, pose, partners, angle):
+        """Whether points that no key frame knows would hold the motion along `angle` [rad], which the latest leaves free.
+
+        They have to be most of those that face along it: noise makes a few of every wall seem to do so.
+        """
+        _, weight = partners.match(partners.step(pose), self.parameters.refinement.window_first_scale)
+        facing = self._facing(features, pose, angle)
+        new = float((1.0 - np.bincount(partners.index, weight, partners.size)) @ facing)
+        return new >= max(self.parameters.decision.min_information, 0.5 * float(facing.sum()))
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry
@@ -379,6 +432,7 @@ class Odometry:
         """The scan is not found: go on as expected for a while, then as told or not at all, then start anew."""
         p = self.parameters.odometry
         self._lost += max(time.interval, time.elapsed)
+        self._since += time.interval
         if self._lost > p.give_up or time.jump:
             return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
@@ -419,6 +473,8 @@ _QUARTER = 0.5 * math.pi
 """A motion whose prior rules out no turn as far as this [rad] is vaguely expected."""
 _DOUBTFUL = 0.7
 """Share of `prior.limit` within which a doubtful scan is believed after a motion of which nothing is known."""
+_WANDERS = 1.5
+"""A speed that wanders at random has changed by so many times the change of its mean: the gain of a Kalman filter."""
 _LEAST_SHARED = 1e-3
 """Of the information that the points seem to have, at least so much is taken as shared."""
 # Never published as exactly known: 1 mm, 0.06 deg.

@@ -151,9 +151,10 @@ class Window:
     def latest(self):
         return self.frames[-1]
 
-    def with_frame(self, frame, size):
-        """A window of at most `size` key frames that ends with `frame`."""
-        return Window((self.frames + (frame,))[-size:])
+    def with_frame(self, frame, size, latest=True):
+        """A window of at most `size` key frames with one more, the `latest` or the one before it."""
+        at = len(self.frames) - (not latest)
+        return Window((*self.frames[:at], frame, *self.frames[at:])[-size:])
 
     def sights(self, count) -> Sights:
         """Of the latest so many key frames."""
