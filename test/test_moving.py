@@ -12,7 +12,7 @@ from dbscan_reg_ros.benchmarks.courses import strolled
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.alignment import refine
 from dbscan_reg_ros.core.features import extract_features
-from dbscan_reg_ros.core.moving import detached, held_share, outweighed
+from dbscan_reg_ros.core.moving import beside, detached, held_share, outweighed
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.surface import Cloud
 from dbscan_reg_ros.core.window import KeyFrame, Window
@@ -131,6 +131,16 @@ def things(*centres, points=4):
     return Cloud(places, np.ones(len(places), dtype=complex), np.arange(len(places)))
 
 
+def test_what_lies_close_to_what_moves_is_beside_it():
+    """Along the scan, to either side."""
+    points = np.array([2.0, 2.1, 2.2, 2.3, 5.0, 2.35, 9.0]) + 0j
+    cloud = Cloud(points, np.ones(7, dtype=complex), np.arange(7))
+    moving = np.isin(np.arange(7), [2, 4])
+    assert beside(cloud, moving, 0.15).tolist() == [False, True, True, True, True, False, False]
+    assert beside(cloud, moving, 0.25).tolist() == [True, True, True, True, True, False, False]
+    assert not beside(cloud, np.zeros(7, dtype=bool), 100.0).any()
+
+
 def test_a_thing_counts_as_it_is_outweighed():
     def worth(*centres):
         return outweighed(things(*centres), 1.1, 0.2, 0.03)[::4].tolist()
@@ -226,12 +236,44 @@ def test_a_turn_between_like_walls_is_followed(data):
     """Somebody hides the end of a corridor, rivals score as well for seconds, and the sensor turns round: the heading is known."""
     log, part = Intel(data / 'intel'), slice(1780, 1900)
     odometry, ambiguous, turned = Odometry(Parameters().replace({'odometry.movable_size': 0.0})), 0, []
-    for scan in strolled(log.scans[part], seed=7, radius=0.15):
+    for scan in strolled(log.scans[part], seed=2, radius=0.15):
         update = odometry.process(scan)
         ambiguous += update.status is Status.AMBIGUOUS
         turned.append(update.pose.theta)
     off = np.unwrap(turned) - np.unwrap(log.reference[part, 2])
     assert ambiguous >= 3 and np.degrees(np.abs(off - off[0]).max()) < 3.0
+
+
+def behind_somebody(hidden, seed, **changes):
+    """How far behind [m] a drive of 6 s along a bare corridor ends when somebody hides its end in some scans, and the statuses
+    of the others.
+    """
+    world = dataclasses.replace(corridor(length=16.0, doors=0), tour=np.array([(2.0, 0.0), (12.0, 0.0)]))
+    result = simulate(world, follow(world.tour), Lidar(), seed=seed)
+    odometry = Odometry(Parameters().replace({f'odometry.{name}': value for name, value in changes.items()}))
+    statuses = []
+    for k, scan in enumerate(result.scans[:60]):
+        update = odometry.process(with_person(scan, 0.0)[0] if hidden(k) else scan)
+        if not hidden(k):
+            statuses.append(update.status)
+    first, last = (SE2.from_array(result.truth[k]) for k in (0, 59))
+    return -((first.inverse() @ last).inverse() @ update.pose).x, statuses
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_somebody_who_steps_aside_at_the_start_leaves_nothing_behind(seed):
+    """The first scan does not see the end of the corridor; the second does, and becomes a key frame."""
+    behind, statuses = behind_somebody(lambda k: k == 0, seed)
+    assert abs(behind) < 0.03
+    assert all(status is Status.OK for status in statuses[1:])
+
+
+@pytest.mark.parametrize(('retries', 'lost'), [(2, False), (0, True)])
+def test_what_the_latest_key_frame_does_not_see_older_ones_may(retries, lost):
+    """Somebody hides the end of the corridor in every other three scans."""
+    behind, statuses = behind_somebody(lambda k: k % 6 < 3, 0, retries=retries)
+    assert (behind > 0.3) is lost
+    assert (sum(status is not Status.OK for status in statuses) > 5) is lost
 
 
 def test_where_the_motion_is_not_known_nothing_is_left_out():

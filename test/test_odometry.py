@@ -546,18 +546,38 @@ def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wro
 NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_share=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
 
 
-@pytest.mark.parametrize('lidar', [*LIDARS.values(), *NOISY.values()], ids=[*LIDARS, *NOISY])
-def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lidar):
-    """Both ends out of range; the noise of some is greater than what lies between two beams."""
+@pytest.mark.parametrize(('lidar', 'least'), [*((lidar, 1.0) for lidar in LIDARS.values()), *((lidar, 0.95) for lidar in NOISY.values())],
+                         ids=[*LIDARS, *NOISY])
+def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lidar, least):
+    """Both ends out of range; the noise of some is greater than what lies between two beams, and may hold it by chance."""
     world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (20.0, 0.0)]))
     drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
     odometry = Odometry()
     updates = [odometry.process(scan) for scan in drive.scans][1:]
     along = [update.reference_pose.theta + update.registration.free_direction for update in updates
              if update.registration.free_direction is not None]
-    assert len(updates) > 20 and len(along) == len(updates)
+    assert len(updates) > 20 and len(along) >= least * len(updates)
     assert np.abs(np.sin(along)).max() < math.sin(math.radians(10.0))
-    assert all(update.status is not Status.OK for update in updates)
+    assert sum(update.status is Status.OK for update in updates) <= (1.0 - least) * len(updates)
+
+
+def test_a_speed_that_no_scan_holds_goes_on():
+    """A lidar that sees 4 m of a corridor, and a door now and then: what noise pulls would add up to a sixth of the way."""
+    world = corridor(seed=2)
+    result = simulate(world, follow(world.tour), LIDARS['hokuyo_urg04lx'], seed=2)
+    odometry, half = Odometry(), len(result.scans) // 2
+    for scan in result.scans[:half]:
+        update = odometry.process(scan)
+    truth = SE2.from_array(result.truth[0]).inverse() @ SE2.from_array(result.truth[half - 1])
+    assert abs((truth.inverse() @ update.pose).x) < 0.08 * truth.x
+
+
+def test_a_key_frame_may_stand_before_the_latest():
+    frames = [KeyFrame(extract_features(look(outline(L_ROOM), SE2(x, 0.0, 0.0), FULL)), SE2(x, 0.0, 0.0)) for x in (0.0, 0.2, 0.4)]
+    window = Window(frames[:2])
+    assert window.with_frame(frames[2], 5).frames == tuple(frames)
+    assert window.with_frame(frames[2], 5, latest=False).frames == (frames[0], frames[2], frames[1])
+    assert window.with_frame(frames[2], 2, latest=False).frames == (frames[2], frames[1])
 
 
 @pytest.mark.parametrize('name', ['hokuyo_utm30lx', 'rplidar_s'])

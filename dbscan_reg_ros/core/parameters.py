@@ -420,7 +420,7 @@ class OdometryParameters(ParameterGroup):
     keyframe_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
     keyframe_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
     keyframe_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)
-    retries: int = parameter(2, 'older key frames that are tried when the last one leads nowhere', '', 0, 100)
+    retries: int = parameter(2, 'older key frames that are tried when the last one leads nowhere or leaves a direction free', '', 0, 100)
     coast: float = parameter(1.0, 'a lost sensor is taken to move on as expected this long', 's', 0.0, 1000.0)
     give_up: float = parameter(5.0, 'and then to stand, or to move as it is told from elsewhere; after this long a new '
                                 'reference is started', 's', 0.0, 10000.0)
