@@ -315,7 +315,7 @@ class Odometry:
         share = 1.0 if free is None else min(weak / p.decision.min_information, 1.0)
         covariance = inverse(inverse(matched) + known)
         self._advance(pose, prior, time, np.eye(3) - covariance @ known, matched)
-        self._take(pose, time, free if share < 1.0 else None, share if prior is own else 1.0)
+        self._take(pose, time, free if share < 1.0 else None, 1.0 if prior.change is None else share)
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         if due or new:
