@@ -96,6 +96,7 @@ class Odometry:
             return self._start(features, time.jump)
         if time.jump:
             self._halt()
+        self._since += time.interval
         own = self._own_prior(time)
         prior = prior or own
         expected = self._pose @ prior.transform
@@ -288,36 +289,36 @@ class Odometry:
         """The scan is found: align it with the window, and make it a key frame when it is due."""
         p = self.parameters
         registration = doubted(registration, prior, p.decision)
-        known = np.zeros((3, 3))
+        known, angle = np.zeros((3, 3)), None
+        if registration.free_direction is not None:
+            angle = frame.pose.theta + registration.free_direction
         if self._agrees(pose, expected, prior.covariance):
             known = inverse(prior.covariance)
         if p.odometry.reference == 'window':
             scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
             strength = max(p.prior.point, features.noise) ** 2 * turned(known, expected.theta)
-            along, around = registration.free_direction, registration.free_turn and prior is not own and known.any()
+            around = registration.free_turn and prior is not own and known.any()
             if around:
                 pose = expected
             partners = self._window.partners(pose, features.dense_cloud, p.density)
-            if along is not None or around:
-                angle = None if along is None else frame.pose.theta + along
+            if angle is not None or around:
                 strength = self._stiffened(strength, features, pose, partners, angle, around)
             pose = align(partners, pose, expected, strength, scales[:-1], damping)
             # Points that lie close together have other partners soon, points far apart hardly.
             if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
                 partners = self._window.partners(pose, features.dense_cloud, p.density)
             pose = align(partners, pose, expected, strength, scales[-1:], damping)
-            matched, held = self._uncertainty(features, pose, partners, along is not None, registration.free_turn)
-            free, weak = None if along is None else held.angle, held.weak
-            new = along is not None and self._sees_more(features, pose, partners, frame.pose.theta + along)
+            matched, held = self._uncertainty(features, pose, partners, angle is not None, registration.free_turn)
+            free, weak = held.angle, held.weak
         else:
-            matched, along, new = registration.covariance, registration.free_direction, False
-            free, weak = None if along is None else frame.pose.theta + along, registration.weakest
-        share = 1.0 if free is None else min(weak / p.decision.min_information, 1.0)
+            matched, free, weak, partners = registration.covariance, angle, registration.weakest, None
+        share = 1.0 if angle is None else min(weak / p.decision.min_information, 1.0)
         covariance = inverse(inverse(matched) + known)
         self._advance(pose, prior, time, np.eye(3) - covariance @ known, matched)
         self._take(pose, time, free if share < 1.0 else None, 1.0 if prior.change is None else share)
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
+        new = not due and angle is not None and partners is not None and self._sees_more(features, pose, partners, angle)
         if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(KeyFrame(features, pose), size, latest=due)
@@ -343,7 +344,6 @@ class Odometry:
         """
         middle = pose @ _travel(self._twist, time.half)
         before, self._middle = self._middle, middle
-        self._since += time.interval
         if before is None:
             self._halt()
             self._step = None
@@ -432,7 +432,6 @@ class Odometry:
         """The scan is not found: go on as expected for a while, then as told or not at all, then start anew."""
         p = self.parameters.odometry
         self._lost += max(time.interval, time.elapsed)
-        self._since += time.interval
         if self._lost > p.give_up or time.jump:
             return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
