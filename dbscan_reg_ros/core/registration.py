@@ -88,7 +88,7 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
             return None
     else:
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
-        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
+        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.winner_scales(), p.density.facing,
                              p.refinement.damping, known)
     cloud = current.dense_cloud if p.refinement.polish else current.cloud
     fine[0], found = polish(fine[0], cloud, reference.surface, p.density.facing, p.refinement)
