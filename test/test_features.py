@@ -17,7 +17,7 @@ PLAIN = Parameters().replace({'filter.test': 'off'})
 def normals_of(points, breaks=None, increment=DEGREE, **changes):
     points = np.asarray(points, dtype=float)
     breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
-    return estimate_normals(as_complex(points), summed_moments(points), breaks, increment, 0.0, SegmentParameters(**changes))
+    return estimate_normals(as_complex(points), summed_moments(as_complex(points)), breaks, increment, 0.0, SegmentParameters(**changes))
 
 
 @pytest.mark.parametrize('sigma', [0.005, 0.02, 0.05])

@@ -153,7 +153,7 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
         if best is None or cost < best[0] - 1e-12:
             best = cost, first, last
     parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
-    first, last = slope_stretches(as_complex(points), summed_moments(points), radius, breaks, NOISE, parameters)
+    first, last = slope_stretches(as_complex(points), summed_moments(as_complex(points)), radius, breaks, NOISE, parameters)
     np.testing.assert_array_equal(first, best[1])
     np.testing.assert_array_equal(last, best[2])
 
@@ -251,16 +251,16 @@ def test_sections_are_averaged_and_the_line_is_fitted_to_their_means(sections):
     rng = np.random.default_rng(0)
     points = rng.normal(0.0, 1.0, (40, 2)) * (2.0, 0.1) @ SE2(0.0, 0.0, 1.2).rotation().T + (3.0, -2.0)
     first, last = np.array([0, 3, 10, 20]), np.array([2, 9, 39, 39])
-    centre, angle, spread, residual = fit_sections(summed_moments(points), first, last, sections)
+    centre, angle, spread, residual = fit_sections(summed_moments(as_complex(points)), first, last, sections)
     for i, (a, b) in enumerate(zip(first, last, strict=True)):
         own = points[a:b + 1]
         edges = len(own) * np.arange(sections + 1) // sections
         means = np.array([own[s:e].mean(axis=0) for s, e in zip(edges, edges[1:]) if e > s])
-        np.testing.assert_allclose(centre[i], means.mean(axis=0))
+        np.testing.assert_allclose(centre[:, i], means.mean(axis=0))
         if len(means) > 1:
             along = np.linalg.svd(means - means.mean(axis=0))[2][0]
             assert abs(along @ (np.cos(angle[i]), np.sin(angle[i]))) == pytest.approx(1.0)
-        off = (own - centre[i]) @ (-np.sin(angle[i]), np.cos(angle[i]))
+        off = (own - centre[:, i]) @ (-np.sin(angle[i]), np.cos(angle[i]))
         assert residual[i] == pytest.approx((off ** 2).mean(), rel=1e-6)
         assert spread[i] == pytest.approx((own @ (np.cos(angle[i]), np.sin(angle[i]))).var(), rel=1e-6)
 
@@ -269,8 +269,8 @@ def test_fewer_points_than_sections_are_all_fitted():
     points = np.random.default_rng(1).normal(0.0, 1.0, (4, 2))
     for count in (2, 3, 4):
         first, last = np.array([0]), np.array([count - 1])
-        whole = fit_sections(summed_moments(points), first, last, 0)
-        sections = fit_sections(summed_moments(points), first, last, 5)
+        whole = fit_sections(summed_moments(as_complex(points)), first, last, 0)
+        sections = fit_sections(summed_moments(as_complex(points)), first, last, 5)
         for one, other in zip(whole, sections, strict=True):
             np.testing.assert_allclose(other, one, atol=1e-12)
 

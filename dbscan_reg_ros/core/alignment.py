@@ -88,8 +88,7 @@ def fit(candidates, cloud, surface, facing) -> Fit:
     places = arms + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
-    error = (normals * places).real
-    error -= surface.offsets.take(nearest)
+    error = (normals * places).real - surface.offsets.take(nearest)
     alike = (normals * (turn * cloud.normals)).real > facing
     if facing < 0.0:
         # The normal of no point is 0.

@@ -18,7 +18,7 @@ def slope_stretches(points, total, radius, breaks, noise, parameters: SegmentPar
     ----------
     points, radius, breaks
         As for `find_breaks`.
-    total : (P + 1, 5) array
+    total : (5, P + 1) array
         `summed_moments` of the points.
     noise : float
         Standard deviation of a range [m].

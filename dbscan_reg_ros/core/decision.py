@@ -38,7 +38,7 @@ def decide(fine, fine_score, overlap, found, coarse, coarse_score, reference: Fe
     margin = float(top - coarse_score[rivals].max(initial=-1.0))
     covariance = covariance + scatter(best, coarse[rivals & (coarse_score > top - limits.min_margin)])
     status, reason = judge(float(fine_score[0]), margin, held, limits)
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value) for candidate, value in zip(fine, fine_score.tolist()))
+    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value) for candidate, value in zip(fine.tolist(), fine_score.tolist()))
     transform = hypotheses[0].transform
     matches = partial(match_segments, reference.segments, current.segments, transform, p.decision)
     return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,

@@ -29,7 +29,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
         raise ScanError(f'{len(points)} returns remain after the ring band filter; scan.min_returns asks for '
                         f'{limits.min_returns}')
     places = as_complex(points)
-    radius, total = np.abs(places), summed_moments(points)
+    radius, total = np.abs(places), summed_moments(places)
     # Outliers count as noise while they are there. Corners have to stand out from all of it.
     left = min(noise, estimate_noise(radius, limits)) if len(points) < returns else noise
     breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
@@ -89,7 +89,8 @@ def estimate_noise(ranges, limits):
         return limits.noise_max
     bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
     at = int(_NOISE_QUANTILE * len(bend))
-    return min(max(float(np.partition(bend, at)[at]) / _NOISE_BEND, limits.noise_min), limits.noise_max)
+    bend.partition(at)
+    return min(max(float(bend[at]) / _NOISE_BEND, limits.noise_min), limits.noise_max)
 
 
 _NOISE_QUANTILE = 0.3
@@ -108,7 +109,7 @@ def estimate_normals(points, total, breaks, increment, noise, parameters):
     Parameters
     ----------
     points : (P,) complex array [m]
-    total : (P + 1, 5) array
+    total : (5, P + 1) array
         Their `summed_moments`.
     breaks : (P - 1,) bool array
     noise : float
@@ -132,9 +133,9 @@ def estimate_normals(points, total, breaks, increment, noise, parameters):
     high = np.maximum(path.searchsorted(path + reach, 'right'), index + (parameters.normal_beams + 1))
     low, high = np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))
     count = high - low
-    _, angle, spread, residual = fit_lines(total.take(high, axis=0) - total.take(low, axis=0), count)
+    _, angle, spread, residual = fit_lines(total.take(high, axis=1) - total.take(low, axis=1), count)
     normals = 1j * np.exp(1j * angle)
     onward = points[high - 1] - points[low]
-    normals[(onward.conj() * normals).imag * increment < 0.0] *= -1.0
+    np.negative(normals, out=normals, where=(onward.conj() * normals).imag * increment < 0.0)
     normals[(count < 3) | (residual > 0.25 * spread)] = 0.0
     return as_vectors(normals)

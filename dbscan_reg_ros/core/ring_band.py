@@ -113,7 +113,7 @@ class _Lines(NamedTuple):
     beams : (3, T, 1) int array
         Offsets from ``centre - RING`` to the third, the first and the second beam.
     growth : (T, 1) array
-        How the noise of the two grows on the way to the third.
+        How the noise of the two grows on the way to the third, and that of the third, 1.
     """
 
     beams: np.ndarray
@@ -122,7 +122,7 @@ class _Lines(NamedTuple):
 
 def _lines(triples):
     k, a, b = triples = np.array(triples).T[:, :, None]
-    return _Lines(triples + RING, (np.abs(a - k) + np.abs(b - k)) / (b - a))
+    return _Lines(triples + RING, 1.0 + (np.abs(a - k) + np.abs(b - k)) / (b - a))
 
 
 _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
@@ -202,5 +202,5 @@ def _off_lines(padded, centre, lines, noise, parameters):
         distance = np.abs(meeting - 1.0) * radius
     distance[np.isnan(distance)] = np.inf
     tolerance = parameters.relative_tolerance * radius
-    tolerance += parameters.noise_factor * noise * (1.0 + lines.growth)
+    tolerance += parameters.noise_factor * noise * lines.growth
     return distance, tolerance

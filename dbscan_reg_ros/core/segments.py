@@ -5,7 +5,7 @@ from .corners import slope_stretches
 from .line_fit import fit_lines, fit_sections
 from .parameters import SegmentParameters
 from .records import EndKind, Segments
-from .se2 import as_complex, as_vectors
+from .se2 import as_vectors
 
 
 def find_breaks(points, radius, beams, geometry, noise, parameters: SegmentParameters):
@@ -54,11 +54,11 @@ def split_runs(points, breaks, noise, parameters: SegmentParameters):
         first, length = edge[:-1], edge[1:] - edge[:-1]
         start = points[first]
         chord = points[edge[1:] - 1] - start
-        chord /= np.maximum(np.abs(chord), 1e-9)
-        distance = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
-        farthest = np.maximum.reduceat(distance, first)
-        farthest[farthest <= split_distance] = np.inf
-        at = (distance == farthest.repeat(length)).nonzero()[0]
+        # Distances from a chord, times its length.
+        area = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
+        largest = np.maximum.reduceat(area, first)
+        largest[largest <= split_distance * np.abs(chord)] = np.inf
+        at = (area == largest.repeat(length)).nonzero()[0]
         if not len(at):
             break
         edges[at + 1] = True
@@ -73,7 +73,7 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     ----------
     points, radius, beams, breaks
         As in `find_breaks`.
-    total : (P + 1, 5) array
+    total : (5, P + 1) array
         `summed_moments` of the points.
     noise : float
         Standard deviation of a range [m].
@@ -87,22 +87,22 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     if parameters.corners == 'slope':
         first, last = slope_stretches(points, total, radius, breaks, noise, parameters)
         count = last - first + 1
-        centre, angle, spread, residual = fit_sections(total, first, last, parameters.sections)
+        lines = fit_sections(total, first, last, parameters.sections)
     else:
-        first, last, count, moments = _straight_stretches(points, total, breaks, noise, parameters)
+        first, last, count, lines = _straight_stretches(points, total, breaks, noise, parameters)
         if parameters.sections:
             count = last - first + 1
-            centre, angle, spread, residual = fit_sections(total, first, last, parameters.sections)
-        else:
-            centre, angle, spread, residual = fit_lines(moments, np.maximum(count, 1))
-    centre, along = as_complex(centre), np.exp(1j * angle)
+            lines = fit_sections(total, first, last, parameters.sections)
+    (x, y), angle, spread, residual = lines
+    centre, along = x + 1j * y, np.exp(1j * angle)
     along[((points[last] - points[first]) * along.conj()).real < 0.0] *= -1.0
     start = centre + along * ((points[first] - centre) * along.conj()).real
     end = centre + along * ((points[last] - centre) * along.conj()).real
     length = np.abs(end - start)
     keep = (count >= parameters.min_points) & (length >= parameters.min_length) & (residual < (0.15 * length) ** 2)
-    if np.count_nonzero(keep) > parameters.most:
-        keep[np.argsort(-length * keep, kind='stable')[parameters.most:]] = False
+    keep = keep.nonzero()[0]
+    if len(keep) > parameters.most:
+        keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.most]])
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
     sigma = np.sqrt(noise * noise + residual)
@@ -113,39 +113,44 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
 
 
 def _straight_stretches(points, total, breaks, noise, parameters):
-    """Stretches of the runs cut at their corners, neighbours on one line joined, with their moments.
+    """Stretches of the runs cut at their corners, neighbours on one line joined, with the lines through their points.
 
     Returns
     -------
     first, last, count : (S,) int arrays
-    moments : (S, 5) array
+    lines : tuple
+        As from `fit_lines`.
     """
     first, last = split_runs(points, breaks, noise, parameters)
-    keep = last - first >= 2
-    first, last = first[keep], last[keep]
-    count, moments = last - first + 1, total[last + 1] - total[first]
-    for _ in range(2):
-        if len(first) < 2:
-            break
-        apart = _on_different_lines(points, first, last, count, moments, noise, parameters)
+    kept = (last - first >= 2).nonzero()[0]
+    first, last = first[kept], last[kept]
+    count, moments = last - first + 1, total[:, last + 1] - total[:, first]
+    for _ in range(_JOINS):
+        size = len(first)
+        both = fit_lines(np.concatenate((moments, moments[:, 1:] + moments[:, :-1]), axis=1),
+                         np.concatenate((count, count[1:] + count[:-1])))
+        lines, joined = ([each[..., part] for each in both] for part in (slice(size), slice(size, None)))
+        apart = _on_different_lines(points, first, last, lines, joined, noise, parameters)
         if apart.all():
-            break
-        head = np.flatnonzero(np.concatenate(([True], apart)))
-        first, last = first[head], last[np.concatenate((head[1:], [len(last)])) - 1]
-        count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=0)
-    return first, last, count, moments
+            return first, last, count, lines
+        head = np.concatenate(([True], apart)).nonzero()[0]
+        first, last = first[head], last[np.concatenate((head[1:], [size])) - 1]
+        count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=1)
+    return first, last, count, fit_lines(moments, count)
 
 
-def _on_different_lines(points, first, last, count, moments, noise, parameters):
-    """``(S - 1,)`` bool: False where a stretch and the next are parts of one line."""
-    size = len(first)
-    _, angle, _, residual = fit_lines(np.concatenate((moments, moments[1:] + moments[:-1])),
-                                      np.concatenate((count, count[1:] + count[:-1])))
-    turn = np.abs((angle[1:size] - angle[:size - 1] + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+_JOINS = 2
+"""Times that neighbours are joined."""
+
+
+def _on_different_lines(points, first, last, lines, joined, noise, parameters):
+    """``(S - 1,)`` bool: False where a stretch and the next are parts of one line, by the `lines` of each and of both `joined`."""
+    angle = lines[1]
+    turn = np.abs((angle[1:] - angle[:-1] + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
     reach = points[last] - points[first]
     length = np.abs(reach)
     shorter = np.minimum(length[1:], length[:-1])
-    same = residual[size:] < (parameters.join_noise * noise) ** 2
+    same = joined[3] < (parameters.join_noise * noise) ** 2
     same &= np.abs(points[first[1:]] - points[last[:-1]]) < parameters.join_gap
     same &= (reach[1:] * reach[:-1].conj()).real > 0.0
     same &= turn < np.minimum(0.25, 0.05 + 6.0 * noise / np.maximum(shorter, 1e-3))

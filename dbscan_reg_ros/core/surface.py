@@ -140,23 +140,22 @@ class Surface:
 
 def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     """The `Surface` of all points of a scan that have a normal."""
-    size = len(cloud)
-    points = cloud.points.view(float).reshape(size, 2)
-    low, high = (points.min(axis=0), points.max(axis=0)) if size else (np.zeros(2), np.zeros(2))
-    extent = float((high - low).max()) + 2.0 * parameters.reach
-    cell = max(parameters.cell, extent / parameters.cells)
+    size, x, y = len(cloud), cloud.points.real, cloud.points.imag
+    low, high = (complex(x.min(), y.min()), complex(x.max(), y.max())) if size else (0j, 0j)
+    wide = high - low
+    cell = max(parameters.cell, (max(wide.real, wide.imag) + 2.0 * parameters.reach) / parameters.cells)
     # One cell for rounding, and one near nothing all around: what lies beyond it is looked up there.
     margin = int(math.ceil(parameters.reach / cell)) + 2
-    origin = low - margin * cell
-    rows, columns = (int(v) + 2 * margin + 1 for v in (high - low) / cell)
+    origin = low - complex(margin, margin) * cell
+    rows, columns = (int(side / cell) + 2 * margin + 1 for side in (wide.real, wide.imag))
     # The table is large and is looked up everywhere: small numbers keep it in the cache.
     kind = np.min_scalar_type(size)
     index = np.full(rows * columns, size, dtype=kind)
-    place = (points - origin) / cell
-    at = place.astype(np.intp)
-    off_centre = place - at - 0.5
-    order = (-(off_centre * off_centre).sum(axis=1)).argsort(kind='stable').astype(kind)
-    home = (at[:, 0] * columns + at[:, 1])[order]
+    x, y = (x - origin.real) / cell, (y - origin.imag) / cell
+    row, column = x.astype(np.intp), y.astype(np.intp)
+    x, y = x - row - 0.5, y - column - 0.5
+    order = (-(x * x + y * y)).argsort(kind='stable').astype(kind)
+    home = (row * columns + column)[order]
     index[home] = order
     # Of the points in one cell, the one closest to its centre wins everywhere: the others need not be written. Written
     # from the far offsets to the near ones, the nearest point has the last word. Beam order would favour one side and
@@ -172,7 +171,7 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     normals, offsets = np.zeros(size + 1, dtype=complex), np.zeros(size + 1)
     np.conj(cloud.normals, out=normals[:size])
     offsets[:size] = (normals[:size] * cloud.points).real
-    return Surface(complex(*origin), cell, (rows, columns), index, normals, offsets)
+    return Surface(origin, cell, (rows, columns), index, normals, offsets)
 
 
 @lru_cache(maxsize=4)
@@ -216,7 +215,8 @@ class View:
 
 def bins(places, size):
     """Of so many bins of the full circle, that of each of the `places` (complex, [m])."""
-    bearing = np.arctan2(places.imag, places.real)
+    # Of numbers that lie side by side an angle takes a third of the time.
+    bearing = np.arctan2(places.imag.copy(), places.real.copy())
     bearing += math.pi
     bearing *= size / (2.0 * math.pi)
     return np.minimum(bearing.astype(np.intp), size - 1)
