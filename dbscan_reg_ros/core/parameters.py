@@ -247,8 +247,8 @@ class TranslationParameters(ParameterGroup):
     min_points: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
     width: float = parameter(0.15, 'a cluster spread wider is a chain and is clustered again; 0: never', 'm', 0.0, 100.0)
     recuts: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
-    shortest: int = parameter(2, 'rotations, heaviest first, whose shortest translation is a hypothesis as well where hardly '
-                              'two lines cross, as between parallel walls', '', 0, 1000)
+    shortest: int = parameter(2, 'rotations, heaviest first, whose shortest translation is a hypothesis as well: between '
+                              'parallel walls no lines cross', '', 0, 1000)
 
 
 @dataclass(frozen=True)

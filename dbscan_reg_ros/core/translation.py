@@ -136,21 +136,15 @@ def line_samples(pairs, equations, parameters):
 
 
 def shortest_translations(pairs, equations, phi):
-    """The shortest translation that lays all lines on one another, ``(K, 3)``, for those of the first rotations whose lines
-    leave a direction all but open.
+    """The shortest translation that lays all lines on one another, for each of the first rotations, ``(K, 3)``.
 
     Robust and damped least squares: between parallel walls, where no two lines cross, what they leave open is no motion.
     """
-    rotation, _, _, weight = pairs
-    along, distance = equations
+    last = pairs[0].searchsorted(len(phi))
+    rotation, _, _, weight = (part[:last] for part in pairs)
+    along, distance = (part[:last] for part in equations)
     weight = weight * (np.arange(len(phi))[:, None] == rotation)
-    total = weight.sum(axis=1)
-    across = 0.5 * (total - np.abs(weight @ (along * along)))
-    few = across < _OPEN * total
-    if not few.any():
-        return np.empty((0, 3))
-    phi, weight = phi[few], weight[few]
-    rows = np.array((-along.imag, along.real, np.zeros(len(along)), -distance))
+    rows = np.array((-along.imag, along.real, np.zeros(last), -distance))
     found = np.zeros((len(phi), 4))
     found[:, 3] = 1.0
     for scale in _SHORTEST_SCALES:
@@ -159,8 +153,6 @@ def shortest_translations(pairs, equations, phi):
     return found[:, :3]
 
 
-_OPEN = 0.05
-"""Mean squared sine of the angles between lines and their main direction, below which hardly two of them cross."""
 _SHORTEST_SCALES = 1.0, 0.3, 0.1
 """Of the distance [m] between two lines, from one iteration to the next."""
 _SHORTEST_DAMPING = 0.01
