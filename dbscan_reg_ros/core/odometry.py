@@ -192,6 +192,7 @@ class Odometry:
         standing = self._standing(features, expected) if prior.spread < p.odometry.moving_margin else features
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
+        around, usual_around = self._reach(prior, expected), self._reach(own, usual)
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -208,7 +209,7 @@ class Odometry:
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
-            if self._agrees(pose, expected, prior.covariance, share) or self._agrees(pose, usual, own.covariance, share):
+            if self._agrees(pose, expected, around, share) or self._agrees(pose, usual, usual_around, share):
                 found = frame, pose, registration, seen
                 if registration.free_direction is None and (faint is None or registration.status is Status.OK):
                     return found
@@ -231,6 +232,15 @@ class Odometry:
             if together.status is not Status.FAILED:
                 return self._window.latest, expected, together, standing
         return None, None, first, None
+
+    def _reach(self, prior, expected):
+        """Covariance of a scan that is `expected` by a prior: along a direction that was left free it may have gone faster since."""
+        if self._free is None or prior.change is None:
+            return prior.covariance
+        p, angle = self.parameters.prior, self._free - expected.theta
+        farther = min(0.5 * p.acceleration * self._since ** 2, p.unknown)
+        along = np.array((math.cos(angle), math.sin(angle), 0.0))
+        return prior.covariance + farther ** 2 * along[:, None] * along
 
     def _references(self, expected):
         """The latest key frame, and then the nearest of the older ones."""
