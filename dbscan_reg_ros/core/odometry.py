@@ -197,7 +197,7 @@ class Odometry:
         self._pending = None
         for frame in self._references(expected):
             back = frame.pose.inverse()
-            guess = Prior(back @ expected, prior.covariance)
+            guess = Prior(back @ expected, around)
             registration, seen = self._match(frame, features, standing, guess)
             first = first or registration
             if registration.status is Status.FAILED:
@@ -234,11 +234,14 @@ class Odometry:
         return None, None, first, None
 
     def _reach(self, prior, expected):
-        """Covariance of a scan that is `expected` by a prior: along a direction that was left free it may have gone faster since."""
+        """Covariance of a scan that is `expected` by a prior: along a direction that was left free it may have gone faster since.
+
+        No farther, though, than a place along it is searched for.
+        """
         if self._free is None or prior.change is None:
             return prior.covariance
-        p, angle = self.parameters.prior, self._free - expected.theta
-        farther = min(0.5 * p.acceleration * self._since ** 2, p.unknown)
+        p, angle = self.parameters, self._free - expected.theta
+        farther = min(0.5 * p.prior.acceleration * self._since ** 2, p.free.reach)
         along = np.array((math.cos(angle), math.sin(angle), 0.0))
         return prior.covariance + farther ** 2 * along[:, None] * along
 
