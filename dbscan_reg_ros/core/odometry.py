@@ -197,7 +197,7 @@ class Odometry:
         self._pending = None
         for frame in self._references(expected):
             back = frame.pose.inverse()
-            guess = Prior(back @ expected, around)
+            guess = Prior(back @ expected, prior.covariance)
             registration, seen = self._match(frame, features, standing, guess)
             first = first or registration
             if registration.status is Status.FAILED:
