@@ -214,7 +214,7 @@ class Odometry:
                 if registration.free_direction is None and (faint is None or registration.status is Status.OK):
                     return found
                 faint = faint or found
-                if self._facing(seen, pose, angle).sum() < p.decision.min_information:
+                if registration.free_turn or self._facing(seen, pose, angle).sum() < p.decision.min_information:
                     break
             elif registration.status is Status.OK and faint is None:
                 # Against all that was expected: a leap is believed when the next scan says the same.
@@ -328,7 +328,7 @@ class Odometry:
         share = 1.0 if angle is None else min(weak / p.decision.min_information, 1.0)
         covariance = inverse(inverse(matched) + known)
         self._advance(pose, prior, time, np.eye(3) - covariance @ known, matched)
-        self._take(pose, time, free if share < 1.0 else None, 1.0 if prior.change is None else share)
+        self._take(pose, time, free if share < 1.0 else None, 1.0 if prior.change is None else share, registration.free_turn)
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         new = not due and angle is not None and partners is not None and self._sees_more(features, pose, partners, angle)
@@ -347,14 +347,17 @@ class Odometry:
             # Mostly the stamp is wrong, and the motion goes on; but nothing is known of how fast.
             self._drift.halt()
 
-    def _take(self, pose, time, free, share):
+    def _take(self, pose, time, free, share, turns):
         """Go on to where the scan was found.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
         at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles. Where the scan before
         was found nowhere no motion is known. Along a direction that the scan leaves `free` [rad] the speed stays as it was, but
-        for a `share`. Once a scan holds that direction again the speed follows from the way since one did so last.
+        for a `share`. Once a scan holds that direction again the speed follows from the way since one did so last. Where the
+        scan `turns` freely, too, what is free is a way with a turn: no speed along one direction stays.
         """
+        if turns:
+            free = self._free = None
         middle = pose @ _travel(self._twist, time.half)
         before, self._middle = self._middle, middle
         if before is None:
