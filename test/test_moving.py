@@ -276,6 +276,14 @@ def test_what_the_latest_key_frame_does_not_see_older_ones_may(retries, lost):
     assert (sum(status is not Status.OK for status in statuses) > 5) is lost
 
 
+@pytest.mark.parametrize('seed', [2, 3])
+def test_who_sets_off_behind_somebody_is_found_farther_on(seed):
+    """The end of the corridor is hidden from the third scan on, while the sensor sets off and drives 0.9 m: it seems to rest."""
+    behind, statuses = behind_somebody(lambda k: 3 <= k < 20, seed)
+    assert abs(behind) < 0.03
+    assert all(status is Status.OK for status in statuses[-20:])
+
+
 def test_where_the_motion_is_not_known_nothing_is_left_out():
     """The prior is no better than the margin: a person stays in."""
     room = look(outline(L_ROOM), THERE, FULL)
