@@ -86,13 +86,10 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     """
     if parameters.corners == 'slope':
         first, last = slope_stretches(points, total, radius, breaks, noise, parameters)
-        count = last - first + 1
-        lines = fit_sections(total, first, last, parameters.sections)
     else:
         first, last, count, lines = _straight_stretches(points, total, breaks, noise, parameters)
-        if parameters.sections:
-            count = last - first + 1
-            lines = fit_sections(total, first, last, parameters.sections)
+    if parameters.corners == 'slope' or parameters.sections:
+        count, lines = last - first + 1, fit_sections(total, first, last, parameters.sections)
     (x, y), angle, spread, residual = lines
     centre, along = x + 1j * y, np.exp(1j * angle)
     along[((points[last] - points[first]) * along.conj()).real < 0.0] *= -1.0
@@ -127,12 +124,11 @@ def _straight_stretches(points, total, breaks, noise, parameters):
     count, moments = last - first + 1, total[:, last + 1] - total[:, first]
     for _ in range(_JOINS):
         size = len(first)
-        both = fit_lines(np.concatenate((moments, moments[:, 1:] + moments[:, :-1]), axis=1),
-                         np.concatenate((count, count[1:] + count[:-1])))
-        lines, joined = ([each[..., part] for each in both] for part in (slice(size), slice(size, None)))
-        apart = _on_different_lines(points, first, last, lines, joined, noise, parameters)
+        _, angle, _, residual = lines = fit_lines(np.concatenate((moments, moments[:, 1:] + moments[:, :-1]), axis=1),
+                                                  np.concatenate((count, count[1:] + count[:-1])))
+        apart = _on_different_lines(points, first, last, angle[:size], residual[size:], noise, parameters)
         if apart.all():
-            return first, last, count, lines
+            return first, last, count, [each[..., :size] for each in lines]
         head = np.concatenate(([True], apart)).nonzero()[0]
         first, last = first[head], last[np.concatenate((head[1:], [size])) - 1]
         count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=1)
@@ -143,14 +139,16 @@ _JOINS = 2
 """Times that neighbours are joined."""
 
 
-def _on_different_lines(points, first, last, lines, joined, noise, parameters):
-    """``(S - 1,)`` bool: False where a stretch and the next are parts of one line, by the `lines` of each and of both `joined`."""
-    angle = lines[1]
+def _on_different_lines(points, first, last, angle, residual, noise, parameters):
+    """``(S - 1,)`` bool: False where a stretch and the next are parts of one line.
+
+    By the `angle` ``(S,)`` of each one's line, and the `residual` ``(S - 1,)`` of that through both.
+    """
     turn = np.abs((angle[1:] - angle[:-1] + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
     reach = points[last] - points[first]
     length = np.abs(reach)
     shorter = np.minimum(length[1:], length[:-1])
-    same = joined[3] < (parameters.join_noise * noise) ** 2
+    same = residual < (parameters.join_noise * noise) ** 2
     same &= np.abs(points[first[1:]] - points[last[:-1]]) < parameters.join_gap
     same &= (reach[1:] * reach[:-1].conj()).real > 0.0
     same &= turn < np.minimum(0.25, 0.05 + 6.0 * noise / np.maximum(shorter, 1e-3))
