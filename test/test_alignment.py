@@ -109,37 +109,43 @@ def test_the_mean_square_is_that_of_the_points_errors():
     assert mean_square(np.ones(3), np.zeros(3)) == 0.0
 
 
+def polished(reference, current, candidate):
+    """The last iterations of a candidate ``(3,)``, over all points."""
+    found = fit(candidate[None], current.dense_cloud, reference.surface, DENSITY.facing)
+    return polish(candidate, found, current.dense_cloud, PARAMETERS.refinement)
+
+
 def test_every_candidate_is_refined_to_the_motion():
     reference, current = features(START), features(END)
     near = rows(NEAR, MOTION @ SE2(-0.1, 0.08, -0.05))
     found, _ = refine(near, current.cloud, reference.surface, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.facing, 1e-6)
     assert np.abs(found - MOTION.as_array()).max() < 2e-3
     assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
-    last, _ = polish(found[0], current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
+    last, _ = polished(reference, current, found[0])
     assert np.abs(last - MOTION.as_array()).max() < 5e-4
 
 
 def test_refining_from_a_known_fit_is_refining():
     reference, current = features(START), features(END)
     usual, known = (refine(rows(NEAR), current.cloud, reference.surface, [0.1, 0.05], DENSITY.facing, 1e-6, known)
-                    for known in (None, fitted(reference, current, MOTION, NEAR).of(1)))
+                    for known in (None, fitted(reference, current, MOTION, NEAR).select([1])))
     np.testing.assert_array_equal(usual[0], known[0])
     np.testing.assert_array_equal(usual[1], known[1])
 
 
 def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
-    reference, current, refinement = features(START), features(END), PARAMETERS.refinement
-    near, far = ((MOTION @ SE2(share * refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
-    found, _ = polish(near, current.dense_cloud, reference.surface, DENSITY.facing, refinement)
+    reference, current = features(START), features(END)
+    near, far = ((MOTION @ SE2(share * PARAMETERS.refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
+    found, _ = polished(reference, current, near)
     assert np.abs(found - MOTION.as_array()).max() < 1e-3
-    found, _ = polish(far, current.dense_cloud, reference.surface, DENSITY.facing, refinement)
+    found, _ = polished(reference, current, far)
     assert (found == far).all()
 
 
 def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
     reference, current = features(START), features(END)
     near = (MOTION @ SE2(0.02, -0.01, 0.01)).as_array()
-    found, errors = polish(near, current.dense_cloud, reference.surface, DENSITY.facing, PARAMETERS.refinement)
+    found, errors = polished(reference, current, near)
     there = fit(found[None], current.dense_cloud, reference.surface, DENSITY.facing)
     both = errors.alike & there.alike
     assert both.mean() > 0.95

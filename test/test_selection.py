@@ -11,7 +11,7 @@ from dbscan_reg_ros.core.alignment import fit
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.free_direction import search_free_direction, weakest_direction
 from dbscan_reg_ros.core.parameters import FreeDirectionParameters
-from dbscan_reg_ros.core.selection import distinct, reverse_violation, same, score, sieve, surprise
+from dbscan_reg_ros.core.selection import distinct, hopeful, reverse_violation, same, score, sieve, surprise
 
 ALIKE = Parameters().replace({'density.balance': 1000.0, 'density.points': 1000})
 """Every point counts the same, and all of them."""
@@ -62,8 +62,8 @@ def test_the_sieve_keeps_the_best_first():
     order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
     candidates = rows(*(MOTION @ off for off in order))
     chosen = ALIKE.replace({'selection.refined': 3}).selection
-    np.testing.assert_array_equal(sieve(candidates[::-1], reference, current, chosen, DENSITY), candidates[:3])
-    np.testing.assert_array_equal(sieve(candidates[:3], reference, current, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(sieve(candidates[::-1], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(sieve(candidates[:3], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
 
 
 def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
@@ -72,8 +72,21 @@ def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
     reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
     at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
     one = ALIKE.replace({'selection.refined': 1}).selection
-    found = sieve(np.concatenate((at_the_wall, behind)), reference, current, one, DENSITY)
+    found = sieve(np.concatenate((at_the_wall, behind)), current.cloud, reference.view, one, DENSITY)
     np.testing.assert_array_equal(found, behind)
+
+
+def test_hopeful_is_what_has_enough_of_the_best_ones_support():
+    reference, current = features(START), features(END)
+    candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
+    fits = fit(candidates, current.cloud, reference.surface, DENSITY.facing)
+    support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.cloud)
+    assert support[1] > 0.9 > support[0] > 0.5 > 0.3 > support[2]
+    for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0, [0, 1, 2]):
+        kept, known = hopeful(candidates, fits, 0.2, share)
+        np.testing.assert_array_equal(kept, candidates[expected])
+        for part, whole in zip(known, fits, strict=True):
+            np.testing.assert_array_equal(part, whole[expected])
 
 
 def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():

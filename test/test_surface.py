@@ -7,7 +7,16 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dbscan_reg_ros.core.parameters import DensityParameters
-from dbscan_reg_ros.core.surface import Cloud, build_cloud, build_surface, build_view, high_leverage, in_front, leverage
+from dbscan_reg_ros.core.surface import (
+    Cloud,
+    build_cloud,
+    build_surface,
+    build_view,
+    high_leverage,
+    in_front,
+    leverage,
+    sample,
+)
 
 PARAMETERS = DensityParameters()
 
@@ -74,6 +83,15 @@ def test_points_without_a_normal_are_left_out_of_a_cloud():
 def test_a_cloud_is_thinned_evenly_to_at_most_so_many(count, kept):
     points = np.arange(10.0) + 0j
     assert Cloud(points, points, np.arange(len(points))).thinned(count).points.real.tolist() == list(kept)
+
+
+def test_a_sample_is_thinned_but_for_points_that_face_where_few_do():
+    """A corridor of 40 points, of which two face along it."""
+    normals = np.tile([1j, -1j], 20)
+    normals[[7, 22]] = 1.0, -1.0
+    cloud = Cloud(np.arange(40.0) + 0j, normals, np.arange(40))
+    assert sample(cloud, 10).beams.tolist() == [0, 4, 7, 8, 12, 16, 20, 22, 24, 28, 32, 36]
+    assert sample(cloud, 40) is cloud
 
 
 @pytest.mark.parametrize('balance', [0.001, 1.0])

@@ -62,9 +62,9 @@ class Fit(NamedTuple):
         """``(H, 4, P)`` `linear_errors`."""
         return linear_errors(self.error, self.normals, self.arms)
 
-    def of(self, candidate):
-        """The fit of one candidate alone, H = 1."""
-        return Fit(*(part[candidate:candidate + 1] for part in self))
+    def select(self, chosen):
+        """The fits of the candidates that `chosen`, indices or a slice, picks."""
+        return Fit(*(part[chosen] for part in self))
 
     def thinned(self, count):
         """That of at most `count` of the points, as `Cloud.thinned`."""
@@ -175,11 +175,11 @@ def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     return candidates, equations
 
 
-def polish(candidate, cloud, surface, facing, refinement):
+def polish(candidate, found, cloud, refinement):
     """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
 
-    Partners are looked for once; from there on the errors are linear in the step. A candidate that creeps farther than the
-    first kernel reaches, as along a corridor, stays where it was.
+    The partners stay those of `found`, the candidate's `Fit`: the errors are linear in the step. A candidate that creeps
+    farther than the first kernel reaches, as along a corridor, stays where it was.
 
     Returns
     -------
@@ -187,7 +187,6 @@ def polish(candidate, cloud, surface, facing, refinement):
     found : Fit
         Of it, H = 1.
     """
-    found = fit(candidate[None], cloud, surface, facing)
     if not refinement.polish:
         return candidate, found
     rows, worth = found.rows()[0], cloud.weighed(found.alike[0].astype(float))

@@ -47,7 +47,7 @@ class Odometry:
         self._parameters = self._search = parameters
         if parameters.odometry.reference == 'window':
             # The window has the last word on the pose.
-            less = dataclasses.replace(parameters.refinement, polish=0, fine=(parameters.refinement.fine + 1) // 2)
+            less = dataclasses.replace(parameters.refinement, polish=0)
             self._search = dataclasses.replace(parameters, refinement=less)
 
     def reset(self, pose: SE2 = SE2()):

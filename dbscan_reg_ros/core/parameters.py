@@ -272,10 +272,13 @@ class SelectionParameters(ParameterGroup):
     method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
                             'divergence (least K-L divergence within the key clusters, the paper)', '',
                             choices=('density', 'divergence'))
-    candidates: int = parameter(30, 'heaviest translation clusters that are sieved', '', 1, _MOST)
-    sieve_points: int = parameter(60, 'points used by the sieve', '', 5, 10000)
+    candidates: int = parameter(20, 'heaviest translation clusters that are sieved', '', 1, _MOST)
+    sieve_points: int = parameter(60, 'points used by the sieve and, without a prior, by the coarse refinement, besides those that '
+                                  'face where few others do', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
-    refined: int = parameter(4, 'hypotheses refined coarsely', '', 1, _MOST)
+    refined: int = parameter(4, 'hypotheses refined coarsely,', '', 1, _MOST)
+    hopeful: float = parameter(0.6, 'but without a prior not those with less than this share of the best one\'s support', '', 0.0,
+                               1.0)
     doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
     widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
     finalists: int = parameter(2, 'hypotheses refined finely and compared,', '', 1, 1000)
@@ -302,11 +305,10 @@ class RefinementParameters(ParameterGroup):
 
     coarse: int = parameter(3, 'iterations of the coarse refinement; 0: nor is a free direction searched', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
-    fine: int = parameter(3, 'iterations of the fine refinement; two less for a clear winner, half as many before the window is '
-                          'aligned', '', 0, 100)
+    fine: int = parameter(2, 'iterations of the fine refinement, unless there is a clear winner', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
-    polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
+    polish: int = parameter(3, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
     window: int = parameter(4, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
@@ -322,10 +324,6 @@ class RefinementParameters(ParameterGroup):
     def fine_scales(self):
         """Kernel [m] of each fine iteration, from wide to narrow."""
         return _geometric(self.fine_scale, self.final_scale, self.fine)
-
-    def winner_scales(self):
-        """Those of a clear winner: less the one that the coarse iterations end with and the one that the last begin with, if any."""
-        return self.fine_scales()[1:-1] if self.polish else self.fine_scales()
 
     def window_scales(self, noise):
         """Kernel [m] of each iteration against the window, for a range noise [m]."""

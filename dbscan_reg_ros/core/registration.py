@@ -8,7 +8,8 @@ from .free_direction import search_free_direction, weakest_direction
 from .parameters import Parameters
 from .records import Features, Prior, Registration
 from .rotation import estimate_rotations, pair_weights
-from .selection import distinct, reverse_violation, same, score, sieve, surprise
+from .selection import distinct, hopeful, reverse_violation, same, score, sieve, surprise
+from .surface import sample
 from .translation import estimate_translations
 
 
@@ -55,9 +56,9 @@ def search_near(prior, reference, current, rotations, weights, p):
     expected, reach, turn = prior.transform.as_array(), p.prior.limit * prior.spread, p.prior.limit * prior.angular_spread
     near = rotations.near(expected[2], turn)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
-    candidates = translations.transform[:p.selection.candidates]
+    candidates = translations.transform
     candidates = candidates[same(candidates, expected, reach, turn)]
-    return select(expected[None], candidates, reference, current, p, prior, p.prior.enough)
+    return select(expected[None], candidates[:p.selection.candidates], reference, current, p, prior, p.prior.enough)
 
 
 def select(sure, candidates, reference, current, p, prior, least=-np.inf):
@@ -74,33 +75,44 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
-    candidates = np.concatenate((sure, sieve(candidates, reference, current, p.selection, p.density)))
-    coarse, coarse_score, coarse_overlap, equations, known = improve(
-        candidates, reference, current, p.refinement.coarse_scales(), p, prior)
+    few = sample(current.cloud, p.selection.sieve_points)
+    candidates = np.concatenate((sure, sieve(candidates, few, reference.view, p.selection, p.density)))
+    cloud, found = current.cloud, None
+    if prior is None:
+        # Most hypotheses are far off: a part of the points tells which, and leads the others close enough.
+        cloud, found = few, fit(candidates, few, reference.surface, p.density.facing)
+        candidates, found = hopeful(candidates, found, p.refinement.coarse_scale, p.selection.hopeful)
+    coarse, coarse_score, coarse_overlap, equations, found = improve(
+        candidates, found, cloud, p.refinement.coarse_scales(), reference, current, p, prior)
     if coarse_score[0] <= least:
         return None
     chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
     close = [each for each in chosen if coarse_score[each] >= coarse_score[0] - p.selection.clear]
     finalists = follow_free_direction(coarse[close], equations[close], reference, current, p)
     if len(finalists) > 1:
-        fine, fine_score, overlap, *_ = improve(finalists, reference, current, p.refinement.fine_scales(), p, prior, both_ways=True)
+        fine, fine_score, overlap, _, found = improve(
+            finalists, None, current.cloud, p.refinement.fine_scales(), reference, current, p, prior, both_ways=True)
         if fine_score[0] <= least:
             return None
     else:
         fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
-        fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.winner_scales(), p.density.facing,
-                             p.refinement.damping, known)
+        if not p.refinement.polish:
+            fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
+                                 p.refinement.damping, found)
+            found = fit(fine[:1], current.cloud, reference.surface, p.density.facing)
     cloud = current.dense_cloud if p.refinement.polish else current.cloud
-    fine[0], found = polish(fine[0], cloud, reference.surface, p.density.facing, p.refinement)
+    if cloud is not current.cloud:
+        found = fit(fine[:1], cloud, reference.surface, p.density.facing)
+    fine[0], found = polish(fine[0], found, cloud, p.refinement)
     return decide(fine, fine_score, overlap, found.thinned(p.density.points), coarse, coarse_score, reference, current, p)
 
 
-def improve(candidates, reference, current, scales, p, prior, both_ways=False):
-    """Refine all hypotheses together and score them.
+def improve(candidates, known, cloud, scales, reference, current, p, prior, both_ways=False):
+    """Refine all hypotheses, whose `Fit` may be `known`, together by the points of a cloud, and score them by all points.
 
     Best first: hypotheses, scores, overlaps and the normal equations of the last iteration; the `Fit` of the best.
     """
-    candidates, equations = refine(candidates, current.cloud, reference.surface, scales, p.density.facing, p.refinement.damping)
+    candidates, equations = refine(candidates, cloud, reference.surface, scales, p.density.facing, p.refinement.damping, known)
     fits = fit(candidates, current.cloud, reference.surface, p.density.facing)
     value, overlap = score(fits, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
@@ -108,7 +120,7 @@ def improve(candidates, reference, current, scales, p, prior, both_ways=False):
     if prior is not None:
         value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
     order = (-value).argsort(kind='stable')
-    return candidates[order], value[order], overlap[order], equations[order], fits.of(order[0])
+    return candidates[order], value[order], overlap[order], equations[order], fits.select(slice(order[0], order[0] + 1))
 
 
 def follow_free_direction(candidates, equations, reference, current, p):

@@ -172,8 +172,8 @@ def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, pa
         half = 0.5 * np.abs(end - start)
         corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
         corner &= beyond > -half[:-1]
-        run = np.concatenate(([0], breaks.cumsum()))
-        corner &= (first[1:] - last[:-1] <= 3) & (run[first[1:]] == run[last[:-1]])
+        cut = breaks.nonzero()[0]
+        corner &= (first[1:] - last[:-1] <= 3) & (cut.searchsorted(first[1:]) == cut.searchsorted(last[:-1]))
         end[:-1][corner] = start[1:][corner] = meeting[corner]
         kinds[:-1, 1][corner] = kinds[1:, 0][corner] = EndKind.CORNER
     return kinds

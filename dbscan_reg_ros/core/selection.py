@@ -11,19 +11,17 @@ from . import alignment
 from .parameters import DensityParameters, SelectionParameters
 from .records import Features
 from .se2 import wrap
-from .surface import in_front
+from .surface import Cloud, View, in_front
 from .symmetric import inverse
 
 
-def sieve(candidates, reference: Features, current: Features, parameters: SelectionParameters, density: DensityParameters):
-    """The hypotheses ``(C, 3)`` that fit the outline of the reference best, at most `refined` of them.
+def sieve(candidates, cloud: Cloud, view: View, parameters: SelectionParameters, density: DensityParameters):
+    """The hypotheses ``(C, 3)`` that lay a scan's points best onto the outline of the reference, at most `refined` of them.
 
     A table of candidates x beams: no surface is built for it.
     """
     if len(candidates) <= parameters.refined:
         return candidates
-    cloud = current.cloud.thinned(parameters.sieve_points)
-    view = reference.view
     places = alignment.transform_points(candidates, cloud.points)
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
@@ -32,6 +30,16 @@ def sieve(candidates, reference: Features, current: Features, parameters: Select
     support *= near > 0.0
     support -= density.violation * in_front(radius, near, parameters.sieve_tolerance)
     return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.refined]]
+
+
+def hopeful(candidates, fits: alignment.Fit, scale, share):
+    """The hypotheses ``(H, 3)`` with at least a `share` of the best one's support, and their fits.
+
+    The support is the sum of the kernels of a `scale` [m] over the points (Eq. 16).
+    """
+    support = fits.weight(scale).sum(axis=1)
+    kept = (support >= share * support.max()).nonzero()[0]
+    return (candidates, fits) if len(kept) == len(candidates) else (candidates[kept], fits.select(kept))
 
 
 def score(fit: alignment.Fit, reference: Features, current: Features, scale, parameters: DensityParameters):

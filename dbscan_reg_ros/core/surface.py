@@ -101,6 +101,15 @@ def high_leverage(normals):
     return (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
 
 
+def sample(cloud: Cloud, count):
+    """At most `count` of the points, evenly along the scan, and all of `high_leverage`: in a corridor those decide."""
+    if len(cloud) <= count:
+        return cloud
+    chosen = high_leverage(cloud.normals)
+    chosen[::stride(len(cloud), count)] = True
+    return cloud.select(chosen.nonzero()[0])
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Oriented points behind a grid that names the nearest of them: the reference density as a table (Eq. 16-18).

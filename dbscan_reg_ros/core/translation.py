@@ -153,7 +153,7 @@ def shortest_translations(pairs, equations, phi):
     return found[:, :3]
 
 
-_SHORTEST_SCALES = 1.0, 0.3, 0.1
+_SHORTEST_SCALES = 1.0, 0.1
 """Of the distance [m] between two lines, from one iteration to the next."""
 _SHORTEST_DAMPING = 0.01
 
