@@ -82,7 +82,7 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     assert text.startswith(f'status      {result.status.value}\n')
     covariance = np.array([line.split() for line in text.split('covariance')[1].splitlines()[1:4]], dtype=float)
     np.testing.assert_allclose(covariance, result.covariance, rtol=1e-4, atol=1e-12)
-    assert len(re.findall(r'^ +score', text, re.MULTILINE)) == len(result.hypotheses) > 1
+    assert len(re.findall(r'^ +score', text, re.MULTILINE)) == len(result.hypotheses)
     latest = tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest'
     assert text.endswith(f'figures     {latest.resolve()}\n')
     check_pictures(latest)
@@ -103,7 +103,7 @@ def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates
 
 
 def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_anew(snapshot, updates, tmp_path, capsys):
-    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {selection.finalists: 3}}')
+    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {selection.finalists: 3, selection.hopeful: 0.0}}')
     assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
     text, update = capsys.readouterr().out, updates[2]
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))

@@ -308,7 +308,7 @@ class RefinementParameters(ParameterGroup):
     fine: int = parameter(2, 'iterations of the fine refinement, unless there is a clear winner', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
-    polish: int = parameter(3, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
+    polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
     polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
     window: int = parameter(4, 'iterations against the window', '', 0, 100)
     window_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
