@@ -53,14 +53,10 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
         candidate, inner, outer, deviation = _consensus_outliers(points, noise, parameters)
     if not candidate.any():
         return points, outcome
-    removed = candidate & (inner >= parameters.inner_threshold)
+    gross = deviation > (parameters.gross or np.inf)
+    removed = candidate & ((inner >= parameters.inner_threshold) | gross)
     corner = candidate & ~removed & (outer >= parameters.outer_threshold)
     smoothed = candidate & ~removed & ~corner
-    if parameters.gross > 0.0:
-        gross = candidate & (deviation > parameters.gross)
-        removed |= gross
-        corner &= ~gross
-        smoothed &= ~gross
     filtered = points.copy()
     if smoothed.any():
         mean, complete = _inner_mean(points)
@@ -154,7 +150,7 @@ def _judged_by_lines(points, noise, parameters):
     size = len(points)
     known = np.isfinite(points[:, 0])
     padded = np.full(size + 2 * RING, np.nan, dtype=complex)
-    padded[RING:-RING][known] = as_complex(points)[known]
+    padded[RING:-RING] = as_complex(points)
     deviation, tolerance = _off_lines(padded, np.arange(size), _NEAREST, noise, parameters)
     before, astride, after = deviation <= tolerance
     straight = np.zeros(size + 4, dtype=bool)
