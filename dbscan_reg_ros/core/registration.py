@@ -6,7 +6,7 @@ from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
 from .parameters import Parameters
-from .records import Features, Prior, Registration
+from .records import Features, Prior, Registration, Status
 from .rotation import estimate_rotations, pair_weights
 from .selection import distinct, hopeful, reverse_violation, same, score, sieve, surprise
 from .surface import sample
@@ -46,8 +46,11 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     if prior is not None:
         sure = np.concatenate((prior.transform.as_array()[None], sure))
     found = select(sure, translations.transform[:p.selection.candidates], reference, current, p, prior)
-    if found.score < p.selection.doubt and p.selection.widen > 1:
-        return max(found, register(reference, current, p.widened(), prior, near=False), key=lambda each: each.score)
+    doubtful = found.score < p.selection.doubt or prior is None and found.status is not Status.OK
+    if doubtful and p.selection.widen > 1:
+        wide = register(reference, current, p.widened(), prior, near=False)
+        if wide.score > found.score + p.selection.better:
+            return wide
     return found
 
 
@@ -76,12 +79,14 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
     few = sample(current.cloud, p.selection.sieve_points)
-    candidates = np.concatenate((sure, sieve(candidates, few, reference.view, p.selection, p.density)))
-    cloud, found = current.cloud, None
     if prior is None:
         # Most hypotheses are far off: a part of the points tells which, and leads the others close enough.
-        cloud, found = few, fit(candidates, few, reference.surface, p.density.facing)
-        candidates, found = hopeful(candidates, found, p.refinement.coarse_scale, p.selection.hopeful)
+        cloud, candidates = few, np.concatenate((sure, candidates))
+        candidates, found = hopeful(candidates, fit(candidates, cloud, reference.surface, p.density.facing),
+                                    p.refinement.coarse_scale, p.selection.hopeful)
+    else:
+        cloud, found = current.cloud, None
+        candidates = np.concatenate((sure, sieve(candidates, few, reference.view, p.selection, p.density)))
     coarse, coarse_score, coarse_overlap, equations, found = improve(
         candidates, found, cloud, p.refinement.coarse_scales(), reference, current, p, prior)
     if coarse_score[0] <= least:
