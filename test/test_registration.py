@@ -6,6 +6,8 @@ import pytest
 from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
+from dbscan_reg_ros.benchmarks import synthetic
+from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.features import extract_features
 
 ROOM = outline(L_ROOM)
@@ -259,3 +261,14 @@ def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
                                    'selection.widen': 4})
     expected = {'rotation.hypotheses': 12, 'selection.candidates': 20, 'selection.refined': 8, 'selection.widen': 1}
     assert narrow.widened() == narrow.replace(expected)
+
+
+@pytest.mark.parametrize('group, label', [('random_30', '40'), ('any_30', '1939')])
+def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, group, label):
+    """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == (group, label))
+    pair = extract_features(trial.reference), extract_features(trial.current)
+    narrow, wide = (register(*pair, Parameters().replace({'selection.better': better})) for better in (2.0, 0.02))
+    assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.5
+    distance, angle = off(wide, trial.truth)
+    assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

@@ -272,16 +272,18 @@ class SelectionParameters(ParameterGroup):
     method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
                             'divergence (least K-L divergence within the key clusters, the paper)', '',
                             choices=('density', 'divergence'))
-    candidates: int = parameter(8, 'heaviest translation clusters that are looked at', '', 1, _MOST)
+    heaviest: int = parameter(8, 'translation clusters that are followed without a prior, heaviest first', '', 1, _MOST)
+    candidates: int = parameter(20, 'those that are sieved with a prior', '', 1, _MOST)
     sieve_points: int = parameter(60, 'points used by the sieve and, without a prior, by the coarse refinement, besides those that '
                                   'face where few others do', '', 5, 10000)
     sieve_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
-    refined: int = parameter(4, 'hypotheses refined coarsely,', '', 1, _MOST)
-    hopeful: float = parameter(0.6, 'but without a prior not those with less than this share of the best one\'s support', '', 0.0,
-                               1.0)
-    doubt: float = parameter(0.5, 'below this score the search is repeated with more hypotheses', '', -1.0, 1.0)
-    widen: int = parameter(75, 'so many times as many; 1: it is not', '', 1, 100)
-    better: float = parameter(0.02, 'and has the last word where it scores so much more', '', 0.0, 2.0)
+    refined: int = parameter(4, 'those that pass the sieve', '', 1, _MOST)
+    hopeful: float = parameter(0.6, 'without a prior hypotheses with less than this share of the best one\'s support are given up', '',
+                               0.0, 1.0)
+    doubt: float = parameter(0.5, 'below this score, and without a prior where the result is not ok, the search is repeated with '
+                             'more hypotheses', '', -1.0, 1.0)
+    widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
+    better: float = parameter(0.02, 'its result has to score so much more', '', 0.0, 2.0)
     finalists: int = parameter(2, 'hypotheses refined finely and compared,', '', 1, 1000)
     clear: float = parameter(0.4, 'unless they score lower than the best by more than this', '', 0.0, 2.0)
     same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
@@ -475,6 +477,7 @@ class Parameters(ParameterTree):
         """The same with a search of more hypotheses, which is not repeated."""
         more = self.selection.widen
         rotation = dataclasses.replace(self.rotation, hypotheses=min(more * self.rotation.hypotheses, _MOST))
+        candidates = min(more * self.selection.candidates, _MOST)
         selection = dataclasses.replace(self.selection, widen=1, refined=min(more * self.selection.refined, _MOST),
-                                        candidates=min(more * self.selection.candidates, _MOST))
+                                        candidates=candidates, heaviest=candidates)
         return dataclasses.replace(self, rotation=rotation, selection=selection)

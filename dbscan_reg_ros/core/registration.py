@@ -42,10 +42,10 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     if p.selection.method == 'divergence':
         return select_by_divergence(reference, current, rotations, translations, p)
-    sure = translations.shortest
+    sure, most = translations.shortest, p.selection.heaviest
     if prior is not None:
-        sure = np.concatenate((prior.transform.as_array()[None], sure))
-    found = select(sure, translations.transform[:p.selection.candidates], reference, current, p, prior)
+        sure, most = np.concatenate((prior.transform.as_array()[None], sure)), p.selection.candidates
+    found = select(sure, translations.transform[:most], reference, current, p, prior)
     doubtful = found.score < p.selection.doubt or prior is None and found.status is not Status.OK
     if doubtful and p.selection.widen > 1:
         wide = register(reference, current, p.widened(), prior, near=False)
