@@ -263,10 +263,10 @@ def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
     assert narrow.widened() == narrow.replace(expected)
 
 
-@pytest.mark.parametrize('group, label', [('random_30', '40'), ('any_30', '1939')])
-def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, group, label):
+@pytest.mark.parametrize('label', ['40', '137'])
+def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
     """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""
-    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == (group, label))
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
     pair = extract_features(trial.reference), extract_features(trial.current)
     narrow, wide = (register(*pair, Parameters().replace({'selection.better': better})) for better in (2.0, 0.02))
     assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
