@@ -1,6 +1,7 @@
 """What stands in space that key frames saw to be free is left out; what was hidden, or behind, is not."""
 import dataclasses
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -151,6 +152,20 @@ def test_a_thing_counts_as_it_is_outweighed():
     assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
     # Two legs of somebody, and three posts.
     assert worth(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
+
+
+def test_ever_so_many_things_take_little_memory():
+    """Two thousand, 3 m apart, or all in one place."""
+    centres = [2.0] + [2.0 + 3.0j * k for k in range(1, 2000)]
+    tracemalloc.start()
+    try:
+        apart = outweighed(things(*centres), 1.1, 0.2, 0.03)
+        alike = outweighed(things(*(2.0 + 0.3 * (k % 2) for k in range(2000))), 1.1, 0.2, 0.03)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (apart == 1.0).all() and (alike == 0.03).all()
+    assert peak < 20e6
 
 
 def racks():
