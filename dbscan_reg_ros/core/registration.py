@@ -70,7 +70,7 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
     Parameters
     ----------
     sure, candidates : (S, 3), (C, 3) arrays
-        Hypotheses that are refined in any case, and those that are sieved before.
+        Hypotheses that pass the sieve in any case, and those that have to, where there is a prior.
     least : float
         Nothing that scores no more than this is of any use: None, then.
     """
