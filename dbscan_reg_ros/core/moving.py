@@ -140,7 +140,7 @@ def outweighed(cloud: Cloud, size, margin, least):
     each = cloud.weighed(np.ones(len(cloud)))
     weight, centre = np.bincount(thing, each), np.bincount(thing, cloud.points.real) + 1j * np.bincount(thing, cloud.points.imag)
     centre /= np.bincount(thing)
-    some = slice(None, None, max(stride(len(centre), _THINGS), 1))
+    some = slice(None, None, stride(len(centre), _THINGS))
     party = (np.abs(centre[:, None] - centre[some]) <= size) @ weight[some]
     return np.clip(0.5 * (weight[some].sum() - party) / np.maximum(party, 1e-9) - 1.0, least, 1.0)[thing]
 

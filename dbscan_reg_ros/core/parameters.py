@@ -308,7 +308,7 @@ class RefinementParameters(ParameterGroup):
 
     coarse: int = parameter(3, 'iterations of the coarse refinement; 0: nor is a free direction searched', '', 0, 100)
     coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
-    fine: int = parameter(2, 'iterations of the fine refinement, unless there is a clear winner', '', 0, 100)
+    fine: int = parameter(2, 'iterations of the fine refinement; none for a clear winner, which the last ones follow', '', 0, 100)
     fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
     final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
     polish: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)

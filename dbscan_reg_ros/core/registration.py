@@ -78,15 +78,14 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
         return failed('no line of one scan has a partner in the other')
     if not len(current.cloud):
         return failed('no returns of the scan lie on a surface')
-    few = sample(current.cloud, p.selection.sieve_points)
     if prior is None:
         # Most hypotheses are far off: a part of the points tells which, and leads the others close enough.
-        cloud, candidates = few, np.concatenate((sure, candidates))
+        cloud, candidates = sample(current.cloud, p.selection.sieve_points), np.concatenate((sure, candidates))
         candidates, found = hopeful(candidates, fit(candidates, cloud, reference.surface, p.density.facing),
                                     p.refinement.coarse_scale, p.selection.hopeful)
     else:
         cloud, found = current.cloud, None
-        candidates = np.concatenate((sure, sieve(candidates, few, reference.view, p.selection, p.density)))
+        candidates = np.concatenate((sure, sieve(candidates, cloud, reference.view, p.selection, p.density)))
     coarse, coarse_score, coarse_overlap, equations, found = improve(
         candidates, found, cloud, p.refinement.coarse_scales(), reference, current, p, prior)
     if coarse_score[0] <= least:

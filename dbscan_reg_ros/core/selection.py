@@ -11,7 +11,7 @@ from . import alignment
 from .parameters import DensityParameters, SelectionParameters
 from .records import Features
 from .se2 import wrap
-from .surface import Cloud, View, in_front
+from .surface import Cloud, View, in_front, sample
 from .symmetric import inverse
 
 
@@ -22,7 +22,7 @@ def sieve(candidates, cloud: Cloud, view: View, parameters: SelectionParameters,
     """
     if len(candidates) <= parameters.refined:
         return candidates
-    places = alignment.transform_points(candidates, cloud.points)
+    places = alignment.transform_points(candidates, sample(cloud, parameters.sieve_points).points)
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
     off = np.maximum(near - radius, radius - far)
