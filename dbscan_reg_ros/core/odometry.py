@@ -21,6 +21,7 @@ from .rest import Rest
 from .scan import Scan
 from .se2 import SE2, turned
 from .symmetric import inverse, mahalanobis
+from .systematic import SystematicError
 from .timing import Interval, Intervals
 from .window import KeyFrame, Window, align
 
@@ -53,7 +54,7 @@ class Odometry:
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
         self._pose, self._reported, self._drift = pose, pose, Drift()
-        self._window = None
+        self._window, self._systematic = None, SystematicError()
         self._intervals, self._scan_lasts = Intervals(), 0.0
         self._forget()
 
@@ -98,7 +99,8 @@ class Odometry:
             self._halt()
         self._since += time.interval
         own = self._own_prior(time)
-        prior = prior or own
+        told = prior if prior is not None and prior.change is None else None
+        prior = self._systematic.corrected(told) if told else prior or own
         expected = self._pose @ prior.transform
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if skewed and frame is not None and self._drives_off(pose, registration, time):
@@ -107,7 +109,11 @@ class Odometry:
         self._fresh = False
         if frame is None:
             return self._coast(features, registration, expected, prior, own, time)
-        return self._follow(standing, frame, pose, registration, expected, prior, own, time)
+        before, held = self._pose, self._free is None and self._middle is not None and not time.gap
+        update = self._follow(standing, frame, pose, registration, expected, prior, own, time)
+        if told and held and self._free is None and update.status is Status.OK and self._agrees(self._pose, expected, told.covariance):
+            self._learn(told, before.inverse() @ self._pose, registration)
+        return update
 
     def expected_motion(self, stamp) -> Prior | None:
         """What is expected of the motion to a scan at `stamp` [ns] when nobody tells of it; None before the first scan."""
@@ -193,6 +199,7 @@ class Odometry:
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._reach(prior, expected), self._reach(own, usual)
+        told = prior is not own and prior.change is None
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -209,14 +216,16 @@ class Odometry:
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
-            if self._agrees(pose, expected, around, share) or self._agrees(pose, usual, usual_around, share):
+            # Against what was told a few points are believed only after it has led nowhere for a while.
+            sure = not told or self._firmness(registration) == 1.0 or self._lost > p.odometry.coast
+            if self._agrees(pose, expected, around, share) or sure and self._agrees(pose, usual, usual_around, share):
                 found = frame, pose, registration, seen
                 if registration.free_direction is None and (faint is None or registration.status is Status.OK):
                     return found
                 faint = faint or found
                 if registration.free_turn or self._facing(seen, pose, angle).sum() < p.decision.min_information:
                     break
-            elif registration.status is Status.OK and faint is None:
+            elif sure and registration.status is Status.OK and faint is None:
                 # Against all that was expected: a leap is believed when the next scan says the same.
                 if self._agrees(pose, usual, self._leap(time)) or (
                         pending is not None and self._agrees(pose, pending @ own.transform, own.covariance)):
@@ -232,6 +241,19 @@ class Odometry:
             if together.status is not Status.FAILED:
                 return self._window.latest, expected, together, standing
         return None, None, first, None
+
+    def _firmness(self, registration):
+        """How firmly a scan holds the motion, from 0 to 1: in parts of the points that are asked for when it is not known."""
+        weak, asked = registration.weakest, self.parameters.decision.vague_information
+        return 1.0 if weak is None or weak >= asked else weak / asked
+
+    def _learn(self, told, found, registration):
+        """Learn what is wrong with a motion that was `told`, now that it is `found`."""
+        memory = self.parameters.prior.memory
+        if memory:
+            self._systematic.learn(told, found, self._firmness(registration), memory)
+        else:
+            self._systematic = SystematicError()
 
     def _reach(self, prior, expected):
         """Covariance of a scan that is `expected` by a prior: along a direction that was left free it may have gone faster since.
@@ -305,6 +327,9 @@ class Odometry:
         known, angle = np.zeros((3, 3)), None
         if registration.free_direction is not None:
             angle = frame.pose.theta + registration.free_direction
+        if prior is not own and prior.change is None:
+            sharp = self._systematic.sharpened(prior)
+            prior = sharp if self._agrees(pose, expected, sharp.covariance) else prior
         if self._agrees(pose, expected, prior.covariance):
             known = inverse(prior.covariance)
         if p.odometry.reference == 'window':

@@ -391,6 +391,8 @@ class PriorParameters(ParameterGroup):
     least_angle: float = parameter(0.01, 'constant velocity: least spread of the rotation', 'rad', 0.0001, 3.2)
     point: float = parameter(0.01, 'spread of a point, when points are set against the prior; at least the range noise',
                              'm', 0.0, 10.0)
+    memory: float = parameter(300.0, 'told motions: what is wrong with them time and again is learned over so long a way, a radian as '
+                                     'a metre; 0: they are believed as told', 'm', 0.0, 1000000.0)
     unknown: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
     unknown_angle: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
 
