@@ -216,9 +216,10 @@ class Odometry:
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
-            # Against what was told a few points are believed only after it has led nowhere for a while.
+            # A few points that speak against both what was told and a motion that goes on are not believed for a while.
             sure = not told or self._firmness(registration) == 1.0 or self._lost > p.odometry.coast
-            if self._agrees(pose, expected, around, share) or sure and self._agrees(pose, usual, usual_around, share):
+            if (self._agrees(pose, expected, around, share)
+                    or self._agrees(pose, usual, usual_around if sure else own.covariance, share)):
                 found = frame, pose, registration, seen
                 if registration.free_direction is None and (faint is None or registration.status is Status.OK):
                     return found
