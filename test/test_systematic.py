@@ -64,7 +64,7 @@ def test_what_counts_for_less_is_learned_more_slowly():
 
 
 def test_a_load_put_down_is_noticed_within_the_memory():
-    short, long = (taught(300, wrong=-WRONG, memory=memory, error=taught(300, memory=memory)) for memory in (5.0, 1e6))
+    short, long = (taught(900, wrong=-WRONG, memory=memory, error=taught(900, memory=memory)) for memory in (30.0, 1e6))
     assert np.abs(off(short, 1.0, 0.0, 0.0, wrong=-WRONG)).max() < 0.01
     assert np.abs(off(long, 1.0, 0.0, 0.0, wrong=-WRONG)).max() > 0.03
 

@@ -63,6 +63,7 @@ class Odometry:
         self._halt()
         self._middle, self._lost, self._pending, self._near, self._fresh = self._pose, 0.0, None, True, True
         self._held, self._since, self._free = self._pose, 0.0, None
+        self._firm = 0.0
         self._rest = Rest(self._pose)
 
     def _halt(self):
@@ -109,10 +110,11 @@ class Odometry:
         self._fresh = False
         if frame is None:
             return self._coast(features, registration, expected, prior, own, time)
-        before, held = self._pose, self._free is None and self._middle is not None and not time.gap
+        before, firmness = self._pose, self._firm
         update = self._follow(standing, frame, pose, registration, expected, prior, own, time)
-        if told and held and self._free is None and update.status is Status.OK and self._agrees(self._pose, expected, told.covariance):
-            self._learn(told, before.inverse() @ self._pose, registration)
+        self._firm = self._firmness(registration) if update.status is Status.OK else 0.0
+        if told and not time.gap and self._agrees(self._pose, expected, told.covariance):
+            self._learn(told, before.inverse() @ self._pose, min(firmness, self._firm))
         return update
 
     def expected_motion(self, stamp) -> Prior | None:
@@ -248,11 +250,11 @@ class Odometry:
         weak, asked = registration.weakest, self.parameters.decision.vague_information
         return 1.0 if weak is None or weak >= asked else weak / asked
 
-    def _learn(self, told, found, registration):
+    def _learn(self, told, found, worth):
         """Learn what is wrong with a motion that was `told`, now that it is `found`."""
         memory = self.parameters.prior.memory
         if memory:
-            self._systematic.learn(told, found, self._firmness(registration), memory)
+            self._systematic.learn(told, found, worth, memory)
         else:
             self._systematic = SystematicError()
 
@@ -482,6 +484,7 @@ class Odometry:
                 self._halt()
             if prior is own:
                 expected = self._pose
+        self._firm = 0.0
         self._advance(expected, prior, time)
         self._pose, self._middle = expected, expected @ _travel(self._twist, time.half)
         status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
