@@ -1,4 +1,5 @@
 """The benchmarks: known facts about the recordings, moved scans, measures and bounds."""
+import dataclasses
 import json
 import math
 import subprocess
@@ -244,6 +245,16 @@ def test_the_person_hides_a_part_of_the_view_and_adds_no_range(data):
         hidden += changed.sum() / len(before.ranges)
         assert np.all(after.ranges[changed] > 0.7)
     assert 0.02 < hidden / 200 < 0.3
+
+
+@pytest.mark.parametrize('begin', [4000, 4100, 4150])
+def test_wheels_keep_the_heading_where_a_person_holds_what_little_is_seen(data, begin):
+    """A robot turns on the spot; with somebody in front of it a few points fit another place as well, 100 deg off."""
+    whole, = courses.intel(data)
+    walked = dataclasses.replace(whole, scans=courses.strolled(whole.scans, 11))
+    poses = odometry.drive('dbscan', walked.take(np.arange(begin, 4300)), 'Intel', 'wheel').poses
+    found, true = (np.unwrap(each[:, 2]) for each in (np.asarray(poses), whole.reference[begin:4300]))
+    assert np.degrees(np.abs(found - found[0] - true + true[0]).max()) < 10.0
 
 
 def test_the_poses_written_are_those_that_count(data, tmp_path):
