@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base, said, transform
 from sensor_msgs.msg import Imu
@@ -118,6 +119,26 @@ def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, pl
         assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
         assert np.linalg.eigvalsh(update.prior.covariance).min() > 0.0
     assert distances(answers, of_base(truth[:20], LASER)).max() < 0.05
+
+
+def test_what_is_wrong_with_the_wheels_is_told(start_with, player, peer, scans, truth):
+    """They find every way a tenth too short; the laser looks aside, but what is told is of the base."""
+    start_with('odometry', *PLACE, *WAIT)
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    stamps, bases = zip(*between(scans, truth), strict=True)
+    told = [SE2()]
+    for before, now in itertools.pairwise(bases):
+        step = before.inverse() @ now
+        told.append(told[-1] @ SE2(0.9 * step.x, 0.9 * step.y, step.theta))
+    play_slowly(player, peer, Loudspeaker(peer, Odometry, 'wheel_odom'), scans, list(map(wheel, stamps, told)))
+    count = len(heard)
+    peer.until(lambda: len(heard) > count + 1)
+    values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if 'told' in pair.key}
+    assert 6.0 < values['told way corrected by [%]'] < 13.0
+    assert abs(values['told turn corrected by [%]']) < 4.0
+    assert abs(values['turn added to a told way [deg/m]']) < 2.0
+    assert abs(values['way to the left added to a told turn [m/rad]']) < 0.03
 
 
 def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, peer, scans, truth, tmp_path):

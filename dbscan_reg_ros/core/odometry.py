@@ -78,8 +78,9 @@ class Odometry:
         ----------
         scan : Scan
         prior : Prior, optional
-            The sensor's motion since the last scan, from elsewhere (wheels, a gyroscope). Without one the last motion is
-            expected to go on, unless `odometry.prior` says otherwise.
+            The sensor's motion since the last scan, from elsewhere (wheels, a gyroscope). What is wrong with whole motions
+            time and again is learned (`prior.memory`). Without a prior the last motion is expected to go on, unless
+            `odometry.prior` says otherwise.
 
         Raises
         ------
@@ -201,7 +202,7 @@ class Odometry:
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._reach(prior, expected), self._reach(own, usual)
-        told = prior is not own and prior.change is None
+        told = _is_told(prior, own)
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -330,7 +331,7 @@ class Odometry:
         known, angle = np.zeros((3, 3)), None
         if registration.free_direction is not None:
             angle = frame.pose.theta + registration.free_direction
-        if prior is not own and prior.change is None:
+        if _is_told(prior, own):
             sharp = self._systematic.sharpened(prior)
             prior = sharp if self._agrees(pose, expected, sharp.covariance) else prior
         if self._agrees(pose, expected, prior.covariance):
@@ -504,7 +505,7 @@ class Odometry:
         return OdometryUpdate(
             features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._twist.copy(),
             self._drift.twist + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
-            frame and frame.features, frame.pose if frame else pose, changed, time.jump)
+            frame and frame.features, frame.pose if frame else pose, changed, time.jump, self._systematic.slope.copy())
 
 
 _STALE = 0.25
@@ -523,6 +524,11 @@ _LEAST_SHARED = 1e-3
 """Of the information that the points seem to have, at least so much is taken as shared."""
 # Never published as exactly known: 1 mm, 0.06 deg.
 _LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+
+
+def _is_told(prior, own):
+    """Whether somebody has told the whole motion."""
+    return prior is not own and prior.change is None
 
 
 def _own_derivatives(features, pose, partners):

@@ -2,7 +2,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from functools import cached_property
 
@@ -298,6 +298,9 @@ class OdometryUpdate:
         This scan becomes the reference (or part of it) for those that follow.
     restarted : str
         Why the odometry started anew at this scan; empty otherwise.
+    told_error : (3, 3) float
+        What is known to be wrong with told motions: one told as m [m, m, rad] was m + `told_error` @ m, in the sensor's frame. 0
+        as long as nothing is known.
     """
 
     stamp: int
@@ -314,3 +317,4 @@ class OdometryUpdate:
     reference_pose: SE2
     reference_changed: bool
     restarted: str = ''
+    told_error: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))

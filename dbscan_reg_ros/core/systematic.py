@@ -13,6 +13,11 @@ class SystematicError:
     Wheels larger than they are thought to be make every way too short, unequal ones turn it, and a sensor that is not where it
     is said to be is carried sideways by a turn. All nine coefficients come from ridge regression of the errors on the told
     motions [m, m, rad].
+
+    Attributes
+    ----------
+    slope : (3, 3) array
+        The error of a told motion is `slope` times it.
     """
 
     def __init__(self):
@@ -21,13 +26,13 @@ class SystematicError:
         self._settle()
 
     def _settle(self):
-        self._slope = np.clip(np.linalg.solve(self._moments, self._products).T, -_MOST, _MOST)
+        self.slope = np.clip(np.linalg.solve(self._moments, self._products).T, -_MOST, _MOST)
         self._share = np.sqrt(np.clip(self._squares / self._way, _LEAST ** 2, 1.0))
 
     def corrected(self, told: Prior) -> Prior:
         """The motion without its systematic error, as sure as it was told."""
         motion = told.transform
-        return Prior(motion @ SE2.from_array(self._slope @ motion.as_array()), told.covariance)
+        return Prior(motion @ SE2.from_array(self.slope @ motion.as_array()), told.covariance)
 
     def sharpened(self, prior: Prior) -> Prior:
         """The same motion, but as sure as those before have been, and never less sure than it was told."""
@@ -49,7 +54,7 @@ class SystematicError:
         motion, off = told.transform.as_array(), (told.transform.inverse() @ found).as_array()
         way = math.sqrt(motion @ motion)
         keep = math.exp(-way / memory)
-        rest = off - self._slope @ motion
+        rest = off - self.slope @ motion
         seen = worth * way
         self._moments = keep * self._moments + worth * motion[:, None] * motion + (1.0 - keep) * _RIDGE * np.eye(3)
         self._products = keep * self._products + worth * motion[:, None] * off

@@ -3,6 +3,8 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..core.records import Status
 
 SECOND_OPINION = 200
@@ -23,6 +25,8 @@ class Health:
         The last one.
     direction : float or None
         Angle [rad] in `odom_frame` that the last scan left undetermined.
+    told_error : (3, 3) array or None
+        What is known to be wrong with motions of the base told by `prior.source` [m, m, rad]; None while nothing is.
     trouble : str
         Why the last scan was not answered; empty when it was.
     """
@@ -32,16 +36,22 @@ class Health:
     statuses: Counter = field(default_factory=Counter)
     update: object = None
     direction: float | None = None
+    told_error: np.ndarray | None = None
     trouble: str = ''
     durations: deque = field(default_factory=lambda: deque(maxlen=SECOND_OPINION))
 
-    def processed(self, update, origin, duration):
-        """Take note of an update that took `duration` [s]; `origin` is the odometry's own frame in `odom_frame`."""
+    def processed(self, update, origin, place, duration):
+        """Take note of an update that took `duration` [s].
+
+        `origin` is the odometry's own frame in `odom_frame`, and `place` that of the sensor on the base.
+        """
         self.answered += 1
         self.statuses[update.status] += 1
         self.durations.append(duration)
         self.update = update
         self.trouble = ''
+        carry = place.adjoint()
+        self.told_error = carry @ update.told_error @ np.linalg.inv(carry) if update.told_error.any() else None
         self.direction = None
         if update.registration and update.registration.free_direction is not None:
             self.direction = (origin @ update.reference_pose).theta + update.registration.free_direction

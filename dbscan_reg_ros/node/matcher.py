@@ -134,7 +134,7 @@ class ScanMatcher:
         state = base_state(update, self._origin, mounting.place, self._start)
         self._sender.send(state)
         self._outputs.publish(update, state, self._origin)
-        self._health.processed(update, self._origin, time.perf_counter() - began)
+        self._health.processed(update, self._origin, mounting.place, time.perf_counter() - began)
 
     def _report(self, update):
         if update.restarted and update.registration is None:
