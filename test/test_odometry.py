@@ -174,7 +174,7 @@ def test_a_lost_sensor_goes_on_as_it_is_told():
 
 @pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
 def test_what_wheels_get_wrong_in_sight_is_known_out_of_it(memory, least, most):
-    """Wheels 5 % too large, unequal, under a sensor mounted 8 cm from where it is said to be; 0.9 s in which nothing is seen."""
+    """Wheels that tell 5 % too much, unequal, under a sensor 8 cm from where it is said to be; 0.9 s in which nothing is seen."""
     odometry, poses, rng = Odometry(Parameters().replace({'prior.memory': memory})), drive(160), np.random.default_rng(7)
     step = poses[0].inverse() @ poses[1]
     told = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)

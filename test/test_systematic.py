@@ -8,7 +8,7 @@ from dbscan_reg_ros.core.systematic import SystematicError
 
 SPREAD = np.array((0.02, 0.02, 0.03))
 WRONG = np.array(((-0.04, 0.0, 0.0), (0.0, 0.0, 0.09), (0.05, 0.0, -0.05)))
-"""Wheels 4 % too large, unequal, and a sensor mounted 9 cm from where it is said to be."""
+"""Wheels 4 % smaller than they are thought to be, unequal, and a sensor mounted 9 cm from where it is said to be."""
 
 
 def told(*motion):
