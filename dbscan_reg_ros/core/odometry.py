@@ -202,7 +202,7 @@ class Odometry:
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._reach(prior, expected), self._reach(own, usual)
-        told = _is_told(prior, own)
+        told, slips = _is_told(prior, own), not self._agrees(expected, usual, own.covariance)
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -219,10 +219,10 @@ class Odometry:
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
-            # A few points that speak against both what was told and a motion that goes on are not believed for a while.
+            # A few points that speak against what was told are not believed for a while, but where wheels seem to slip.
             sure = not told or self._firmness(registration) == 1.0 or self._lost > p.odometry.coast
-            if (self._agrees(pose, expected, around, share)
-                    or self._agrees(pose, usual, usual_around if sure else own.covariance, share)):
+            if (self._agrees(pose, expected, around, share) or (sure or slips)
+                    and self._agrees(pose, usual, usual_around if sure else own.covariance, share)):
                 found = frame, pose, registration, seen
                 if registration.free_direction is None and (faint is None or registration.status is Status.OK):
                     return found
