@@ -86,13 +86,19 @@ def few_points(weak, asked):
     return f'only {weak:.2f} points hold the motion along one direction; {asked} asked for'
 
 
+def firmness(registration: Registration, parameters: DecisionParameters):
+    """How firmly a scan holds the motion, from 0 to 1: in parts of the points that are asked for when it is not known."""
+    weak, asked = registration.weakest, parameters.vague_information
+    return 1.0 if weak is None or weak >= asked else weak / asked
+
+
 def doubted(registration: Registration, prior: Prior, parameters: DecisionParameters):
     """`registration`, no longer ``OK`` where few points hold a motion of which nothing was known before.
 
     Along a corridor that repeats itself another place fits a few points as well as the true one does.
     """
     weak, spread = registration.weakest, prior.spread
-    if registration.status is not Status.OK or weak is None or weak >= parameters.vague_information or spread <= parameters.vague:
+    if registration.status is not Status.OK or firmness(registration, parameters) == 1.0 or spread <= parameters.vague:
         return registration
     reason = f'{few_points(weak, parameters.vague_information)} where the motion is expected to {spread:.2f} m only'
     return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)

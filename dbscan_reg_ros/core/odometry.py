@@ -8,7 +8,16 @@ from functools import partial
 import numpy as np
 
 from .alignment import NO_STEP, kernel, normal_equations, shared_information
-from .decision import doubted, judge, match_covariance, match_segments, motion_along, motion_around, own_derivatives
+from .decision import (
+    doubted,
+    firmness,
+    judge,
+    match_covariance,
+    match_segments,
+    motion_along,
+    motion_around,
+    own_derivatives,
+)
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features
@@ -101,8 +110,9 @@ class Odometry:
             self._halt()
         self._since += time.interval
         own = self._own_prior(time)
-        told = prior if prior is not None and prior.change is None else None
-        prior = self._systematic.corrected(told) if told else prior or own
+        given = prior or own
+        told = _is_told(given, own)
+        prior = self._systematic.corrected(given) if told else given
         expected = self._pose @ prior.transform
         frame, pose, registration, standing = self._register(features, expected, prior, own, time)
         if skewed and frame is not None and self._drives_off(pose, registration, time):
@@ -111,11 +121,11 @@ class Odometry:
         self._fresh = False
         if frame is None:
             return self._coast(features, registration, expected, prior, own, time)
-        before, firmness = self._pose, self._firm
+        before, firm = self._pose, self._firm
         update = self._follow(standing, frame, pose, registration, expected, prior, own, time)
-        self._firm = self._firmness(registration) if update.status is Status.OK else 0.0
-        if told and not time.gap and self._agrees(self._pose, expected, told.covariance):
-            self._learn(told, before.inverse() @ self._pose, min(firmness, self._firm))
+        self._firm = firmness(registration, p.decision) if update.status is Status.OK else 0.0
+        if told and not time.gap and self._agrees(self._pose, expected, given.covariance):
+            self._learn(given, before.inverse() @ self._pose, min(firm, self._firm))
         return update
 
     def expected_motion(self, stamp) -> Prior | None:
@@ -202,7 +212,8 @@ class Odometry:
         usual = self._pose @ own.transform
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._reach(prior, expected), self._reach(own, usual)
-        told, slips = _is_told(prior, own), not self._agrees(expected, usual, own.covariance)
+        told = _is_told(prior, own)
+        slips = told and not self._agrees(expected, usual, own.covariance)
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
@@ -220,7 +231,7 @@ class Odometry:
             doubtful = registration.status is not Status.OK and vague
             share = _DOUBTFUL if doubtful else 1.0
             # A few points that speak against what was told are not believed for a while, but where wheels seem to slip.
-            sure = not told or self._firmness(registration) == 1.0 or self._lost > p.odometry.coast
+            sure = not told or firmness(registration, p.decision) == 1.0 or self._lost > p.odometry.coast
             if (self._agrees(pose, expected, around, share) or (sure or slips)
                     and self._agrees(pose, usual, usual_around if sure else own.covariance, share)):
                 found = frame, pose, registration, seen
@@ -245,11 +256,6 @@ class Odometry:
             if together.status is not Status.FAILED:
                 return self._window.latest, expected, together, standing
         return None, None, first, None
-
-    def _firmness(self, registration):
-        """How firmly a scan holds the motion, from 0 to 1: in parts of the points that are asked for when it is not known."""
-        weak, asked = registration.weakest, self.parameters.decision.vague_information
-        return 1.0 if weak is None or weak >= asked else weak / asked
 
     def _learn(self, told, found, worth):
         """Learn what is wrong with a motion that was `told`, now that it is `found`."""

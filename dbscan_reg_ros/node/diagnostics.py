@@ -119,8 +119,9 @@ class Diagnostics:
         yield 'scans skipped', str(health.skipped)
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'free direction [rad]', '-' if health.direction is None else f'{health.direction:.3f}'
-        if health.told_error is not None:
-            (way, _, _), (_, _, aside), (bend, _, turn) = health.told_error.tolist()
+        error = health.told_error
+        if error is not None:
+            (way, _, _), (_, _, aside), (bend, _, turn) = error.tolist()
             yield 'told way corrected by [%]', f'{100.0 * way:+.1f}'
             yield 'told turn corrected by [%]', f'{100.0 * turn:+.1f}'
             yield 'turn added to a told way [deg/m]', f'{math.degrees(bend):+.2f}'

@@ -3,9 +3,8 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ..core.records import Status
+from ..core.se2 import SE2
 
 SECOND_OPINION = 200
 """The timing is that of this many of the last scans."""
@@ -25,8 +24,8 @@ class Health:
         The last one.
     direction : float or None
         Angle [rad] in `odom_frame` that the last scan left undetermined.
-    told_error : (3, 3) array or None
-        What is known to be wrong with motions of the base told by `prior.source` [m, m, rad]; None while nothing is.
+    place : SE2 or None
+        The sensor's, on the base.
     trouble : str
         Why the last scan was not answered; empty when it was.
     """
@@ -36,25 +35,31 @@ class Health:
     statuses: Counter = field(default_factory=Counter)
     update: object = None
     direction: float | None = None
-    told_error: np.ndarray | None = None
+    place: SE2 | None = None
     trouble: str = ''
     durations: deque = field(default_factory=lambda: deque(maxlen=SECOND_OPINION))
 
     def processed(self, update, origin, place, duration):
         """Take note of an update that took `duration` [s].
 
-        `origin` is the odometry's own frame in `odom_frame`, and `place` that of the sensor on the base.
+        `origin` is the odometry's own frame in `odom_frame`, `place` the sensor's on the base.
         """
         self.answered += 1
         self.statuses[update.status] += 1
         self.durations.append(duration)
         self.update = update
         self.trouble = ''
-        carry = place.adjoint()
-        self.told_error = carry @ update.told_error @ np.linalg.inv(carry) if update.told_error.any() else None
+        self.place = place
         self.direction = None
         if update.registration and update.registration.free_direction is not None:
             self.direction = (origin @ update.reference_pose).theta + update.registration.free_direction
+
+    @property
+    def told_error(self):
+        """What is wrong with told motions of the base: `OdometryUpdate.told_error` in its frame; None while nothing is known."""
+        if not self.update or not self.update.told_error.any():
+            return None
+        return self.place.adjoint() @ self.update.told_error @ self.place.inverse().adjoint()
 
     def skip(self, trouble):
         """Take note of a scan that was not answered."""
