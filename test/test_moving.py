@@ -8,7 +8,7 @@ import pytest
 from rooms import FULL, L_ROOM, look, outline
 from scipy.linalg import eigh
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, Status
+from dbscan_reg_ros import SE2, Odometry, Parameters, ScanGeometry, Status
 from dbscan_reg_ros.benchmarks.courses import strolled
 from dbscan_reg_ros.benchmarks.intel import Intel
 from dbscan_reg_ros.core.alignment import refine
@@ -17,6 +17,7 @@ from dbscan_reg_ros.core.moving import beside, detached, held_share, outweighed
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.surface import Cloud
 from dbscan_reg_ros.core.window import KeyFrame, Window
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, Person, World, corridor, follow, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box
@@ -59,6 +60,15 @@ def test_of_a_person_who_was_partly_there_all_moves():
     hidden = with_person(room, 0.65)[1]
     found = moving_beams(now, [seen_from(THERE, before)])
     assert len(found) >= 0.8 * np.count_nonzero(hidden)
+
+
+def test_a_person_by_a_long_wall_is_found_without_the_wall():
+    """The two are one run, a good part of which stands in front; yet not most of the scan moves."""
+    geometry = ScanGeometry(math.radians(-40.0), math.radians(1.0), 81)
+    wall = look(np.array([[(1.2, -2.0), (1.2, 2.0)]]), geometry=geometry)
+    scan, hidden = with_person(wall, 0.0)
+    found = moving_beams(scan, [KeyFrame(extract_features(wall), SE2())], SE2(), margin=0.3)
+    assert found <= set(np.flatnonzero(hidden).tolist()) and len(found) >= 0.8 * np.count_nonzero(hidden)
 
 
 def test_who_stands_still_does_not_move():
@@ -257,6 +267,20 @@ def test_a_turn_between_like_walls_is_followed(data):
         turned.append(update.pose.theta)
     off = np.unwrap(turned) - np.unwrap(log.reference[part, 2])
     assert ambiguous >= 3 and np.degrees(np.abs(off - off[0]).max()) < 3.0
+
+
+@pytest.mark.parametrize(('seed', 'first', 'last'), [(0, 1130, 1187), (7, 3480, 3560)], ids=['by a wall', 'while it turns'])
+def test_somebody_close_by_does_not_throw_the_odometry_off(data, seed, first, last):
+    """They stand by a long wall; or the sensor turns on the spot, half of what it sees is new, and they hide much of the rest."""
+    log, odometry, updates = Intel(data / 'intel'), Odometry(), []
+    for scan in strolled(log.scans[:last], seed)[first:]:
+        updates.append(odometry.process(scan))
+    poses = np.array([update.pose.as_array() for update in updates])
+    step, true = (relative(some[:-1], some[1:]) for some in (poses, log.reference[first:last]))
+    turned = relative(poses[:1], poses[-1:])[0, 2] - relative(log.reference[first:first + 1], log.reference[last - 1:last])[0, 2]
+    assert np.hypot(*(step - true)[20:, :2].T).max() < 0.1
+    assert abs(math.degrees(math.remainder(turned, 2.0 * math.pi))) < 3.0
+    assert not any(update.restarted for update in updates)
 
 
 def behind_somebody(hidden, seed, **changes):

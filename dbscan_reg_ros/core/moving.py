@@ -28,7 +28,8 @@ class Sights:
     def moving_points(self, cloud: Cloud, pose: SE2, margin):
         """Which points of a scan stand well in front of what a key frame saw in their direction.
 
-        Of a run of neighbours of which a good part does, all move. Where most of the scan would, the pose is wrong.
+        Of a run of neighbours of which a good part does, all move, unless that were most of the scan, as where somebody stands
+        by a long wall. Where most of it would by itself, the pose is wrong.
 
         Parameters
         ----------
@@ -52,8 +53,10 @@ class Sights:
             return moving
         run = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
         share = np.bincount(run, moving) / np.bincount(run)
-        moving |= share[run] > _GOOD_PART
-        return moving if moving.mean() < _MOST else np.zeros_like(moving)
+        whole = moving | (share[run] > _GOOD_PART)
+        if whole.mean() < _MOST:
+            return whole
+        return moving if moving.mean() < _FEW else np.zeros_like(moving)
 
 
 def beside(cloud: Cloud, moving, margin):
@@ -172,3 +175,5 @@ _GOOD_PART = 0.3
 """Of a run, so that all of it moves."""
 _MOST = 0.4
 """Of a scan: where as much seems to move, the pose is wrong."""
+_FEW = 0.2
+"""Of a scan: so few may be all that moves of a longer run."""

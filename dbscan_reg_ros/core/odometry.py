@@ -72,7 +72,7 @@ class Odometry:
         self._halt()
         self._middle, self._lost, self._pending, self._near, self._fresh = self._pose, 0.0, None, True, True
         self._held, self._since, self._free = self._pose, 0.0, None
-        self._firm = 0.0
+        self._firm, self._found = 0.0, None
         self._rest = Rest(self._pose)
 
     def _halt(self):
@@ -201,11 +201,11 @@ class Odometry:
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
     def _register(self, features, expected, prior, own, time):
-        """Register to the latest key frame, or where that leads nowhere, or leaves a direction free, to older ones.
+        """Register to the latest key frame, or where that leads nowhere to the last scan that was found, or to older key frames.
 
-        Returns the key frame, None when no result can be trusted, the pose, the registration and the scan without what
-        moves; all of it where the motion is not expected to better than the margin. A direction that the scans leave free
-        is left to what was expected.
+        Those are asked, too, where the latest leaves a direction free. Returns the key frame, None when no result can be
+        trusted, the pose, the registration and the scan without what moves; all of it where the motion is not expected to
+        better than the margin. A direction that the scans leave free is left to what was expected.
         """
         p = self.parameters
         standing = self._standing(features, expected) if prior.spread < p.odometry.moving_margin else features
@@ -217,6 +217,8 @@ class Odometry:
         first, faint, pending = None, None, self._pending
         self._pending = None
         for frame in self._references(expected):
+            if frame is self._found and first.status is not Status.FAILED:
+                continue
             back = frame.pose.inverse()
             guess = Prior(back @ expected, prior.covariance)
             registration, seen = self._match(frame, features, standing, guess)
@@ -278,9 +280,11 @@ class Odometry:
         return prior.covariance + farther ** 2 * along[:, None] * along
 
     def _references(self, expected):
-        """The latest key frame, and then the nearest of the older ones."""
+        """The latest key frame, the last scan that was found if it is none, and then the nearest of the older key frames."""
         *older, latest = self._window.frames
         yield latest
+        if self._found is not None and abs((latest.pose.inverse() @ expected).theta) > self.parameters.odometry.keyframe_angle:
+            yield self._found
         older.sort(key=lambda frame: math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y))
         yield from older[:self.parameters.odometry.retries]
 
@@ -367,9 +371,10 @@ class Odometry:
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         new = not due and angle is not None and partners is not None and self._sees_more(features, pose, partners, angle)
+        self._found = found = KeyFrame(features, pose)
         if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
-            self._window = self._window.with_frame(KeyFrame(features, pose), size, latest=due)
+            self._window, self._found = self._window.with_frame(found, size, latest=due), None
         if due:
             self._drift.anchor()
         reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
