@@ -48,13 +48,12 @@ class Spots:
 
     def __init__(self):
         self._bad, self._least_sure, self._count, self._last = [], {}, 0, Status.OK
-        self._references = WeakKeyDictionary()
+        self._numbers = WeakKeyDictionary()
 
     def add(self, update):
         """Look at the `OdometryUpdate` of the next scan."""
         number, self._count = self._count, self._count + 1
-        if update.reference_changed:
-            self._references[update.features] = number
+        self._numbers[update.features] = number
         changed, self._last = update.status is not self._last, update.status
         if update.registration is None or update.reference is None:
             return
@@ -75,7 +74,7 @@ class Spots:
         moved = update.reference_pose.inverse() @ update.pose
         registration, reference, current = update.registration, update.reference, update.features
         matched, matching = registration.matches.T
-        return Spot(number, self._references[reference], update.status, registration.overlap, registration.reason,
+        return Spot(number, self._numbers[reference], update.status, registration.overlap, registration.reason,
                     _thinned(reference.points), moved.apply(_thinned(current.points)),
                     _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
 
