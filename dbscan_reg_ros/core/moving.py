@@ -28,8 +28,8 @@ class Sights:
     def moving_points(self, cloud: Cloud, pose: SE2, margin):
         """Which points of a scan stand well in front of what a key frame saw in their direction.
 
-        Of a run of neighbours of which a good part does, all move, unless that were most of the scan, as where somebody stands
-        by a long wall. Where most of it would by itself, the pose is wrong.
+        Of a run of neighbours of which a good part does, all move. Where that were most of the scan the pose is wrong, unless it is
+        few points that do, as of somebody who stands by a long wall: then they move alone.
 
         Parameters
         ----------

@@ -371,10 +371,11 @@ class Odometry:
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         new = not due and angle is not None and partners is not None and self._sees_more(features, pose, partners, angle)
-        self._found = found = KeyFrame(features, pose)
+        found = KeyFrame(features, pose)
         if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
-            self._window, self._found = self._window.with_frame(found, size, latest=due), None
+            self._window = self._window.with_frame(found, size, latest=due)
+        self._found = None if due or new else found
         if due:
             self._drift.anchor()
         reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
