@@ -6,9 +6,10 @@ import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import Parameters, Scan, ScanGeometry
-from dbscan_reg_ros.core.features import estimate_noise, estimate_normals, extract_features
+from dbscan_reg_ros.core.features import estimate_normals, extract_features
 from dbscan_reg_ros.core.line_fit import summed_moments
 from dbscan_reg_ros.core.parameters import ScanParameters, SegmentParameters
+from dbscan_reg_ros.core.range_noise import estimate_noise
 from dbscan_reg_ros.core.se2 import as_complex
 
 PLAIN = Parameters().replace({'filter.test': 'off'})
@@ -18,22 +19,6 @@ def normals_of(points, breaks=None, increment=DEGREE, **changes):
     points = np.asarray(points, dtype=float)
     breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
     return estimate_normals(as_complex(points), summed_moments(as_complex(points)), breaks, increment, 0.0, SegmentParameters(**changes))
-
-
-@pytest.mark.parametrize('sigma', [0.005, 0.02, 0.05])
-def test_the_noise_is_that_of_the_ranges_in_spite_of_corners_and_outliers(sigma):
-    rng = np.random.default_rng(0)
-    limits = ScanParameters(noise_min=0.0001, noise_max=1.0)
-    noise = rng.normal(0.0, sigma, 4000)
-    assert estimate_noise(3.0 + 0.01 * np.arange(4000) + noise, limits) == pytest.approx(sigma, rel=0.06)
-    wild = np.where(rng.random(4000) < 0.03, 5.0, 3.0) + noise
-    assert estimate_noise(wild, limits) == pytest.approx(sigma, rel=0.15)
-
-
-def test_the_noise_keeps_within_its_limits():
-    limits = ScanParameters(noise_min=0.002, noise_max=0.03)
-    assert estimate_noise(np.full(100, 2.0), limits) == 0.002
-    assert estimate_noise(np.tile([1.0, 5.0], 50), limits) == estimate_noise(np.full(7, 2.0), limits) == 0.03
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])

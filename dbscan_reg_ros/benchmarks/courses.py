@@ -207,6 +207,12 @@ def leader(folder) -> list:
             for world, seed in zip(worlds, SEEDS, strict=True)]
 
 
+def far_noise(folder, share=0.03) -> list:
+    """Tours through halls by a lidar whose ranges are off by three per cent, as those of the cheapest are far away."""
+    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_share=share)
+    return [simulated(hall(seed), lidar, seed=seed) for seed in SEEDS]
+
+
 def losses(folder, share=0.5) -> list:
     """Tours through furnished rooms by a lidar whose scan takes the whole interval, and half of its scans are lost."""
     courses = [simulated(rooms(seed), LIDARS['rplidar_a'], seed=seed) for seed in SEEDS]
@@ -230,7 +236,7 @@ def bursts(folder) -> list:
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'losses': losses, 'bursts': bursts, 'dropped': dropped, 'noise': noise,
-    'person': person,
+    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
+    'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -35,11 +35,11 @@ class Fit(NamedTuple):
     Attributes
     ----------
     error : (H, P) float [m]
-        Signed distance from the line of the nearest point.
+        Signed distance from the line of the nearest point, times the cloud's `sharpness`.
     alike : (H, P) bool
         Whether that point faces the same way.
     normals : (H, P) complex
-        Its normal, conjugated.
+        Its normal, conjugated, times the same.
     arms : (H, P) complex [m]
         Turned points.
     places : (H, P) complex [m]
@@ -88,8 +88,9 @@ def fit(candidates, cloud, surface, facing) -> Fit:
     places = arms + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
-    error = (normals * places).real - surface.offsets.take(nearest)
     alike = (normals * (turn * cloud.normals)).real > facing
+    normals = cloud.sharpened(normals)
+    error = (normals * places).real - cloud.sharpened(surface.offsets.take(nearest))
     if facing < 0.0:
         # The normal of no point is 0.
         alike &= nearest != len(surface.normals) - 1

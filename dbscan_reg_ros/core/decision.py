@@ -110,7 +110,7 @@ def uncertainty(candidate, found, cloud, noise, p: Parameters):
     The information is that of the points of a `cloud` as they were `found` there, a `Fit`, each as uncertain as the points that
     fit are, at least the range `noise` [m].
     """
-    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(cloud.normals, candidate[2], found.arms[0])
+    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(cloud.sharpened(cloud.normals), candidate[2], found.arms[0])
     weight = cloud.weighed(found.weight(p.refinement.score_scale))[0]
     covariance, held = match_covariance(found.error[0], weight, rows, own, noise, p.decision)
     return turned(covariance, -candidate[2]), held

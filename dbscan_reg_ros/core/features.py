@@ -1,11 +1,10 @@
 """Everything that is kept of one scan, computed once."""
-import math
-
 import numpy as np
 
 from .errors import ScanError
 from .line_fit import fit_lines, summed_moments
 from .parameters import Parameters
+from .range_noise import estimate_noise, estimate_noise_share
 from .records import Features
 from .ring_band import ring_band_filter
 from .scan import Scan
@@ -37,7 +36,8 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
     if scan.geometry.angle_increment < 0.0:
         segments = segments.reversed()
-    return Features(scan, points, beams, normals, segments, left, parameters.density)
+    share = estimate_noise_share(radius, beams, scan.geometry.angle_increment, limits)
+    return Features(scan, points, beams, normals, segments, left, parameters.density, share)
 
 
 def filtered_points(scan: Scan, parameters: Parameters):
@@ -78,24 +78,6 @@ def usable_points(scan, limits):
     if limits.range_max > 0.0:
         points = np.where((ranges <= limits.range_max)[:, None], points, np.nan)
     return points
-
-
-def estimate_noise(ranges, limits):
-    """Standard deviation of a range [m], from second differences along the scan.
-
-    A low quantile of them, so that corners, jumps and a good share of outliers do not matter; kept within the limits.
-    """
-    if len(ranges) < 8:
-        return limits.noise_max
-    bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
-    at = int(_NOISE_QUANTILE * len(bend))
-    bend.partition(at)
-    return min(max(float(bend[at]) / _NOISE_BEND, limits.noise_min), limits.noise_max)
-
-
-_NOISE_QUANTILE = 0.3
-# That quantile of |N(0, 1)|, for a second difference with weights 1, -1/2, -1/2.
-_NOISE_BEND = 0.38532 * math.sqrt(1.5)
 
 
 def estimate_normals(points, total, breaks, increment, noise, parameters):

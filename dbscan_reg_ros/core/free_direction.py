@@ -55,7 +55,7 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
         fit = alignment.fit(moved, cloud, reference.surface, density.facing)
         component = (fit.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
-        violation = reference.view.violation(fit.places, density.violation_tolerance)
+        violation = reference.view.violation(fit.places, cloud.tolerance(density.violation_tolerance))
         weight = fit.weight(scale)
         value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)

@@ -38,7 +38,7 @@ class Sights:
         pose : SE2
             Where the scan is expected, in the odometry frame.
         margin : float [m]
-            So far in front, and so far apart are neighbours of two runs.
+            So far in front, farther where points are noisy, and so far apart are neighbours of two runs.
 
         Returns
         -------
@@ -48,7 +48,7 @@ class Sights:
         places *= self._turns
         near = self._near.take(self._first + bins(places, self._size))
         near -= np.abs(places)
-        moving = (near > margin).any(axis=0)
+        moving = (near > cloud.tolerance(margin)).any(axis=0)
         if not moving.any():
             return moving
         run = np.concatenate(([0], _cuts(cloud, margin).cumsum()))

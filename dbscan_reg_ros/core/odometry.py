@@ -24,6 +24,7 @@ from .features import extract_features
 from .moving import beside, detached, held_share, outweighed
 from .parameters import Parameters
 from .posts import with_posts
+from .range_noise import UsualShare
 from .records import OdometryUpdate, Prior, Registration, Status
 from .registration import register
 from .rest import Rest
@@ -65,6 +66,7 @@ class Odometry:
         self._pose, self._reported, self._drift = pose, pose, Drift()
         self._window, self._systematic = None, SystematicError()
         self._intervals, self._scan_lasts = Intervals(), 0.0
+        self._noise_share = UsualShare()
         self._forget()
 
     def _forget(self):
@@ -138,6 +140,9 @@ class Odometry:
         """Of a scan without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
         p = self.parameters
         features = extract_features(deskew(scan, twist), p)
+        share = self._noise_share.next(features.noise_share)
+        if share != features.noise_share:
+            features = dataclasses.replace(features, noise_share=share)
         return with_posts(features, p.odometry.post_size, p.segments) if p.odometry.post_size else features
 
     def _drives_off(self, pose, registration, time):
@@ -438,7 +443,7 @@ class Odometry:
         """``(P,)``: what each point of a scan at `pose` would hold of the motion along `angle` [rad], if it faces along it."""
         cloud = features.dense_cloud
         along = (cloud.normals * cmath.exp(1j * (pose.theta - angle))).real
-        return cloud.weighed(np.where(np.abs(along) < self.parameters.free.facing, 0.0, along * along))
+        return cloud.weighed(np.where(np.abs(along) < self.parameters.free.facing, 0.0, cloud.sharpened(along) ** 2))
 
     def _sees_more(self, features, pose, partners, angle):
         """Whether points that no key frame knows would hold the motion along `angle` [rad], which the latest leaves free.
@@ -545,7 +550,8 @@ def _is_told(prior, own):
 
 def _own_derivatives(features, pose, partners):
     """`own_derivatives` of the scan's points, one for each of the `partners`."""
-    return own_derivatives(features.dense_cloud.normals.take(partners.index), pose.theta, partners.arms)
+    cloud = features.dense_cloud
+    return own_derivatives(cloud.sharpened(cloud.normals).take(partners.index), pose.theta, partners.arms)
 
 
 def _half(scan, features, share):

@@ -159,6 +159,8 @@ class ScanParameters(ParameterGroup):
     min_returns: int = parameter(20, 'a scan with fewer returns is skipped', 'beams', 3, 100000)
     noise_min: float = parameter(0.004, 'least range noise assumed, whatever the scan says', 'm', 0.0001, 1.0)
     noise_max: float = parameter(0.05, 'greatest range noise assumed', 'm', 0.0001, 1.0)
+    noise_share_max: float = parameter(0.05, 'greatest range noise assumed as a share of the range: far returns that are noisier '
+                                       'than near ones count less; 0: all count the same', '', 0.0, 0.5)
 
 
 @dataclass(frozen=True)

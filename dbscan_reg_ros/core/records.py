@@ -99,6 +99,8 @@ class Features:
     segments : Segments
     noise : float [m]
         Standard deviation of a range, as estimated from what the filter left of this scan.
+    noise_share : float
+        The same as a share of the range, where far ranges are noisier than near ones.
     posts : Cloud or None
         What small things without normals count as, from `posts.with_posts`.
     walls : Cloud
@@ -124,6 +126,7 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
+    noise_share: float = 0.0
     posts: Cloud | None = None
     worth: np.ndarray | None = None
 
@@ -147,7 +150,10 @@ class Features:
     @cached_property
     def dense_cloud(self):
         cloud = self.walls.joined(self.posts) if self.posts else self.walls
-        return cloud if self.worth is None else dataclasses.replace(cloud, worth=self.worth)
+        times = self.noise_share / _USUAL_NOISE * np.abs(cloud.points) if self.noise_share else np.ones(1)
+        sharpness = 1.0 / np.maximum(times, 1.0) if times.max(initial=1.0) > 1.0 else None
+        worth = cloud.worth if self.worth is None else self.worth
+        return dataclasses.replace(cloud, worth=worth, sharpness=sharpness)
 
     @cached_property
     def cloud(self):
@@ -164,6 +170,10 @@ class Features:
     @cached_property
     def view(self):
         return build_view(self.points, self.scan.geometry.angle_increment)
+
+
+_USUAL_NOISE = 0.05
+"""[m] Points noisier than this count less: their errors are measured in units of so much of their noise."""
 
 
 @dataclass(frozen=True, eq=False)

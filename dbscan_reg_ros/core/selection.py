@@ -53,7 +53,7 @@ def score(fit: alignment.Fit, reference: Features, current: Features, scale, par
         Plain share of the points on the reference's surfaces.
     """
     weight = fit.weight(scale)
-    violation = reference.view.violation(fit.places, parameters.violation_tolerance)
+    violation = reference.view.violation(fit.places, current.cloud.tolerance(parameters.violation_tolerance))
     violation *= 1.0 - weight
     return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / max(len(current.cloud), 1)
 
@@ -62,7 +62,7 @@ def reverse_violation(candidates, reference: Features, current: Features, parame
     """Weighted share of the reference's points that lie in the current scan's free space, for each hypothesis."""
     away = reference.cloud.points - alignment.origins(candidates)
     places = np.exp(-1j * candidates[:, 2:]) * away
-    return current.view.violation(places, parameters.violation_tolerance) @ reference.leverage
+    return current.view.violation(places, reference.cloud.tolerance(parameters.violation_tolerance)) @ reference.leverage
 
 
 def surprise(candidates, prior):

@@ -27,23 +27,26 @@ class Cloud:
         The beam of each.
     worth : (P,) float or None
         What each counts, from 0 to 1; None: all the same.
+    sharpness : (P,) float or None
+        What distances of each from a line are multiplied by, from 0 to 1, as it is noisier than others; None: 1.
     """
 
     points: np.ndarray
     normals: np.ndarray
     beams: np.ndarray
     worth: np.ndarray | None = None
+    sharpness: np.ndarray | None = None
 
     def __len__(self):
         return len(self.points)
 
     def select(self, chosen):
         """The points that `chosen`, a mask or indices, picks."""
-        worth = None if self.worth is None else self.worth[chosen]
-        return Cloud(self.points[chosen], self.normals[chosen], self.beams[chosen], worth)
+        worth, sharpness = (part if part is None else part[chosen] for part in (self.worth, self.sharpness))
+        return Cloud(self.points[chosen], self.normals[chosen], self.beams[chosen], worth, sharpness)
 
     def joined(self, other):
-        """These points and then those of another cloud."""
+        """These points and then those of another cloud, all of them sharp."""
         parts = (self.points, other.points), (self.normals, other.normals), (self.beams, other.beams)
         worth = np.concatenate([each.weighed(np.ones(len(each))) for each in (self, other)])
         return Cloud(*map(np.concatenate, parts), worth)
@@ -51,6 +54,14 @@ class Cloud:
     def weighed(self, weight):
         """A `weight` ``(..., P)`` of the points times what they count."""
         return weight if self.worth is None else weight * self.worth
+
+    def sharpened(self, values):
+        """`values` ``(..., P)`` in units of each point's noise, where that is unusual."""
+        return values if self.sharpness is None else values * self.sharpness
+
+    def tolerance(self, distance):
+        """A `distance` [m] that is more for points noisier than others."""
+        return distance if self.sharpness is None else distance / self.sharpness
 
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""

@@ -205,9 +205,9 @@ class Window:
         row, index : (M,) int arrays
             Key frame and point.
         arms, normals : (M,) complex arrays
-            Turned points [m], and conjugated normals of the lines.
+            Turned points [m], and conjugated normals of the lines, times the cloud's `sharpness`.
         error : (M,) array
-            Signed distance [m].
+            Signed distance [m], times the same.
         """
         turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
         arms = turn * cloud.points
@@ -216,8 +216,11 @@ class Window:
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
-        arms = arms.take(index)
-        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
+        arms, offsets = arms.take(index), self._stack.offsets.take(nearest)
+        if cloud.sharpness is not None:
+            sharpness = cloud.sharpness.take(index)
+            normals, offsets = normals * sharpness, offsets * sharpness
+        error = (normals * (arms + (origin - self._origins.take(row)))).real - offsets
         return row, index, arms, normals, error
 
 
