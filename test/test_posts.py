@@ -1,16 +1,17 @@
-"""Small things without normals that stand free count as round posts; in a hall full of chairs they hold the odometry."""
+"""Small things without normals that stand free count as round posts; among chairs and trees they hold the odometry."""
 import math
 
 import numpy as np
 import pytest
 from rooms import FULL, L_ROOM, outline
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, Status
-from dbscan_reg_ros.benchmarks.courses import chairs
+from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
+from dbscan_reg_ros.benchmarks.courses import chairs, trees
 from dbscan_reg_ros.core.alignment import refine
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.posts import with_posts
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation.raycasting import cast
 
 UNFILTERED = Parameters().replace({'filter.test': 'off'})
@@ -151,3 +152,22 @@ def test_what_no_single_key_frame_knows_is_found_among_all_of_them():
         seen = update.reference_pose @ update.registration.transform
         assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.1
     assert drive(course, **{'odometry.window': 1})[1] > 2.0 * off
+
+
+def test_a_few_trunks_are_enough():
+    """Fifteen metres through a wood, of which a lidar of 180 beams sees a few trunks, with a beam or two on each."""
+    course = trees(None)[0].take(slice(150))
+    end = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse()
+    found = []
+    for changes in ({}, {'scan.min_returns': 20}):
+        odometry, skipped = Odometry(Parameters().replace(changes)), 0
+        for scan in course.scans:
+            try:
+                pose = odometry.process(scan).pose
+            except ScanError:
+                skipped += 1
+        off = end @ pose
+        found.append((skipped, math.hypot(off.x, off.y)))
+    (skipped, off), (more, farther) = found
+    assert skipped <= 5 and off < 0.3
+    assert more > 30 and farther > 2.0

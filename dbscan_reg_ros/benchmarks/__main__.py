@@ -24,8 +24,8 @@ OURS_ONLY = ('node', 'soak', 'silent', 'covariance')
 SIMULATED = ('node', 'soak', 'covariance')
 """They need no recordings."""
 METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
-COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'lidars',
-           'leader', 'far_noise', 'losses', 'bursts', 'dropped', 'noise', 'person')
+COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees',
+           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'dropped', 'noise', 'person')
 
 
 def main(argv=None) -> int:

@@ -1,5 +1,6 @@
 """Recordings and simulated worlds with the truth that odometry is judged by, and Intel made harder."""
 import dataclasses
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -195,6 +196,21 @@ def hall_of_chairs(seed, chairs=50) -> World:
     return World(walls, np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
 
 
+def trees(folder) -> list:
+    """A wood of trunks 0.12 to 0.7 m thick and nothing else, of which a lidar of 180 beams sees few, with a beam or two on each."""
+    return [simulated(wood(seed), seed=seed) for seed in SEEDS]
+
+
+def wood(seed, trunks=120) -> World:
+    """40 m long and wide, with so many trunks that keep 0.8 m clear of the tour."""
+    rng = np.random.default_rng(seed)
+    tour = np.array([(5.0, 5.0), (35.0, 5.0), (35.0, 20.0), (5.0, 20.0), (5.0, 35.0), (35.0, 35.0)])
+    places, radius = rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)
+    way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(tour)])
+    clear = np.hypot(*(places[:, None] - way).T).min(axis=0) > radius + 0.8
+    return World(np.empty((0, 2, 2)), tour, np.column_stack((places, radius))[clear])
+
+
 def lidars(folder) -> list:
     """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
     return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
@@ -236,7 +252,7 @@ def bursts(folder) -> list:
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'chairs': chairs, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
+    'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
     'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -156,7 +156,7 @@ class ScanParameters(ParameterGroup):
 
     range_min: float = parameter(0.0, "returns nearer than this are ignored; 0: the sensor's own limit", 'm', 0.0, 1000.0)
     range_max: float = parameter(0.0, "returns farther than this are ignored; 0: the sensor's own limit", 'm', 0.0, 1000.0)
-    min_returns: int = parameter(20, 'a scan with fewer returns is skipped', 'beams', 3, 100000)
+    min_returns: int = parameter(8, 'a scan with fewer returns is skipped', 'beams', 3, 100000)
     noise_min: float = parameter(0.004, 'least range noise assumed, whatever the scan says', 'm', 0.0001, 1.0)
     noise_max: float = parameter(0.05, 'greatest range noise assumed', 'm', 0.0001, 1.0)
     noise_share_max: float = parameter(0.05, 'greatest range noise assumed as a share of the range: far returns that are noisier '
