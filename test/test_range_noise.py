@@ -79,7 +79,7 @@ def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():
 
 
 def test_errors_of_noisy_points_count_in_units_of_their_noise():
-    """Four walls; of the points on two of them an error counts a third: least squares with those weights, as numpy solves it."""
+    """Six walls; of the points on one side an error counts a third: least squares with those weights, as numpy solves it."""
     features = extract_features(look(outline(L_ROOM), geometry=FULL))
     cloud, surface, density = features.cloud, features.surface, DensityParameters()
     rng = np.random.default_rng(0)

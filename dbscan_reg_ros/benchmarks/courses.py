@@ -11,6 +11,7 @@ from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
 from ..simulation import LIDARS, Lidar, Person, World, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
+from ..simulation.worlds import clearance
 from .intel import Intel
 
 SEEDS = (0, 1, 2)
@@ -205,10 +206,11 @@ def wood(seed, trunks=120) -> World:
     """40 m long and wide, with so many trunks that keep 0.8 m clear of the tour."""
     rng = np.random.default_rng(seed)
     tour = np.array([(5.0, 5.0), (35.0, 5.0), (35.0, 20.0), (5.0, 20.0), (5.0, 35.0), (35.0, 35.0)])
-    places, radius = rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)
+    circles = np.column_stack((rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)))
     way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(tour)])
-    clear = np.hypot(*(places[:, None] - way).T).min(axis=0) > radius + 0.8
-    return World(np.empty((0, 2, 2)), tour, np.column_stack((places, radius))[clear])
+    none = np.empty((0, 2, 2))
+    clear = [clearance(way, none, circle[None]).min() > 0.8 for circle in circles]
+    return World(none, tour, circles[clear])
 
 
 def lidars(folder) -> list:

@@ -88,13 +88,12 @@ def fit(candidates, cloud, surface, facing) -> Fit:
     places = arms + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
+    error = cloud.sharpened((normals * places).real - surface.offsets.take(nearest))
     alike = (normals * (turn * cloud.normals)).real > facing
-    normals = cloud.sharpened(normals)
-    error = (normals * places).real - cloud.sharpened(surface.offsets.take(nearest))
     if facing < 0.0:
         # The normal of no point is 0.
         alike &= nearest != len(surface.normals) - 1
-    return Fit(error, alike, normals, arms, places)
+    return Fit(error, alike, cloud.sharpened(normals), arms, places)
 
 
 def derivatives(normals, arms, rows=3):

@@ -150,8 +150,8 @@ class Features:
     @cached_property
     def dense_cloud(self):
         cloud = self.walls.joined(self.posts) if self.posts else self.walls
-        times = self.noise_share / _USUAL_NOISE * np.abs(cloud.points) if self.noise_share else np.ones(1)
-        sharpness = 1.0 / np.maximum(times, 1.0) if times.max(initial=1.0) > 1.0 else None
+        times = self.noise_share / _USUAL_NOISE * np.abs(cloud.points)
+        sharpness = 1.0 / np.maximum(times, 1.0) if (times > 1.0).any() else None
         worth = cloud.worth if self.worth is None else self.worth
         return dataclasses.replace(cloud, worth=worth, sharpness=sharpness)
 

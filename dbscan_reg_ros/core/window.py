@@ -216,11 +216,11 @@ class Window:
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
         alike = (normals * (turn * cloud.normals).take(index)).real > facing
         row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
-        arms, offsets = arms.take(index), self._stack.offsets.take(nearest)
+        arms = arms.take(index)
+        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
         if cloud.sharpness is not None:
             sharpness = cloud.sharpness.take(index)
-            normals, offsets = normals * sharpness, offsets * sharpness
-        error = (normals * (arms + (origin - self._origins.take(row)))).real - offsets
+            normals, error = normals * sharpness, error * sharpness
         return row, index, arms, normals, error
 
 
