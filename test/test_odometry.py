@@ -11,6 +11,7 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, Sc
 from dbscan_reg_ros.core.deskew import deskew
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import TimeParameters
+from dbscan_reg_ros.core.range_noise import UsualShare
 from dbscan_reg_ros.core.se2 import as_vectors
 from dbscan_reg_ros.core.timing import Intervals
 from dbscan_reg_ros.core.window import KeyFrame, Window
@@ -453,6 +454,19 @@ def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
             distance, angle = error(update, SE2(*poses[0]))
             assert distance < off
             assert angle < turned
+
+
+def test_a_scan_that_is_looked_at_again_tells_of_its_noise_once(monkeypatch):
+    """The motion is taken out of the first two scans once the second one is found."""
+    told, add = [], UsualShare.add
+    monkeypatch.setattr(UsualShare, 'add', lambda self, share: (told.append(share), add(self, share)))
+    lidar, rng, odometry, world = LIDARS['rplidar_a'], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
+    for i in range(2):
+        way = 0.8 * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
+        poses = np.column_stack((way, np.zeros((lidar.beams, 2))))
+        update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
+    assert update.twist[0] == pytest.approx(0.8, abs=0.1), 'the scans were looked at again'
+    assert len(told) == 2
 
 
 def test_a_start_at_rest_stays_as_it_is():

@@ -70,12 +70,15 @@ def test_the_share_keeps_within_its_limit_and_asks_for_points_side_by_side():
 
 
 def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():
-    usual = UsualShare()
-    told = [usual.next(share) for share in [0.01] * 50]
-    assert told == [0.01] * 50
-    assert [usual.next(0.05) for _ in range(10)] == [0.01] * 10, 'clutter in a few scans'
-    quiet = UsualShare()
-    assert [quiet.next(share) for share in (0.0, 0.0, 0.03, 0.0, 0.03) * 10][-20:] == [0.0] * 20
+    def usual(shares):
+        known, values = UsualShare(), []
+        for share in shares:
+            known.add(share)
+            values.append(known.value)
+        return values
+
+    assert usual([0.01] * 50 + [0.05] * 10) == [0.01] * 60, 'clutter in a few scans'
+    assert usual((0.0, 0.0, 0.03, 0.0, 0.03) * 10)[-20:] == [0.0] * 20
 
 
 def test_errors_of_noisy_points_count_in_units_of_their_noise():

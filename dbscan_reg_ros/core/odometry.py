@@ -136,11 +136,13 @@ class Odometry:
             return None
         return self._own_prior(copy.deepcopy(self._intervals).next(stamp, 0.0, self.parameters.time, self._scan_lasts))
 
-    def _features(self, scan, twist=(0.0, 0.0, 0.0)):
-        """Of a scan without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
+    def _features(self, scan, twist=(0.0, 0.0, 0.0), again=False):
+        """Of a scan, looked at for the first time or `again`, without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
         p = self.parameters
         features = extract_features(deskew(scan, twist), p)
-        share = self._noise_share.next(features.noise_share)
+        if not again:
+            self._noise_share.add(features.noise_share)
+        share = self._noise_share.value
         if share != features.noise_share:
             features = dataclasses.replace(features, noise_share=share)
         return with_posts(features, p.odometry.post_size, p.segments) if p.odometry.post_size else features
@@ -158,7 +160,7 @@ class Odometry:
         Returns the features and the time of the next.
         """
         twist = (self._pose.inverse() @ pose).as_array() / time.interval
-        first, features = (self._features(each, share * twist) for each in (self._window.latest.features.scan, scan))
+        first, features = (self._features(each, share * twist, again=True) for each in (self._window.latest.features.scan, scan))
         time = dataclasses.replace(time, half=_half(scan, features, share))
         self._window, self._twist = Window((KeyFrame(first, self._pose),)), twist
         self._middle = self._held = self._pose @ _travel(twist, time.half)

@@ -58,9 +58,13 @@ class UsualShare:
     def __init__(self):
         self._shares = deque(maxlen=_SCANS)
 
-    def next(self, share):
-        """With one more scan's."""
+    def add(self, share):
+        """One more scan's."""
         self._shares.append(share)
+
+    @property
+    def value(self):
+        """Of the scans so far, at least one."""
         return sorted(self._shares)[int(_SHARE_QUANTILE * len(self._shares))]
 
 
