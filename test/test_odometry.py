@@ -218,25 +218,6 @@ def test_an_update_is_the_callers_own():
     assert abs(odometry.process(scan_at(drive(4)[-1], 3)).twist).max() < 2.0
 
 
-def test_faint_agreement_with_many_key_frames_is_none():
-    """Forty times the same place, and a scan 15 cm beside it: nobody sees it there."""
-    odometry = Odometry()
-    features = [extract_features(scan_at(SE2(), i)) for i in range(41)]
-    odometry._window = Window([KeyFrame(each, SE2()) for each in features[:40]])
-    assert odometry._among_all(features[40], SE2()).status is Status.OK
-    assert odometry._among_all(features[40], SE2(0.1, 0.1, 0.0)).status is Status.FAILED
-
-
-def test_the_way_that_all_key_frames_leave_free_is_told_in_the_frame_of_the_latest():
-    """A sensor that turns between two walls along x."""
-    odometry, poses = Odometry(), [SE2(0.2 * k, 0.0, 0.4 + 0.3 * k) for k in range(3)]
-    *before, features = [extract_features(look(PARALLEL, pose, FULL, 0.01, k)) for k, pose in enumerate(poses)]
-    odometry._window = Window(map(KeyFrame, before, poses))
-    found = odometry._among_all(features, poses[2])
-    assert found.status is Status.DEGENERATE
-    assert math.sin(poses[1].theta + found.free_direction) == pytest.approx(0.0, abs=0.01)
-
-
 def test_a_bad_scan_changes_nothing():
     poses = drive(20)
     clean, disturbed = Odometry(), Odometry()

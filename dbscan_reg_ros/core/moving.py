@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from .parameters import Parameters
+from .records import Features
 from .se2 import SE2
 from .surface import Cloud, bins, stride
 
@@ -57,6 +59,39 @@ class Sights:
         if whole.mean() < _MOST:
             return whole
         return moving if moving.mean() < _FEW else np.zeros_like(moving)
+
+
+def standing(features: Features, pose: SE2, window, parameters: Parameters) -> Features:
+    """The scan without what moves, and with little of what may move, if it was taken from `pose`.
+
+    Parameters
+    ----------
+    features : Features
+    pose : SE2
+        In the odometry frame.
+    window : Window
+        What key frames saw.
+    """
+    p = parameters.odometry
+    walls = features.walls
+    movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed)
+    if p.moving_frames:
+        moving = window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
+        if moving.any():
+            gone = moving[:len(walls)]
+            movable = (movable | beside(walls, gone, p.moving_margin))[~gone]
+            features = features.without(moving)
+            walls = features.walls
+    movable = movable.nonzero()[0]
+    if len(movable) and held_share(walls, movable) < p.movable_share:
+        movable = movable[:0]
+    if features.posts:
+        movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
+    if not len(movable):
+        return features
+    things = features.dense_cloud.select(movable)
+    seen = window.confirmed(pose, things, p.movable_distance, parameters.refinement.score_scale, parameters.density.facing)
+    return features.doubting(movable, np.maximum(seen, outweighed(things, p.movable_size, p.moving_margin, p.movable_worth)))
 
 
 def beside(cloud: Cloud, moving, margin):
