@@ -11,6 +11,7 @@ from dbscan_reg_ros.core.alignment import fit, refine
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import DensityParameters, ScanParameters
 from dbscan_reg_ros.core.range_noise import UsualShare, estimate_noise, estimate_noise_share
+from dbscan_reg_ros.core.registration import register
 from dbscan_reg_ros.core.surface import Cloud, build_surface
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS, follow, hall, simulate
@@ -34,17 +35,21 @@ def test_the_noise_keeps_within_its_limits():
     assert estimate_noise(np.tile([1.0, 5.0], 50), limits) == estimate_noise(np.full(7, 2.0), limits) == 0.03
 
 
-def along_a_wall(noise, share, seed=0):
-    """Ranges of a wall 1 m aside, 1 m to 10 m away, a degree from beam to beam."""
-    bearing = np.arange(-84, 85) * DEGREE
+def along_a_wall(noise, share, seed=0, uneven=0.0):
+    """Points of a wall 1 m aside, 1 m to 10 m away, a degree from beam to beam, give or take what is `uneven` [rad]."""
+    rng, bearing = np.random.default_rng(seed), np.arange(-84, 85) * DEGREE
+    bearing = bearing + uneven * rng.uniform(-1.0, 1.0, len(bearing))
     ranges = 1.0 / np.cos(bearing)
-    return ranges + np.random.default_rng(seed).normal(0.0, np.maximum(noise, share * ranges))
+    ranges += rng.normal(0.0, np.maximum(noise, share * ranges))
+    return ranges * np.exp(1j * bearing)
 
 
-def shares(noise, share, limits=LIMITS):
-    found = [estimate_noise_share(ranges, np.arange(len(ranges)), DEGREE, limits)
-             for ranges in (along_a_wall(noise, share, seed) for seed in range(200))]
-    return np.array(found)
+def share_of(points, limits=LIMITS, every=1):
+    return estimate_noise_share(points, every * np.arange(len(points)), limits)
+
+
+def shares(noise, share, limits=LIMITS, uneven=0.0):
+    return np.array([share_of(along_a_wall(noise, share, seed, uneven), limits) for seed in range(200)])
 
 
 @pytest.mark.parametrize('share', [0.01, 0.02, 0.04])
@@ -56,17 +61,40 @@ def test_noise_in_proportion_to_the_range_is_told_as_a_share(share):
 
 def test_the_same_noise_everywhere_is_no_share_and_neither_is_a_wall_that_bends():
     assert np.mean(shares(0.01, 0.0) == 0.0) > 0.9
-    assert np.abs(np.diff(along_a_wall(0.0, 0.0), 2)).max() > 0.3
+    assert np.abs(np.diff(np.abs(along_a_wall(0.0, 0.0)), 2)).max() > 0.3
     assert shares(0.0, 0.0).max() < 1e-9
+
+
+def test_beams_may_be_spread_unevenly():
+    assert shares(0.0, 0.0, uneven=0.3 * DEGREE).max() < 1e-9
+    assert np.median(shares(0.0, 0.03, uneven=0.3 * DEGREE)) == pytest.approx(0.03, rel=0.05)
+
+
+def test_outliers_are_no_noise():
+    found = []
+    for seed in range(200):
+        points, rng = along_a_wall(0.01, 0.0, seed), np.random.default_rng(seed)
+        wild = rng.random(len(points)) < 0.3
+        found.append(share_of(np.where(wild, rng.uniform(0.2, 10.0, len(points)) * points / np.abs(points), points)))
+    assert np.mean(found) < 0.001
+    assert np.mean(np.array(found) > 0.0) < 0.1
 
 
 def test_the_share_keeps_within_its_limit_and_asks_for_points_side_by_side():
     assert shares(0.0, 0.04, ScanParameters(noise_share_max=0.03)).max() == 0.03
     assert shares(0.0, 0.04, ScanParameters(noise_share_max=0.0)).max() == 0.0
-    ranges = along_a_wall(0.0, 0.04)
-    assert estimate_noise_share(ranges, 2 * np.arange(len(ranges)), DEGREE, LIMITS) == 0.0
-    assert estimate_noise_share(ranges[:17], np.arange(17), DEGREE, LIMITS) == 0.0
-    assert estimate_noise_share(ranges[:0], np.arange(0), DEGREE, LIMITS) == 0.0
+    points = along_a_wall(0.0, 0.04)
+    assert share_of(points, every=2) == share_of(points[:17]) == share_of(points[:0]) == 0.0
+
+
+def test_noise_that_one_of_two_scans_shows_is_chance():
+    one, other = (extract_features(look(outline(L_ROOM), SE2(0.05 * k), FULL, 0.01, k)) for k in range(2))
+
+    def found(before, after):
+        return register(dataclasses.replace(one, noise_share=before), dataclasses.replace(other, noise_share=after))
+
+    np.testing.assert_array_equal(found(0.0, 0.05).covariance, found(0.0, 0.0).covariance)
+    assert found(0.05, 0.05).weakest < 0.9 * found(0.0, 0.0).weakest
 
 
 def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():

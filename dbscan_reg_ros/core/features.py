@@ -36,7 +36,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
     if scan.geometry.angle_increment < 0.0:
         segments = segments.reversed()
-    share = estimate_noise_share(radius, beams, scan.geometry.angle_increment, limits)
+    share = estimate_noise_share(places, beams, limits)
     return Features(scan, points, beams, normals, segments, left, parameters.density, share)
 
 

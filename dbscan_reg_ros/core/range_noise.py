@@ -15,41 +15,45 @@ def estimate_noise(ranges, limits):
     bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
     at = int(_NOISE_QUANTILE * len(bend))
     bend.partition(at)
-    return min(max(float(bend[at]) / _NOISE_BEND, limits.noise_min), limits.noise_max)
+    return min(max(float(bend[at]) / (_NORMAL * math.sqrt(1.5)), limits.noise_min), limits.noise_max)
 
 
-def estimate_noise_share(radius, beams, increment, limits):
+def estimate_noise_share(places, beams, limits):
     """Standard deviation of a range as a share of it; 0 where far ranges are not noisier than near ones.
 
-    From second differences of the inverse range, which along a straight wall is a sine of the bearing: what the wall itself
-    bends, at a grazing angle many times the noise, is taken out. The nearer and the farther half of the points decide: their
-    noise differs as their ranges do, or not at all, whichever is closer.
+    From how far points lie along their beams from the line through their neighbours: points of a straight wall lie on it, at a
+    grazing angle, too, and however unevenly its beams are spread. The nearer and the farther half of the points decide: their
+    noise differs as their ranges do, or not at all, whichever is closer. What is spread wider than noise is clutter and outliers.
 
     Parameters
     ----------
-    radius : (P,) array [m]
-        Ranges in beam order.
+    places : (P,) complex array [m]
+        Points in beam order.
     beams : (P,) int array
         Their beams.
-    increment : float [rad]
-        Between beams.
     limits : ScanParameters
     """
     middle = (beams[2:] - beams[:-2] == 2).nonzero()[0] + 1
-    half = len(middle) // 2
+    before, here, after = (places[middle + k] for k in (-1, 0, 1))
+    # Areas between the beams; a point on the line cuts the whole in two.
+    whole, first, second = (before.conj() * after).imag, (before.conj() * here).imag, (here.conj() * after).imag
+    between = first * second > 0.0
+    whole, first, second = whole[between], first[between], second[between]
+    away = np.abs(here[between])
+    half = len(away) // 2
     if half < 8:
         return 0.0
-    inverse = 1.0 / radius
-    bend = np.abs(inverse[middle] - 0.5 / math.cos(increment) * (inverse[middle - 1] + inverse[middle + 1]))
-    away = radius[middle]
-    bend *= away * away
-    order, at = away.argsort(kind='stable'), int(_NOISE_QUANTILE * half)
+    # Of the neighbours' noise the line has so much where the point is.
+    shares = second * np.abs(before[between]), first * np.abs(after[between])
+    bend = away * np.abs(whole - first - second) / np.hypot(np.abs(whole), np.hypot(*shares) / away)
+    order, at, above = away.argsort(kind='stable'), int(_NOISE_QUANTILE * half), int((1.0 - _NOISE_QUANTILE) * half)
     near, far = order[:half], order[-half:]
-    near_noise, far_noise = (float(np.partition(bend[part], at)[at]) / _NOISE_BEND for part in (near, far))
+    near_noise = np.partition(bend[near], at)[at]
+    far_noise, far_most = np.partition(bend[far], (at, above))[[at, above]]
     near_range, far_range = away[near[half // 2]], away[far[half // 2]]
-    if far_noise ** 2 * near_range <= near_noise ** 2 * far_range:
+    if far_noise ** 2 * near_range <= near_noise ** 2 * far_range or far_most > _WIDE * far_noise:
         return 0.0
-    return min(far_noise / float(far_range), limits.noise_share_max)
+    return min(float(far_noise / far_range) / _NORMAL, limits.noise_share_max)
 
 
 class UsualShare:
@@ -69,7 +73,9 @@ class UsualShare:
 
 
 _NOISE_QUANTILE = 0.3
-# That quantile of |N(0, 1)|, for a second difference with weights 1, -1/2, -1/2.
-_NOISE_BEND = 0.38532 * math.sqrt(1.5)
+# That quantile of |N(0, 1)|.
+_NORMAL = 0.38532
+# Between these quantiles |N(0, 1)| grows to 2.7 times as much, and of forty values hardly ever to so many times.
+_WIDE = 4.0
 _SCANS = 30
 _SHARE_QUANTILE = 0.3

@@ -1,4 +1,6 @@
 """The registration of one scan onto another (Figure 13)."""
+import dataclasses
+
 import numpy as np
 
 from .alignment import fit, polish, refine
@@ -33,6 +35,9 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
     """
     p = parameters
+    if current.noise_share and not reference.noise_share:
+        # Of the same sensor: noise of far ranges that one scan alone shows is chance, or outliers.
+        current = dataclasses.replace(current, noise_share=0.0)
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     if near and prior is not None and p.selection.method == 'density':
