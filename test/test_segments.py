@@ -153,7 +153,8 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
         if best is None or cost < best[0] - 1e-12:
             best = cost, first, last
     parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
-    first, last = slope_stretches(as_complex(points), summed_moments(as_complex(points)), radius, breaks, NOISE, parameters)
+    noise = np.full(90, NOISE)
+    first, last = slope_stretches(as_complex(points), summed_moments(as_complex(points)), radius, breaks, noise, parameters)
     np.testing.assert_array_equal(first, best[1])
     np.testing.assert_array_equal(last, best[2])
 

@@ -1,7 +1,7 @@
 """Corners where the slope of the ranges jumps, above a threshold that is searched by fitting error (Eq. 6-7)."""
 import numpy as np
 
-from .line_fit import fit_sections
+from .line_fit import fit_sections, stretch_means
 from .parameters import SegmentParameters
 from .se2 import wrap
 
@@ -20,8 +20,8 @@ def slope_stretches(points, total, radius, breaks, noise, parameters: SegmentPar
         As for `find_breaks`.
     total : (5, P + 1) array
         `summed_moments` of the points.
-    noise : float
-        Standard deviation of a range [m].
+    noise : (P,) array
+        Standard deviation of each range [m].
     parameters : SegmentParameters
 
     Returns
@@ -38,12 +38,12 @@ def slope_stretches(points, total, radius, breaks, noise, parameters: SegmentPar
     row, first = np.nonzero(cut | starts)
     last = np.nonzero(cut | ends)[1]
     _, _, _, residual = fit_sections(total, first, last, parameters.sections)
-    error = np.bincount(row, residual * (last - first + 1))
+    error = residual * (last - first + 1)
     segments = np.bincount(row)
     if parameters.corner_penalty > 0.0:
-        cost = error / noise ** 2 + parameters.corner_penalty * segments
+        cost = np.bincount(row, error / stretch_means(noise ** 2, first, last)) + parameters.corner_penalty * segments
     else:
-        cost = error / segments
+        cost = np.bincount(row, error) / segments
     best = row == np.argmin(cost)
     return first[best], last[best]
 

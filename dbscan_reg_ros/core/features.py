@@ -4,7 +4,7 @@ import numpy as np
 from .errors import ScanError
 from .line_fit import fit_lines, summed_moments
 from .parameters import Parameters
-from .range_noise import estimate_noise, estimate_noise_share
+from .range_noise import estimate_noise, estimate_noise_share, range_noise
 from .records import Features
 from .ring_band import ring_band_filter
 from .scan import Scan
@@ -12,8 +12,15 @@ from .se2 import as_complex, as_vectors
 from .segments import extract_segments, find_breaks
 
 
-def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Features:
+def extract_features(scan: Scan, parameters: Parameters = Parameters(), noise_share=None) -> Features:
     """Filter a scan and describe it by points, normals and line segments (sections 2.1 and 2.2).
+
+    Parameters
+    ----------
+    scan : Scan
+    parameters : Parameters
+    noise_share : float, optional
+        That of the sensor, where it is known better than from this scan.
 
     Raises
     ------
@@ -31,13 +38,21 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters()) -> Featu
     radius, total = np.abs(places), summed_moments(places)
     # Outliers count as noise while they are there. Corners have to stand out from all of it.
     left = min(noise, estimate_noise(radius, limits)) if len(points) < returns else noise
+    share = noise_share_of(scan, limits) if noise_share is None else noise_share
     breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
-    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, left, parameters.segments)
-    segments = extract_segments(places, total, radius, beams, breaks, noise, parameters.segments)
+    normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, range_noise(radius, left, share),
+                               parameters.segments)
+    segments = extract_segments(places, total, radius, beams, breaks, range_noise(radius, noise, share), parameters.segments)
     if scan.geometry.angle_increment < 0.0:
         segments = segments.reversed()
-    share = estimate_noise_share(places, beams, limits)
     return Features(scan, points, beams, normals, segments, left, parameters.density, share)
+
+
+def noise_share_of(scan, limits):
+    """`estimate_noise_share` of what the `ScanParameters` leave of a scan."""
+    points = as_complex(usable_points(scan, limits))
+    beams = np.isfinite(points.real).nonzero()[0]
+    return estimate_noise_share(points[beams], beams, limits)
 
 
 def filtered_points(scan: Scan, parameters: Parameters):
@@ -94,8 +109,8 @@ def estimate_normals(points, total, breaks, increment, noise, parameters):
     total : (5, P + 1) array
         Their `summed_moments`.
     breaks : (P - 1,) bool array
-    noise : float
-        Standard deviation of a range [m].
+    noise : (P,) array
+        Standard deviation of each range [m].
 
     Returns
     -------
@@ -110,7 +125,7 @@ def estimate_normals(points, total, breaks, increment, noise, parameters):
     edge = np.concatenate(([0], breaks.nonzero()[0] + 1, [size]))
     first, end = edge[:-1], edge[1:]
     index, length = np.arange(size), end - first
-    reach = max(parameters.normal_reach, parameters.normal_noise * noise)
+    reach = np.maximum(parameters.normal_reach, parameters.normal_noise * noise)
     low = np.minimum(path.searchsorted(path - reach), index - parameters.normal_beams)
     high = np.maximum(path.searchsorted(path + reach, 'right'), index + (parameters.normal_beams + 1))
     low, high = np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))

@@ -9,7 +9,7 @@ import numpy as np
 from .decision import doubted, firmness
 from .deskew import deskew
 from .drift import Drift
-from .features import extract_features
+from .features import extract_features, noise_share_of
 from .motion import Motion, leap
 from .moving import standing
 from .parameters import Parameters
@@ -131,12 +131,10 @@ class Odometry:
     def _features(self, scan, twist=(0.0, 0.0, 0.0), again=False):
         """Of a scan, looked at for the first time or `again`, without the motion within it, at a `twist` [m/s, m/s, rad/s]."""
         p = self.parameters
-        features = extract_features(deskew(scan, twist), p)
-        if not again:
-            self._noise_share.add(features.noise_share)
-        share = self._noise_share.value
-        if share != features.noise_share:
-            features = dataclasses.replace(features, noise_share=share)
+        scan = deskew(scan, twist)
+        share = self._noise_share if again else self._noise_share.after(noise_share_of(scan, p.scan))
+        features = extract_features(scan, p, share.value)
+        self._noise_share = share
         return with_posts(features, p.odometry.post_size, p.segments) if p.odometry.post_size else features
 
     def _drives_off(self, found, time):

@@ -1,6 +1,6 @@
 """How noisy the ranges of a scan are, and whether far ones are noisier than near ones."""
 import math
-from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,22 +56,29 @@ def estimate_noise_share(places, beams, limits):
     return min(float(far_noise / far_range) / _NORMAL, limits.noise_share_max)
 
 
+def range_noise(radius, noise, share):
+    """Standard deviation [m] of each range ``(P,)``: the `noise` of the scan, and more where its `share` of the range is unusual."""
+    return noise + np.maximum(share * radius - USUAL_NOISE, 0.0)
+
+
+@dataclass(frozen=True)
 class UsualShare:
     """The noise share of a sensor: what nearly all of its last scans say at least, as clutter seems to be noise in some."""
 
-    def __init__(self):
-        self._shares = deque(maxlen=_SCANS)
+    shares: tuple = ()
 
-    def add(self, share):
-        """One more scan's."""
-        self._shares.append(share)
+    def after(self, share):
+        """With that of one more scan."""
+        return UsualShare((*self.shares, share)[-_SCANS:])
 
     @property
     def value(self):
         """Of the scans so far, at least one."""
-        return sorted(self._shares)[int(_SHARE_QUANTILE * len(self._shares))]
+        return sorted(self.shares)[int(_SHARE_QUANTILE * len(self.shares))]
 
 
+USUAL_NOISE = 0.05
+"""[m] Ranges noisier than this are taken to be so."""
 _NOISE_QUANTILE = 0.3
 # That quantile of |N(0, 1)|.
 _NORMAL = 0.38532

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from .parameters import DensityParameters
+from .range_noise import USUAL_NOISE
 from .scan import Scan
 from .se2 import SE2, wrap
 from .surface import Cloud, build_cloud, build_surface, build_view, leverage
@@ -150,7 +151,8 @@ class Features:
     @cached_property
     def dense_cloud(self):
         cloud = self.walls.joined(self.posts) if self.posts else self.walls
-        times = self.noise_share / _USUAL_NOISE * np.abs(cloud.points)
+        # Errors of points that are noisier than usual are measured in units of their noise.
+        times = self.noise_share / USUAL_NOISE * np.abs(cloud.points)
         sharpness = 1.0 / np.maximum(times, 1.0) if (times > 1.0).any() else None
         worth = cloud.worth if self.worth is None else self.worth
         return dataclasses.replace(cloud, worth=worth, sharpness=sharpness)
@@ -170,10 +172,6 @@ class Features:
     @cached_property
     def view(self):
         return build_view(self.points, self.scan.geometry.angle_increment)
-
-
-_USUAL_NOISE = 0.05
-"""[m] Points noisier than this count less: their errors are measured in units of so much of their noise."""
 
 
 @dataclass(frozen=True, eq=False)

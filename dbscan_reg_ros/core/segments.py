@@ -2,7 +2,7 @@
 import numpy as np
 
 from .corners import slope_stretches
-from .line_fit import fit_lines, fit_sections
+from .line_fit import fit_lines, fit_sections, stretch_means
 from .parameters import SegmentParameters
 from .records import EndKind, Segments
 from .se2 import as_vectors
@@ -39,25 +39,25 @@ def find_breaks(points, radius, beams, geometry, noise, parameters: SegmentParam
 def split_runs(points, breaks, noise, parameters: SegmentParameters):
     """Straight stretches: runs cut at their corners, all at once, level by level.
 
-    Within each stretch the point farthest from the chord becomes a corner when it lies more than the split distance
-    from it.
+    Within each stretch the point that lies farthest from the chord, beyond its own split distance, becomes a corner.
 
     Returns
     -------
     first, last : (S,) int arrays
         First and last point of each stretch.
     """
-    split_distance = max(parameters.split_noise * noise + parameters.split_distance, 1e-9)
+    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, 1e-9)
     edges = np.concatenate(([True], breaks, [True]))
     edge = edges.nonzero()[0]
     for _ in range(parameters.split_levels):
         first, length = edge[:-1], edge[1:] - edge[:-1]
         start = points[first]
         chord = points[edge[1:] - 1] - start
-        # Distances from a chord, times its length.
+        # Distances from a chord beyond the split distance, times its length.
         area = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
+        area -= split_distance * np.abs(chord).repeat(length)
         largest = np.maximum.reduceat(area, first)
-        largest[largest <= split_distance * np.abs(chord)] = np.inf
+        largest[largest <= 0.0] = np.inf
         at = (area == largest.repeat(length)).nonzero()[0]
         if not len(at):
             break
@@ -75,8 +75,8 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
         As in `find_breaks`.
     total : (5, P + 1) array
         `summed_moments` of the points.
-    noise : float
-        Standard deviation of a range [m].
+    noise : (P,) array
+        Standard deviation of each range [m].
     parameters : SegmentParameters
 
     Returns
@@ -102,7 +102,7 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
         keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.most]])
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
-    sigma = np.sqrt(noise * noise + residual)
+    sigma = np.sqrt(stretch_means(noise * noise, first, last) + residual)
     kinds = _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters)
     return Segments(as_vectors(start), as_vectors(end), np.arctan2(along.imag, along.real), np.abs(end - start),
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
@@ -148,6 +148,7 @@ def _on_different_lines(points, first, last, angle, residual, noise, parameters)
     reach = points[last] - points[first]
     length = np.abs(reach)
     shorter = np.minimum(length[1:], length[:-1])
+    noise = np.maximum(noise[last[:-1]], noise[first[1:]])
     same = residual < (parameters.join_noise * noise) ** 2
     same &= np.abs(points[first[1:]] - points[last[:-1]]) < parameters.join_gap
     same &= (reach[1:] * reach[:-1].conj()).real > 0.0
@@ -160,8 +161,8 @@ def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, pa
     kinds = np.full((len(first), 2), int(EndKind.OCCLUSION))
     margin = parameters.depth_margin + 3.0 * noise
     depth = np.concatenate(([-np.inf], radius, [-np.inf]))
-    kinds[depth[first] > radius[first] + margin, 0] = EndKind.FREE
-    kinds[depth[last + 2] > radius[last] + margin, 1] = EndKind.FREE
+    kinds[depth[first] > (radius + margin)[first], 0] = EndKind.FREE
+    kinds[depth[last + 2] > (radius + margin)[last], 1] = EndKind.FREE
     if len(first) > 1:
         before, after = along[:-1], along[1:]
         cross = (before.conj() * after).imag
