@@ -33,19 +33,18 @@ def estimate_noise_share(places, beams, limits):
         Their beams.
     limits : ScanParameters
     """
-    middle = (beams[2:] - beams[:-2] == 2).nonzero()[0] + 1
-    before, here, after = (places[middle + k] for k in (-1, 0, 1))
-    # Areas between the beams; a point on the line cuts the whole in two.
-    whole, first, second = (before.conj() * after).imag, (before.conj() * here).imag, (here.conj() * after).imag
-    between = first * second > 0.0
-    whole, first, second = whole[between], first[between], second[between]
-    away = np.abs(here[between])
-    half = len(away) // 2
+    # Areas between the beams of neighbours; of three points on a line those of both pairs are the whole.
+    pair, whole = (places[:-1].conj() * places[1:]).imag, (places[:-2].conj() * places[2:]).imag
+    first, second, radius = pair[:-1], pair[1:], np.abs(places)
+    usable = ((beams[2:] - beams[:-2] == 2) & (first * second > 0.0)).nonzero()[0]
+    half = len(usable) // 2
     if half < 8:
         return 0.0
-    # Of the neighbours' noise the line has so much where the point is.
-    shares = second * np.abs(before[between]), first * np.abs(after[between])
-    bend = away * np.abs(whole - first - second) / np.hypot(np.abs(whole), np.hypot(*shares) / away)
+    away = radius[1:-1]
+    # The line has so much of its ends' noise where the point is.
+    ends = np.hypot(second * radius[:-2], first * radius[2:])
+    bend = (away * away * np.abs(whole - first - second)).take(usable) / np.hypot(whole * away, ends).take(usable)
+    away = away.take(usable)
     order, at, above = away.argsort(kind='stable'), int(_NOISE_QUANTILE * half), int((1.0 - _NOISE_QUANTILE) * half)
     near, far = order[:half], order[-half:]
     near_noise = np.partition(bend[near], at)[at]
