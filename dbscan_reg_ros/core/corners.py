@@ -1,7 +1,7 @@
 """Corners where the slope of the ranges jumps, above a threshold that is searched by fitting error (Eq. 6-7)."""
 import numpy as np
 
-from .line_fit import fit_sections, stretch_means
+from .line_fit import fit_sections
 from .parameters import SegmentParameters
 from .se2 import wrap
 
@@ -41,7 +41,8 @@ def slope_stretches(points, total, radius, breaks, noise, parameters: SegmentPar
     error = residual * (last - first + 1)
     segments = np.bincount(row)
     if parameters.corner_penalty > 0.0:
-        cost = np.bincount(row, error / stretch_means(noise ** 2, first, last)) + parameters.corner_penalty * segments
+        usual = 0.5 * (noise[first] + noise[last])
+        cost = np.bincount(row, error / usual ** 2) + parameters.corner_penalty * segments
     else:
         cost = np.bincount(row, error) / segments
     best = row == np.argmin(cost)

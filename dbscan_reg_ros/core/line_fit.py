@@ -38,12 +38,6 @@ def fit_lines(moments, count):
     return mean[:2], 0.5 * np.arctan2(xy, apart), half + root, np.maximum(half - root, 0.0)
 
 
-def stretch_means(values, first, last):
-    """``(S,)`` means of the `values` ``(P,)`` of stretches from their `first` to their `last` point, inclusive."""
-    total = np.concatenate(([0.0], values.cumsum()))
-    return (total[last + 1] - total[first]) / (last - first + 1)
-
-
 def fit_sections(total, first, last, sections):
     """Lines through the means of equal sections of each stretch of points (Eq. 7; the paper takes five).
 

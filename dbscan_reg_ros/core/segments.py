@@ -2,7 +2,7 @@
 import numpy as np
 
 from .corners import slope_stretches
-from .line_fit import fit_lines, fit_sections, stretch_means
+from .line_fit import fit_lines, fit_sections
 from .parameters import SegmentParameters
 from .records import EndKind, Segments
 from .se2 import as_vectors
@@ -102,7 +102,8 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
         keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.most]])
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
-    sigma = np.sqrt(stretch_means(noise * noise, first, last) + residual)
+    sigma = 0.5 * (noise[first] + noise[last])
+    sigma = np.sqrt(sigma * sigma + residual)
     kinds = _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters)
     return Segments(as_vectors(start), as_vectors(end), np.arctan2(along.imag, along.real), np.abs(end - start),
                     sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
