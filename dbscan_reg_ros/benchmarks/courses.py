@@ -11,7 +11,7 @@ from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
 from ..simulation import LIDARS, Lidar, Person, World, corridor, follow, hall, rooms, simulate, wheel_odometry
 from ..simulation.raycasting import cast
-from ..simulation.worlds import box, clearance
+from ..simulation.worlds import box, clearance, furnished, sides
 from .intel import Intel
 
 SEEDS = (0, 1, 2)
@@ -193,8 +193,7 @@ def hall_of_chairs(seed, chairs=50) -> World:
     legs = as_vectors((seats @ (1.0, 1j))[:, None] + feet).reshape(-1, 2)
     legs = legs[np.abs(legs[:, 1] - 4.5) > 0.4]
     corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)])
-    walls = np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
-    return World(walls, np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
+    return World(sides(corners), np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
 
 
 def trees(folder) -> list:
@@ -232,16 +231,13 @@ def far_noise(folder, share=0.03) -> list:
 
 
 def crooked(seed, walls=9, boxes=14) -> World:
-    """A room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep 0.6 m clear of the tour."""
+    """A room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep clear of the tour."""
     rng = np.random.default_rng(seed)
     bearings = np.linspace(0.0, 2.0 * math.pi, walls, endpoint=False) + rng.uniform(-0.2, 0.2, walls)
     around = np.column_stack((np.cos(bearings), np.sin(bearings)))
     corners, tour = around * rng.uniform(6.0, 12.0, (walls, 1)), 3.5 * np.vstack((around, around[:1]))
-    way = np.concatenate([np.linspace(a, b, 60) for a, b in itertools.pairwise(tour)])
-    none = np.empty((0, 3))
     things = [box(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.8), rng.uniform(0.0, 3.0)) for _ in range(boxes)]
-    clear = [thing for thing in things if clearance(way, thing, none).min() > 0.6]
-    return World(np.concatenate([np.stack((corners, np.roll(corners, -1, axis=0)), axis=1), *clear]), tour, none)
+    return furnished([sides(corners)], things, [], tour)
 
 
 def losses(folder, share=0.5) -> list:

@@ -35,7 +35,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
     """
     p = parameters
-    if current.noise_share and not reference.noise_share:
+    if current.dense_cloud.sharpness is not None and not reference.noise_share:
         # Of the same sensor: noise of far ranges that one scan alone shows is chance, or outliers.
         current = dataclasses.replace(current, noise_share=0.0)
     weights = pair_weights(reference.segments, current.segments, p.rotation)

@@ -96,7 +96,7 @@ def rooms(seed=0, count=4) -> World:
     pairs = len(loops) // 2
     order = [loops[k + side] for k in range(pairs) for side in (0, pairs)]
     tour = np.array([(1.2, 0.0), *itertools.chain.from_iterable(order), (1.5, 0.0)])
-    return _furnished(walls, boxes, bins, tour)
+    return furnished(walls, boxes, bins, tour)
 
 
 def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
@@ -110,7 +110,7 @@ def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
         if doors:
             back = side + math.copysign(RECESS, side)
             walls.append(wall((0.0, back), (length, back)))
-    return _furnished(walls, [], [], np.array([(1.5, 0.0), (length - 1.5, 0.0)]))
+    return furnished(walls, [], [], np.array([(1.5, 0.0), (length - 1.5, 0.0)]))
 
 
 def hall(seed=0, length=26.0, depth=18.0) -> World:
@@ -128,7 +128,7 @@ def hall(seed=0, length=26.0, depth=18.0) -> World:
     tour = np.array([(2.0, near), (length - 2.2, near), (length - 2.2, 0.5 * depth), (2.2, 0.5 * depth), (2.2, far),
                      (length - 2.2, far), (length - 2.2, 0.5 * depth), (0.5 * length, 0.5 * depth),
                      (0.5 * length, near), (2.0, near)])
-    return _furnished(walls, boxes, bins, tour)
+    return furnished(walls, boxes, bins, tour)
 
 
 def wall(start, end, openings=(), opening=DOOR, thickness=WALL):
@@ -150,6 +150,11 @@ def box(x, y, length, width, angle):
     c, s = math.cos(angle), math.sin(angle)
     corners = 0.5 * np.array([(-length, -width), (length, -width), (length, width), (-length, width)])
     corners = corners @ np.array([(c, s), (-s, c)]) + (x, y)
+    return sides(corners)
+
+
+def sides(corners):
+    """(N, 2, 2) sides of the polygon with the `corners` (N, 2) [m]."""
     return np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
 
 
@@ -177,7 +182,7 @@ def clearance(points, segments, circles):
     return np.minimum(to_segments, to_circles.min(axis=1, initial=np.inf))
 
 
-def _furnished(walls, boxes, bins, tour):
+def furnished(walls, boxes, bins, tour):
     """The world of all walls and of those boxes and bins that keep clear of the tour."""
     way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(tour)])
     bins = np.array(bins, dtype=float).reshape(-1, 3)
