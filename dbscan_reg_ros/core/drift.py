@@ -31,6 +31,11 @@ class Drift:
         self._joint[6:] = self._joint[:, 6:] = 0.0
         self._joint[6:, 6:] = np.eye(3)
 
+    def straighten(self, share):
+        """Know the heading better: its standard deviation is only a `share` of what it was."""
+        self._joint[2] *= share
+        self._joint[:, 2] *= share
+
     def anchor(self):
         """Take the pose as that of a key frame."""
         self._joint[3:6] = self._joint[:, 3:6] = 0.0

@@ -10,6 +10,7 @@ from .decision import doubted, firmness
 from .deskew import deskew
 from .drift import Drift
 from .features import extract_features, noise_share_of
+from .manhattan import ManhattanFrame
 from .motion import Motion, leap
 from .moving import standing
 from .parameters import Parameters
@@ -55,6 +56,8 @@ class Odometry:
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
         self._pose, self._reported, self._drift = pose, pose, Drift()
+        # Headings are corrected in what is reported; scans are registered as if they were not.
+        self._straight = SE2()
         self._window, self._systematic = None, SystematicError()
         self._intervals, self._scan_lasts = Intervals(), 0.0
         self._noise_share = UsualShare()
@@ -64,6 +67,7 @@ class Odometry:
         """Know nothing of the motion."""
         self._motion, self._rest = Motion(self._pose), Rest(self._pose)
         self._drift.halt()
+        self._walls = ManhattanFrame()
         self._lost, self._pending, self._near, self._fresh = 0.0, None, True, True
         self._firm, self._found = 0.0, None
 
@@ -286,6 +290,8 @@ class Odometry:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(here, size, latest=due)
         self._found = None if due or new else here
+        if (due or new) and registration.status is Status.OK:
+            self._straighten(features.segments)
         if due:
             self._drift.anchor()
         reported = self._rest.settle(self._pose, covariance, time.interval, p.odometry.rest)
@@ -293,10 +299,21 @@ class Odometry:
 
     def _advance(self, pose, prior, time, *found):
         """Carry the covariances on to the new `pose`; `found` is what a match adds to `Drift.advance`."""
-        self._drift.advance(self._pose.inverse() @ pose, time.interval, prior, *found)
+        step = self._pose.inverse() @ pose
+        self._walls.travel(step)
+        self._drift.advance(step, time.interval, prior, *found)
         if time.gap:
             # Mostly the stamp is wrong, and the motion goes on; but nothing is known of how fast.
             self._drift.halt()
+
+    def _straighten(self, segments):
+        """Turn the heading to what the walls say of it."""
+        p = self.parameters.manhattan
+        if p.drift:
+            pose = self._straight @ self._pose
+            turn, share = self._walls.observe(segments, pose.theta, p)
+            self._straight = SE2(pose.x, pose.y, pose.theta + turn) @ self._pose.inverse()
+            self._drift.straighten(share)
 
     def _is_due(self, frame, moved, registration):
         p = self.parameters.odometry
@@ -333,11 +350,12 @@ class Odometry:
         return self._update(features, status, Interval(jump=reason), self._pose, None, None, True)
 
     def _update(self, features, status, time, pose, registration, frame, changed):
+        pose = self._straight @ pose
         step, self._reported = self._reported.inverse() @ pose, pose
         return OdometryUpdate(
             features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._motion.twist.copy(),
             self._drift.twist + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
-            frame and frame.features, frame.pose if frame else pose, changed, time.jump, self._systematic.slope.copy())
+            frame and frame.features, self._straight @ frame.pose if frame else pose, changed, time.jump, self._systematic.slope.copy())
 
 
 class _Expected(NamedTuple):
