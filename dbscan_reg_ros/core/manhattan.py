@@ -118,7 +118,7 @@ _NOISE = 0.009
 _PLENTY = 3.0
 _UNKNOWN = 2.0
 """Spread of a direction of which nothing is known [rad]."""
-_LIMIT = 3.0
+_LIMIT = 2.0
 """What is farther off than so many standard deviations is another direction."""
 _SHIFTS = 3
 _FORGOTTEN = 0.5
