@@ -65,10 +65,10 @@ class ManhattanFrame:
         if off * off > _LIMIT ** 2 * variance:
             along = 0.0
         self._along, self._seen = self._along + along, self._seen + length.sum()
-        share = self._along / self._seen
-        if share < _FORGOTTEN * p.share:
+        aligned = self._along / self._seen
+        if aligned < _FORGOTTEN * p.share:
             self._forget()
-        if share < p.share or not along:
+        if aligned < p.share or not along:
             return 0.0, 1.0
         gain, before = common / variance, self._covariance[0, 0]
         self._covariance = self._covariance - gain[:, None] * common
@@ -117,7 +117,7 @@ _NOISE = 0.009
 """Of what one scan shows of the direction of `_PLENTY` [m] of walls [rad]."""
 _PLENTY = 3.0
 _UNKNOWN = 2.0
-"""Spread of a direction of which nothing is known [rad]."""
+"""Spread of directions of which nothing is known [rad]."""
 _LIMIT = 2.0
 """What is farther off than so many standard deviations is another direction."""
 _SHIFTS = 3
