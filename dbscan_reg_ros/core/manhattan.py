@@ -3,8 +3,10 @@ import math
 
 import numpy as np
 
+from .alignment import kernel
 from .parameters import ManhattanParameters
 from .records import Segments
+from .rotation import wrap_period
 from .se2 import SE2
 
 
@@ -59,7 +61,7 @@ class ManhattanFrame:
             self._direction = _densest(directions, length, p.tolerance)
             drift = self._covariance[0, 0]
             self._covariance = np.diag((drift, p.spread ** 2, _UNKNOWN ** 2))
-        off, along = _mode(_folded(directions - self._direction - self._deviation), length, p.tolerance)
+        off, along = _mode(wrap_period(directions - self._direction - self._deviation, _RIGHT), length, p.tolerance)
         common = self._covariance.sum(0)
         variance = common.sum() + _NOISE ** 2 * max(_PLENTY / along, 1.0)
         if off * off > _LIMIT ** 2 * variance:
@@ -87,30 +89,22 @@ class ManhattanFrame:
         self._way = self._distance = 0.0
 
 
-def _folded(angles):
-    """Angles [rad] modulo a right angle, from -pi/4 to pi/4."""
-    return (angles + 0.25 * math.pi) % (0.5 * math.pi) - 0.25 * math.pi
-
-
-def _kernel(off, tolerance):
-    return np.exp(-0.5 * (off / tolerance) ** 2)
-
-
 def _densest(directions, length, tolerance):
     """Of the `directions` [rad] the one with the most walls [m] around it."""
-    return directions[(_kernel(_folded(directions[:, None] - directions), tolerance) @ length).argmax()]
+    return directions[(kernel(wrap_period(directions[:, None] - directions, _RIGHT), tolerance) @ length).argmax()]
 
 
 def _mode(off, length, tolerance):
     """Where the walls [m] that are `off` [rad] by least are thickest, by mean shift, and how many of them [m] lie there."""
     mean = 0.0
     for _ in range(_SHIFTS):
-        near = length * _kernel(off - mean, tolerance)
+        near = length * kernel(off - mean, tolerance)
         along = near.sum() + 1e-9
         mean = near @ off / along
     return mean, along
 
 
+_RIGHT = 0.5 * math.pi
 _LONG = 0.7
 """Walls shorter than this [m] are furniture."""
 _NOISE = 0.009
