@@ -66,6 +66,16 @@ def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():
             assert (found == 0.405 + 0.405j) == nearer
 
 
+def test_points_on_no_side_are_favoured():
+    """Nearest points lie to all sides alike: were those towards the sensor preferred, every scan would seem to stay behind."""
+    rng = np.random.default_rng(2)
+    points, places = (rng.uniform(0.0, side, (count, 2)) @ (1.0, 1j) for side, count in ((2.0, 3000), (1.6, 100000)))
+    places += 0.2 + 0.2j
+    surface = build_surface(Cloud(points, np.ones(3000, dtype=complex), np.arange(3000)), PARAMETERS)
+    step = points[surface.nearest(places)] - places
+    assert abs(step.mean()) < 0.002 < 0.02 < np.abs(step).mean()
+
+
 def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
     surface = build_surface(Cloud(np.array([3.0 + 4.0j]), np.array([-1.0j]), np.array([7])), PARAMETERS)
     assert surface.normals.tolist() == [1.0j, 0.0]

@@ -178,15 +178,17 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     home = (row * columns + column)[order]
     index[home] = order
     # Of the points in one cell, the one closest to its centre wins everywhere: the others need not be written. Written
-    # from the far offsets to the near ones, the nearest point has the last word. Beam order would favour one side and
-    # turn the match.
+    # from the far offsets to the near ones, the nearest point has the last word. A fixed order among equals, as that of the
+    # beams or of the offsets, would favour the points on one side and draw every match that way.
     winner = index[home] == order
     home, order = home[winner], order[winner]
     row, column = _disc(parameters.reach / cell)
     away, some = row * columns + column, max(_AT_ONCE // max(len(order), 1), 1)
+    quarter = 2 * (x.take(order) > 0.0) + (y.take(order) > 0.0)
     # One long list of places is written twice as fast as a table of them.
     for first in range(0, len(away), some):
-        places = home + away[first:first + some]
+        places = away[first:first + some].take(quarter, axis=1)
+        places += home
         index[places.ravel()] = np.tile(order, len(places))
     normals, offsets = np.zeros(size + 1, dtype=complex), np.zeros(size + 1)
     np.conj(cloud.normals, out=normals[:size])
@@ -196,13 +198,19 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
 
 @lru_cache(maxsize=4)
 def _disc(radius):
-    """Row and column offsets ``(K, 1)`` of the cells of a disc, from the far ones to the near ones."""
+    """Row and column offsets ``(K, 4)`` of the cells of a disc, from the far ones to the near ones, for points in each quarter
+    of the cell in its middle.
+    """
     reach = int(math.ceil(radius))
     side = np.arange(-reach, reach + 1)
-    square = side[:, None] ** 2 + side ** 2
-    row, column = np.nonzero(square <= radius * radius)
-    order = np.argsort(-square[row, column], kind='stable')
-    return side[row[order], None], side[column[order], None]
+    row, column = np.nonzero(side[:, None] ** 2 + side ** 2 <= radius * radius)
+    row, column = side[row, None], side[column, None]
+    order = np.argsort(-((row - _QUARTERS.real) ** 2 + (column - _QUARTERS.imag) ** 2), axis=0, kind='stable')
+    return row[order, 0], column[order, 0]
+
+
+_QUARTERS = np.array((-0.25 - 0.26j, -0.25 + 0.26j, 0.25 - 0.26j, 0.25 + 0.26j))
+"""About the middles of the quarters of a cell, in cells; off the diagonals, where rows and columns would be equally far away."""
 
 
 @dataclass(frozen=True, eq=False)
