@@ -157,9 +157,11 @@ def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
 
 
 def plainly(reference, current, motion):
-    """The equations of a registration."""
-    found = fitted(reference, current, motion)
-    return normal_equations(found.rows(), found.weight(0.1))[0]
+    """The equations of a registration, but for points beyond the ends of walls."""
+    found, surface = fitted(reference, current, motion), reference.surface
+    nearest = surface.nearest(found.places)
+    beside = np.abs((found.normals * found.places).imag - surface.along[nearest])
+    return normal_equations(found.rows(), found.weight(0.1) * (beside <= surface.extents[nearest]))[0]
 
 
 def window(*poses):
@@ -235,6 +237,17 @@ def test_key_frames_are_looked_up_each_in_its_own_surface():
     partners = window(*poses).partners(near, features(END).dense_cloud, DENSITY)
     found = align(partners, near, SE2(), np.zeros((3, 3)), [0.2, 0.1, 0.05, 0.05], 1e-6)
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
+
+
+def test_a_wall_ends_where_a_key_frame_saw_it_end():
+    """Its last line would go on for as far as points have partners, and noise of its normal would pull what lies beyond back."""
+    short, longer = (extract_features(look(np.array([[(-2.0, -1.0), (end, -1.0)]]))) for end in (1.0, 1.3))
+    partners = Window([KeyFrame(short, SE2())]).partners(SE2(), longer.dense_cloud, DENSITY)
+    x, last = longer.dense_cloud.points.real, short.dense_cloud.points.real.max()
+    assert x.max() > 1.25 and last > 0.95
+    found = np.bincount(partners.index, minlength=len(x)) > 0
+    beyond = x > last + 2.0 * DENSITY.cell
+    assert found[x < last].all() and not found[beyond].any() and beyond.sum() > 3
 
 
 def partners_of_nothing(pose):

@@ -141,6 +141,11 @@ class Surface:
         Unit normals, 0 for the last, conjugated: a product with one is the part along it and the part across.
     offsets : (P + 1,) float [m]
         Distance of each point's line from the sensor, along its normal.
+    along : (P + 1,) float [m]
+        Where each point lies along its line.
+    extents : (P + 1,) float [m]
+        So far along its line, on either side, each point stands for the surface: as far as to the nearer of its neighbours, at
+        least for a cell. What lies beyond the end of a wall says nothing of where that is.
     """
 
     origin: complex
@@ -149,6 +154,8 @@ class Surface:
     index: np.ndarray
     normals: np.ndarray
     offsets: np.ndarray
+    along: np.ndarray
+    extents: np.ndarray
 
     def nearest(self, places):
         """Index of the point nearest to each of the `places` (complex, any shape, [m])."""
@@ -190,10 +197,11 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
         places = away[first:first + some].take(quarter, axis=1)
         places += home
         index[places.ravel()] = np.tile(order, len(places))
-    normals, offsets = np.zeros(size + 1, dtype=complex), np.zeros(size + 1)
-    np.conj(cloud.normals, out=normals[:size])
-    offsets[:size] = (normals[:size] * cloud.points).real
-    return Surface(origin, cell, (rows, columns), index, normals, offsets)
+    normals = np.append(cloud.normals.conj(), 0.0)
+    parts = normals * np.append(cloud.points, 0.0)
+    gaps = np.concatenate(([np.inf], np.abs(cloud.points[1:] - cloud.points[:-1]), [np.inf]))
+    extents = np.maximum(np.append(np.minimum(gaps[1:], gaps[:-1])[:size], 0.0), cell)
+    return Surface(origin, cell, (rows, columns), index, normals, parts.real.copy(), parts.imag.copy(), extents)
 
 
 @lru_cache(maxsize=4)

@@ -38,7 +38,7 @@ class SurfaceStack:
 
     Attributes
     ----------
-    normals, offsets : (N,) arrays
+    normals, offsets, along, extents : (N,) arrays
         Of all surfaces, as in `Surface`.
     """
 
@@ -50,7 +50,8 @@ class SurfaceStack:
         self._tables = [s.index for s in surfaces]
         size = np.array([len(s.normals) for s in surfaces])
         self._none, self._first = size[:, None] - 1, np.cumsum(size) - size
-        self.normals, self.offsets = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets'))
+        self.normals, self.offsets, self.along, self.extents = (
+            np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets', 'along', 'extents'))
 
     def nearest(self, places):
         """The points nearest to those of the `places` ``(K, P)`` (complex, [m], odometry frame) that have one, M of them.
@@ -214,10 +215,12 @@ class Window:
         at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
         index = dealt.take(at)
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
-        alike = (normals * (turn * cloud.normals).take(index)).real > facing
-        row, index, nearest, normals = row[alike], index[alike], nearest[alike], normals[alike]
         arms = arms.take(index)
-        error = (normals * (arms + (origin - self._origins.take(row)))).real - self._stack.offsets.take(nearest)
+        apart = normals * (arms + (origin - self._origins.take(row)))
+        error, beside = apart.real - self._stack.offsets.take(nearest), apart.imag - self._stack.along.take(nearest)
+        kept = (normals * (turn * cloud.normals).take(index)).real > facing
+        kept &= np.abs(beside) <= self._stack.extents.take(nearest)
+        row, index, arms, normals, error = row[kept], index[kept], arms[kept], normals[kept], error[kept]
         if cloud.sharpness is not None:
             sharpness = cloud.sharpness.take(index)
             normals, error = normals * sharpness, error * sharpness
