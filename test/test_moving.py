@@ -283,6 +283,15 @@ def test_somebody_close_by_does_not_throw_the_odometry_off(data, seed, first, la
     assert not any(update.restarted for update in updates)
 
 
+def test_a_corridor_that_looks_the_same_from_its_other_end_does_not_stop_a_turn(data):
+    """The sensor turns on the spot while somebody hides most of it: turned by half a turn, 5 m away, it fits a little better."""
+    log, odometry, turned = Intel(data / 'intel'), Odometry(), []
+    for scan in strolled(log.scans[:1890], seed=0)[1650:]:
+        turned.append(odometry.process(scan).pose.theta)
+    off = np.unwrap(turned) - np.unwrap(log.reference[1650:1890, 2])
+    assert np.degrees(np.abs(off - off[0]).max()) < 3.0
+
+
 def behind_somebody(hidden, seed, **changes):
     """How far behind [m] a drive of 6 s along a bare corridor ends when somebody hides its end in some scans, and the statuses
     of the others.

@@ -18,7 +18,7 @@ from .placement import facing, place, place_uncertainty, seen_by_all, sees_more
 from .posts import with_posts
 from .range_noise import UsualShare
 from .records import Features, OdometryUpdate, Prior, Registration, Status
-from .registration import register
+from .registration import register, register_near
 from .rest import Rest
 from .scan import Scan
 from .se2 import SE2, turned
@@ -173,19 +173,24 @@ class Odometry:
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._motion.reach(prior, place_expected, p), self._motion.reach(own, usual, p)
         slips = expected.told and not self._agrees(place_expected, usual, own.covariance)
-        first, faint, pending = None, None, self._pending
+        first, faint, angle, pending = None, None, None, self._pending
         self._pending = None
         for frame in self._references(place_expected):
             if frame is self._found and first.status is not Status.FAILED:
                 continue
-            registration, seen = self._match(frame, features, still, Prior(frame.pose.inverse() @ place_expected, prior.covariance))
+            guess = Prior(frame.pose.inverse() @ place_expected, prior.covariance)
+            registration, seen = self._match(frame, features, still, guess)
             first = first or registration
             if registration.status is Status.FAILED:
                 continue
-            pose = frame.pose @ registration.transform
-            if registration.free_direction is not None:
-                angle = frame.pose.theta + registration.free_direction
-                pose = _slide(pose, place_expected, angle)
+            pose, angle = _level(frame, registration, place_expected, angle)
+            # In doubt, and out of reach: a corridor looks the same from its other end, and what is within reach may be hardly worse.
+            if (registration.status is not Status.OK and precise and not self._lost
+                    and not self._agrees(pose, place_expected, around) and not self._agrees(pose, usual, usual_around)):
+                near = register_near(frame.features, seen, self._search, guess)
+                if near.status is not Status.FAILED:
+                    registration = dataclasses.replace(near, status=registration.status, reason=registration.reason)
+                    pose, angle = _level(frame, registration, place_expected, angle)
             found = _Found(frame, pose, registration, seen)
             # A corridor looks the same to who has turned back: so far from what is vaguely expected nothing doubtful is believed.
             doubtful = registration.status is not Status.OK and vague
@@ -400,6 +405,18 @@ def _is_told(prior, own):
 def _half(scan, features, share):
     """The time [s] from the stamp of a scan to the middle of its returns, when it took that share of the time it is said to take."""
     return share * scan.time_increment * float(features.beams.mean())
+
+
+def _level(frame, registration, expected, angle):
+    """Where a scan lies that is registered to a key frame, and the direction [rad] that this leaves free: `angle` if it leaves none.
+
+    Along that direction it is level with what is `expected`.
+    """
+    pose = frame.pose @ registration.transform
+    if registration.free_direction is None:
+        return pose, angle
+    angle = frame.pose.theta + registration.free_direction
+    return _slide(pose, expected, angle), angle
 
 
 def _slide(pose, target, direction):

@@ -41,7 +41,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     if near and prior is not None and p.selection.method == 'density':
-        found = search_near(prior, reference, current, rotations, weights, p)
+        found = search_near(prior, reference, current, rotations, weights, p, p.prior.enough)
         if found is not None:
             return found
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
@@ -59,14 +59,21 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     return found
 
 
-def search_near(prior, reference, current, rotations, weights, p):
-    """The best of what the prior does not rule out; None where that is not better than all that it does rule out may be."""
+def register_near(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:
+    """The best of what the prior does not rule out, however well others may fit: as `register`."""
+    weights = pair_weights(reference.segments, current.segments, parameters.rotation)
+    rotations = estimate_rotations(reference.segments, current.segments, weights, parameters.rotation)
+    return search_near(prior, reference, current, rotations, weights, parameters, -np.inf)
+
+
+def search_near(prior, reference, current, rotations, weights, p, least):
+    """The best of what the prior does not rule out; None where it scores no more than `least`."""
     expected, reach, turn = prior.transform.as_array(), p.prior.limit * prior.spread, p.prior.limit * prior.angular_spread
     near = rotations.near(expected[2], turn)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform
     candidates = candidates[same(candidates, expected, reach, turn)]
-    return select(expected[None], candidates[:p.selection.candidates], reference, current, p, prior, p.prior.enough)
+    return select(expected[None], candidates[:p.selection.candidates], reference, current, p, prior, least)
 
 
 def select(sure, candidates, reference, current, p, prior, least=-np.inf):
