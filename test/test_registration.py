@@ -225,6 +225,14 @@ def test_a_scan_without_returns_is_refused():
         extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())
 
 
+def test_noise_draws_no_match_to_one_side():
+    """Scans from one place, with 3 cm of noise: what is found of the motion between them is nothing on average."""
+    scans = [extract_features(look(ROOM, SE2(), noise=0.03, seed=seed)) for seed in range(120)]
+    guess = Prior(SE2(), np.diag([0.05, 0.05, 0.02]) ** 2)
+    found = np.array([register(*pair, prior=guess).transform.as_array() for pair in zip(scans[::2], scans[1::2])])
+    assert (np.abs(found.mean(axis=0)) < (0.002, 0.002, 0.001)).all()
+
+
 def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
     narrow = Parameters().replace({'rotation.hypotheses': 1, 'selection.heaviest': 1, 'selection.widen': 1})
     again = narrow.replace({'selection.widen': 60})
