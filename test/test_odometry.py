@@ -173,6 +173,16 @@ def test_a_lost_sensor_goes_on_as_it_is_told():
         assert error(update, last_pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
+def test_after_a_gap_a_lost_sensor_starts_anew_where_it_is_told_to_be():
+    """The robot drove on and turned while nothing was heard of the lidar, and sees nothing that it knows."""
+    odometry, told = Odometry(), Prior(SE2(0.8, 0.1, 1.3), np.diag((0.05, 0.05, 0.05)) ** 2)
+    *_, last = run(odometry, drive(10))
+    update = odometry.process(noise_at(20 * SECOND, np.random.default_rng(2)), told)
+    assert update.restarted and update.status is Status.FAILED
+    assert error(update, last.pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert update.increment.as_array() == pytest.approx(told.transform.as_array())
+
+
 @pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
 def test_what_wheels_get_wrong_in_sight_is_known_out_of_it(memory, least, most):
     """Wheels that tell 5 % too much, unequal, under a sensor 8 cm from where it is said to be; 0.9 s in which nothing is seen."""

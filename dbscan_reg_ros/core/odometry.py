@@ -331,6 +331,8 @@ class Odometry:
         p, (pose, prior, _, own, time) = self.parameters.odometry, expected
         self._lost += max(time.interval, time.elapsed)
         if self._lost > p.give_up or time.jump:
+            if expected.told:
+                self._pose = pose
             return self._start(features, time.jump or f'lost for {self._lost:.1f} s')
         if self._lost > p.coast:
             if self._motion.goes_on:
