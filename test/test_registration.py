@@ -271,6 +271,15 @@ def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
     assert narrow.widened() == narrow.replace(expected)
 
 
+def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
+    """A scan with 30 % outliers, moved: after the coarse refinement the best hypothesis is still 0.2 m away, and was OK there."""
+    label, truth = '4740', synthetic.PAPER_MOTION
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel'), seed=5) if (each.group, each.label) == ('paper_30', label))
+    found = register(extract_features(trial.reference), extract_features(trial.current))
+    distance, angle = off(found, truth)
+    assert found.status is Status.OK and distance < 0.02 and angle < 0.01
+
+
 @pytest.mark.parametrize('label', ['40', '3566'])
 def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
     """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""

@@ -175,6 +175,11 @@ def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     return candidates, equations
 
 
+def next_step(found, cloud, scale, damping):
+    """The step ``(3,)`` of one more iteration with a kernel of the `scale` [m], from the one candidate whose `Fit` was `found`."""
+    return -solve_one(normal_equations(found.rows()[0], cloud.weighed(found.weight(scale))[0]), damping)
+
+
 def polish(candidate, found, cloud, refinement):
     """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
 

@@ -1,9 +1,11 @@
 """The registration of one scan onto another (Figure 13)."""
 import dataclasses
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from .alignment import fit, polish, refine
+from .alignment import Fit, fit, next_step, polish, refine
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
@@ -98,20 +100,19 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
     else:
         cloud, found = current.cloud, None
         candidates = np.concatenate((sure, sieve(candidates, cloud, reference.view, p.selection, p.density)))
-    coarse, coarse_score, coarse_overlap, equations, found = improve(
-        candidates, found, cloud, p.refinement.coarse_scales(), reference, current, p, prior)
-    if coarse_score[0] <= least:
+    coarse = approach(candidates, found, cloud, reference, current, p, prior)
+    if coarse.score[0] <= least:
         return None
-    chosen = distinct(coarse, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
-    close = [each for each in chosen if coarse_score[each] >= coarse_score[0] - p.selection.clear]
-    finalists = follow_free_direction(coarse[close], equations[close], reference, current, p)
+    chosen = distinct(coarse.candidates, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
+    close = [each for each in chosen if coarse.score[each] >= coarse.score[0] - p.selection.clear]
+    finalists = follow_free_direction(coarse.candidates[close], coarse.equations[close], reference, current, p)
     if len(finalists) > 1:
         fine, fine_score, overlap, _, found = improve(
             finalists, None, current.cloud, p.refinement.fine_scales(), reference, current, p, prior, both_ways=True)
         if fine_score[0] <= least:
             return None
     else:
-        fine, fine_score, overlap = coarse[chosen], coarse_score[chosen], coarse_overlap[chosen]
+        fine, fine_score, overlap, found = coarse.candidates[chosen], coarse.score[chosen], coarse.overlap[chosen], coarse.best
         if not p.refinement.polish:
             fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
                                  p.refinement.damping, found)
@@ -120,14 +121,52 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
     if cloud is not current.cloud:
         found = fit(fine[:1], cloud, reference.surface, p.density.facing)
     fine[0], found = polish(fine[0], found, cloud, p.refinement)
-    return decide(fine, fine_score, overlap, found.thinned(p.density.points), coarse, coarse_score, reference, current, p)
+    return decide(fine, fine_score, overlap, found.thinned(p.density.points), coarse.candidates, coarse.score, reference, current, p)
+
+
+class Ranking(NamedTuple):
+    """Refined hypotheses, best first.
+
+    Attributes
+    ----------
+    candidates : (H, 3) array
+    score, overlap : (H,) arrays
+        As from `selection.score`.
+    equations : (H, 4, 4) array
+        The normal equations of the last iteration.
+    best : Fit
+        Of the best, H = 1.
+    """
+
+    candidates: np.ndarray
+    score: np.ndarray
+    overlap: np.ndarray
+    equations: np.ndarray
+    best: Fit
+
+    def joined(self, other):
+        """These and others."""
+        best = self.best if self.score[0] >= other.score[0] else other.best
+        parts = [np.concatenate(each) for each in zip(self[:-1], other[:-1], strict=True)]
+        order = (-parts[1]).argsort(kind='stable')
+        return Ranking(*(part[order] for part in parts), best)
+
+
+def approach(candidates, known, cloud, reference, current, p, prior):
+    """The coarse refinement, once more for all hypotheses where the best has come from far and not arrived: as `improve`."""
+    scales = p.refinement.coarse_scales()
+    coarse = improve(candidates, known, cloud, scales, reference, current, p, prior)
+    if prior is not None:
+        return coarse
+    way = next_step(coarse.best, current.cloud, p.refinement.fine_scale, p.refinement.damping)
+    if math.hypot(way[0], way[1]) < p.refinement.final_scale:
+        return coarse
+    # Some go past the place: those from before stay.
+    return coarse.joined(improve(coarse.candidates, None, current.cloud, scales, reference, current, p, prior))
 
 
 def improve(candidates, known, cloud, scales, reference, current, p, prior, both_ways=False):
-    """Refine all hypotheses, whose `Fit` may be `known`, together by the points of a cloud, and score them by all points.
-
-    Best first: hypotheses, scores, overlaps and the normal equations of the last iteration; the `Fit` of the best.
-    """
+    """Refine all hypotheses, whose `Fit` may be `known`, together by the points of a cloud, and score them by all points."""
     candidates, equations = refine(candidates, cloud, reference.surface, scales, p.density.facing, p.refinement.damping, known)
     fits = fit(candidates, current.cloud, reference.surface, p.density.facing)
     value, overlap = score(fits, reference, current, p.refinement.score_scale, p.density)
@@ -136,7 +175,7 @@ def improve(candidates, known, cloud, scales, reference, current, p, prior, both
     if prior is not None:
         value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
     order = (-value).argsort(kind='stable')
-    return candidates[order], value[order], overlap[order], equations[order], fits.select(slice(order[0], order[0] + 1))
+    return Ranking(candidates[order], value[order], overlap[order], equations[order], fits.select(slice(order[0], order[0] + 1)))
 
 
 def follow_free_direction(candidates, equations, reference, current, p):
