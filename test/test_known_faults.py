@@ -145,7 +145,9 @@ def recorded(request):
 
 
 def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the_base(start_node, player, recorded):
-    """Nothing is left out as moving: at that margin rounding decides, and a pose differs by millimetres."""
+    """Nothing is left out as moving: at that margin rounding decides. So it does which old points belong to the local map, and a
+    pose differs by millimetres.
+    """
     alike = '-p', 'odometry.moving_frames:=0'
     plain = start_node(*mounted(AHEAD), *alike)
     expected = played(player, recorded)
@@ -154,7 +156,7 @@ def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the
     with Player() as second:
         answers = played(second, list(inverted(recorded)))
     assert expected.lost == answers.lost == 0
-    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.003
+    assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.01
 
 
 def test_a_lidar_turned_by_half_a_turn_gives_the_trajectory_of_the_base(start_node, player, scans, truth):

@@ -175,11 +175,11 @@ class Odometry:
         slips = expected.told and not self._agrees(place_expected, usual, own.covariance)
         first, faint, angle, pending = None, None, None, self._pending
         self._pending = None
-        for frame in self._references(place_expected):
+        for frame, reference in self._references(place_expected):
             if frame is self._found and first.status is not Status.FAILED:
                 continue
             guess = Prior(frame.pose.inverse() @ place_expected, prior.covariance)
-            registration, seen = self._match(frame, features, still, guess)
+            registration, seen = self._match(reference, frame.pose, features, still, guess)
             first = first or registration
             if registration.status is Status.FAILED:
                 continue
@@ -187,7 +187,7 @@ class Odometry:
             # In doubt, and out of reach: a corridor looks the same from its other end, and what is within reach may be hardly worse.
             if (registration.status is not Status.OK and precise and not self._lost
                     and not self._agrees(pose, place_expected, around) and not self._agrees(pose, usual, usual_around)):
-                near = register_near(frame.features, seen, self._search, guess)
+                near = register_near(reference, seen, self._search, guess)
                 if near.status is not Status.FAILED:
                     registration = dataclasses.replace(near, status=registration.status, reason=registration.reason)
                     pose, angle = _level(frame, registration, place_expected, angle)
@@ -230,30 +230,34 @@ class Odometry:
             self._systematic = SystematicError()
 
     def _references(self, expected):
-        """The latest key frame, the last scan that was found if it is none, and then the nearest of the older key frames."""
+        """The local map, the latest key frame alone, the last scan that was found if it is none, and then the nearest of the older
+        key frames: each with what a scan is compared to.
+        """
         *older, latest = self._window.frames
-        yield latest
+        yield latest, self._window.local_map
+        if self._window.local_map is not latest.features:
+            yield latest, latest.features
         if self._found is not None and abs((latest.pose.inverse() @ expected).theta) > self.parameters.odometry.keyframe_angle:
-            yield self._found
+            yield self._found, self._found.features
         older.sort(key=lambda frame: math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y))
-        yield from older[:self.parameters.odometry.retries]
+        yield from ((frame, frame.features) for frame in older[:self.parameters.odometry.retries])
 
-    def _match(self, frame, features, still, guess):
-        """The scan without what moves registered to a key frame, and what was registered.
+    def _match(self, reference, pose, features, still, guess):
+        """The scan without what moves registered to a reference that lies at a `pose`, and what was registered.
 
         What moves is known from where the scan was expected. Where that led nowhere, but not quite, it is known from where
         the scan seems to be.
         """
         p = self.parameters
-        registration = register(frame.features, still, self._search, guess, self._near)
+        registration = register(reference, still, self._search, guess, self._near)
         # Where scores are too low for a search near the prior to be enough they are so for a while.
         self._near = registration.score > p.prior.enough
         if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
             return registration, still
-        there = standing(features, frame.pose @ registration.transform, self._window, p)
+        there = standing(features, pose @ registration.transform, self._window, p)
         if there.normals is still.normals:
             return registration, still
-        return register(frame.features, there, self._search, guess), there
+        return register(reference, there, self._search, guess), there
 
     def _agrees(self, pose, expected, covariance, share=1.0):
         """Whether the pose lies within `share` of `prior.limit` of what is expected."""
@@ -290,7 +294,7 @@ class Odometry:
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         new = not due and angle is not None and partners is not None and sees_more(features, pose, partners, angle, p)
-        here = KeyFrame(features, pose)
+        here = KeyFrame(features, pose, share >= _KNOWN and not registration.free_turn)
         if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(here, size, latest=due)
@@ -393,6 +397,8 @@ _GLIMMER = 0.3
 """Share of the least score from which on a place is worth a second look."""
 _QUARTER = 0.5 * math.pi
 """A motion whose prior rules out no turn as far as this [rad] is vaguely expected."""
+_KNOWN = 0.2
+"""Share of `decision.min_information` that has to hold a scan along every direction, so that its place is known."""
 _DOUBTFUL = 0.7
 """Share of `prior.limit` within which a doubtful scan is believed after a motion of which nothing is known."""
 # Never published as exactly known: 1 mm, 0.06 deg.

@@ -118,6 +118,8 @@ class Features:
         How far this scan saw.
     worth : (P',) float or None
         What each point of `dense_cloud` counts, from 0 to 1; None: all the same.
+    around : Cloud or None
+        Points of other scans that belong to `surface` as well.
     """
 
     scan: Scan
@@ -130,6 +132,7 @@ class Features:
     noise_share: float = 0.0
     posts: Cloud | None = None
     worth: np.ndarray | None = None
+    around: Cloud | None = None
 
     def without(self, left_out):
         """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks; posts go as a whole."""
@@ -167,7 +170,7 @@ class Features:
 
     @cached_property
     def surface(self):
-        return build_surface(self.dense_cloud, self.density)
+        return build_surface(self.dense_cloud.joined(self.around) if self.around else self.dense_cloud, self.density)
 
     @cached_property
     def view(self):

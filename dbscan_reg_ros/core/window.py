@@ -1,10 +1,13 @@
 """The local map: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
 import cmath
+import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .alignment import kernel, linear_errors, normal_equations, origins
+from .local_map import seen_around
 from .moving import Sights
 from .records import Features
 from .se2 import SE2, wrap
@@ -21,10 +24,13 @@ class KeyFrame:
     features : Features
     pose : SE2
         In the odometry frame.
+    known : bool
+        Whether it is known in every direction where it lies among the others.
     """
 
     features: Features
     pose: SE2
+    known: bool = True
 
 
 class SurfaceStack:
@@ -151,6 +157,15 @@ class Window:
     @property
     def latest(self):
         return self.frames[-1]
+
+    @cached_property
+    def local_map(self) -> Features:
+        """What the latest saw, and what older ones whose places are known did around it."""
+        latest = self.latest
+        older = [frame for frame in self.frames[:-1] if frame.known]
+        if not older:
+            return latest.features
+        return dataclasses.replace(latest.features, around=seen_around(older, latest, latest.features.density))
 
     def with_frame(self, frame, size, latest=True):
         """A window of at most `size` key frames with one more, the `latest` or the one before it."""
