@@ -178,6 +178,9 @@ class Odometry:
         for frame, reference in self._references(place_expected):
             if frame is self._found and first.status is not Status.FAILED:
                 continue
+            if first is not None and reference is self._window.latest.features and first.score < _GLIMMER * p.decision.min_score:
+                # It is a part of the map.
+                continue
             guess = Prior(frame.pose.inverse() @ place_expected, prior.covariance)
             registration, seen = self._match(reference, frame.pose, features, still, guess)
             first = first or registration
