@@ -1,7 +1,6 @@
-"""The local map: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
+"""The window: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
 import cmath
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -165,7 +164,7 @@ class Window:
         older = [frame for frame in self.frames[:-1] if frame.known]
         if not older:
             return latest.features
-        return dataclasses.replace(latest.features, around=seen_around(older, latest, latest.features.density))
+        return replace(latest.features, around=seen_around(older, latest, latest.features.density))
 
     def with_frame(self, frame, size, latest=True):
         """A window of at most `size` key frames with one more, the `latest` or the one before it."""
