@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .alignment import derivatives, mean_square, normal_equations, shared_information
-from .free_direction import weakest_direction
+from .free_direction import between_walls, slanted, weakest_direction, without_slant
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
 from .rotation import wrap_period
@@ -134,6 +134,10 @@ def match_covariance(error, weight, rows, own, noise, parameters: DecisionParame
         chance, or cannot.
     """
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
+    angle, weak, _ = weakest_direction(shared)
+    if weak < parameters.vague_information and between_walls(shared, angle):
+        which = slanted(rows, angle, parameters.slant)
+        shared = shared_information(without_slant(rows, which, angle), weight, without_slant(own, which, angle))
     points = float(weight.sum())
     held = what_holds(information, shared, points, parameters)
     if free_way:

@@ -26,6 +26,40 @@ def weakest_direction(information):
     return 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi, max(half - root, 0.0), half + root
 
 
+def between_walls(information, angle):
+    """Whether all but few points face across the direction `angle` [rad], by their `information` ``(3, 3)``: not so in a round room."""
+    (xx, xy, _), (_, yy, _), _ = information.tolist()
+    c, s = math.cos(angle), math.sin(angle)
+    return c * c * xx + 2.0 * c * s * xy + s * s * yy < _FEW * (xx + yy)
+
+
+def slanted(rows, angle, least):
+    """``(P,)`` bool: the points whose normals have less than a component of `least` along the direction `angle` [rad].
+
+    The walls they lie on are all but along it. They would hold the way along it by their slant; but where all points of one are
+    off by 1 cm, a range that is too long or a map that is too narrow, the way is off by 10 cm if the slant is 6 deg.
+
+    Parameters
+    ----------
+    rows : (3 or more, P) array
+        `alignment.derivatives`.
+    """
+    return np.abs(_along(rows, angle)) < least * np.hypot(rows[0], rows[1])
+
+
+def without_slant(rows, which, angle):
+    """`alignment.derivatives` as if the walls of the points `which`, a mask, were exactly along the direction `angle` [rad]."""
+    along = which * _along(rows, angle)
+    rows = rows.copy()
+    rows[0] -= math.cos(angle) * along
+    rows[1] -= math.sin(angle) * along
+    return rows
+
+
+def _along(rows, angle):
+    return math.cos(angle) * rows[0] + math.sin(angle) * rows[1]
+
+
 def search_free_direction(candidates, angles, reference, current, parameters, density):
     """Slide each candidate along its direction to where the few points that face that way fit best.
 
@@ -62,3 +96,7 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
         best = value.argmax(axis=1)
         candidates = candidates + shift[best][:, None] * along
     return candidates
+
+
+_FEW = 0.1
+"""Share of all information about translations that a few points hold along a corridor, at most."""

@@ -366,6 +366,8 @@ class DecisionParameters(ParameterGroup):
                                        0.01, 100000.0)
     vague: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
     vague_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
+    slant: float = parameter(0.25, 'points whose normals have less than this component along the weakest direction do not count '
+                             'among those: where their wall lies is not known well enough', '', 0.0, 1.0)
     covariance_scale: float = parameter(0.7, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)
     few: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,

@@ -1,12 +1,14 @@
 """Where a scan lies among the key frames: aligned with all of them at once, and how well they hold it there."""
 import cmath
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from .alignment import NO_STEP, kernel, normal_equations, shared_information
 from .decision import judge, match_covariance, match_segments, motion_along, motion_around, own_derivatives
+from .free_direction import between_walls, slanted, weakest_direction, without_slant
 from .parameters import Parameters
 from .records import Features, Registration
 from .se2 import SE2, turned
@@ -40,14 +42,28 @@ def place(window: Window, features: Features, pose: SE2, expected: SE2, known, f
     strength = max(p.prior.point, features.noise) ** 2 * turned(known, expected.theta)
     if turns:
         pose = expected
-    partners = window.partners(pose, features.dense_cloud, p.density)
+    partners = _partners(window, pose, features, free, p)
     if free is not None or turns:
         strength = _stiffened(strength, features, pose, partners, free, turns, p)
     pose = align(partners, pose, expected, strength, scales[:-1], damping)
     # Points that lie close together have other partners soon, points far apart hardly.
     if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
-        partners = window.partners(pose, features.dense_cloud, p.density)
+        partners = _partners(window, pose, features, free, p)
     return align(partners, pose, expected, strength, scales[-1:], damping), partners
+
+
+def _partners(window, pose, features, free, p):
+    """`Window.partners`, walls without the slant by which alone they would hold the scan along a direction, that is `free` [rad]."""
+    partners = window.partners(pose, features.dense_cloud, p.density)
+    _, weight = partners.match(NO_STEP, p.refinement.window_first_scale)
+    information = normal_equations(partners.rows[:3], weight)
+    if free is None:
+        free, weak, strong = weakest_direction(information)
+        if weak >= _HELD * strong:
+            return partners
+    if not between_walls(information, free):
+        return partners
+    return replace(partners, rows=without_slant(partners.rows, slanted(partners.rows, free, p.decision.slant), free))
 
 
 def _stiffened(strength, features, pose, partners, free, turns, p):
@@ -120,6 +136,8 @@ def _own_derivatives(features, pose, partners):
     return own_derivatives(cloud.sharpened(cloud.normals).take(partners.index), pose.theta, partners.arms)
 
 
+_HELD = 0.02
+"""Share of the information across a direction from which on that along it is no matter of slants."""
 _STALE = 0.25
 """Share of a cell of the table: a scan that has moved farther may have other partners."""
 _LEAST_SHARED = 1e-3
