@@ -1,13 +1,16 @@
 """Where a scan lies among several key frames, and how firmly."""
+import dataclasses
 import math
 
+import numpy as np
 import pytest
-from rooms import FULL, L_ROOM, look, outline
+from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.features import extract_features
 from dbscan_reg_ros.core.parameters import Parameters
-from dbscan_reg_ros.core.placement import seen_by_all
-from dbscan_reg_ros.core.records import Status
+from dbscan_reg_ros.core.placement import place, seen_by_all
+from dbscan_reg_ros.core.records import Prior, Status
+from dbscan_reg_ros.core.registration import register
 from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.core.window import KeyFrame, Window
 
@@ -30,3 +33,37 @@ def test_the_way_that_all_key_frames_leave_free_is_told_in_the_frame_of_the_late
     found = seen_by_all(Window(map(KeyFrame, before, poses)), features, poses[2], Parameters())
     assert found.status is Status.DEGENERATE
     assert math.sin(poses[1].theta + found.free_direction) == pytest.approx(0.0, abs=0.01)
+
+
+def funnel(degrees):
+    """Walls along x, 2 m apart in the middle, each turned by so much towards the other."""
+    rise = 20.0 * math.tan(math.radians(degrees))
+    return outline([(-20.0, -1.0 - rise), (20.0, -1.0 + rise), (20.0, 1.0 - rise), (-20.0, 1.0 + rise)])[::2]
+
+
+def along_a_funnel(degrees, slant):
+    """A registration and a place [m] along the walls of a scan whose ranges are 1.5 cm too long; 0: where it is expected, and is."""
+    defaults, walls, here = Parameters(), funnel(degrees), SE2(0.3, 0.0, 0.0)
+    p = dataclasses.replace(defaults, decision=dataclasses.replace(defaults.decision, slant=slant))
+    poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
+    frames = [KeyFrame(extract_features(look(walls, pose, HALF, 0.005, k), p), pose) for k, pose in enumerate(poses)]
+    scan = look(walls, here, HALF, 0.005, 9)
+    features = extract_features(dataclasses.replace(scan, ranges=scan.ranges + 0.015), p)
+    spread = np.diag((0.02, 0.02, 0.01)) ** 2
+    registration = register(frames[-1].features, features, p, Prior(SE2(0.05, 0.0, 0.0), spread))
+    pose, _ = place(Window(frames), features, here, here, np.linalg.inv(spread), registration.free_direction, False, p)
+    return registration, pose.x - here.x
+
+
+@pytest.mark.parametrize('degrees', [2, 4, 6])
+def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
+    """Their slant would: a corridor that is 3 cm wider is one 0.1 to 0.4 m farther back."""
+    usual = Parameters().decision.slant
+    registration, off = along_a_funnel(degrees, usual)
+    assert registration.status is Status.DEGENERATE and math.sin(registration.free_direction) == pytest.approx(0.0, abs=0.02)
+    assert abs(off) < 0.005
+    assert along_a_funnel(degrees, 0.0)[1] < -0.05
+
+
+def test_a_slant_is_all_that_calls_a_funnel_ok():
+    assert along_a_funnel(6, 0.0)[0].status is Status.OK
