@@ -42,9 +42,13 @@ def funnel(degrees):
 
 
 def along_a_funnel(degrees, slant):
-    """A registration and a place [m] along the walls of a scan whose ranges are 1.5 cm too long; 0: where it is expected, and is."""
+    """A registration and a place [m] along the walls of a scan whose ranges are 1.5 cm too long; 0: where it is expected, and is.
+
+    The thresholds of slants are `slant` times as large as usual.
+    """
     defaults, walls, here = Parameters(), funnel(degrees), SE2(0.3, 0.0, 0.0)
-    p = dataclasses.replace(defaults, decision=dataclasses.replace(defaults.decision, slant=slant))
+    decision, free = (dataclasses.replace(each, slant=slant * each.slant) for each in (defaults.decision, defaults.free))
+    p = dataclasses.replace(defaults, decision=decision, free=free)
     poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
     frames = [KeyFrame(extract_features(look(walls, pose, HALF, 0.005, k), p), pose) for k, pose in enumerate(poses)]
     scan = look(walls, here, HALF, 0.005, 9)
@@ -58,8 +62,7 @@ def along_a_funnel(degrees, slant):
 @pytest.mark.parametrize('degrees', [2, 4, 6])
 def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
     """Their slant would: a corridor that is 3 cm wider is one 0.1 to 0.4 m farther back."""
-    usual = Parameters().decision.slant
-    registration, off = along_a_funnel(degrees, usual)
+    registration, off = along_a_funnel(degrees, 1.0)
     assert registration.status is Status.DEGENERATE and math.sin(registration.free_direction) == pytest.approx(0.0, abs=0.02)
     assert abs(off) < 0.005
     assert along_a_funnel(degrees, 0.0)[1] < -0.05

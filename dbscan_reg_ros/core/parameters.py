@@ -352,6 +352,8 @@ class FreeDirectionParameters(ParameterGroup):
     scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
     facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)
     min_points: int = parameter(2, 'no search with fewer such points', '', 1, 1000)
+    slant: float = parameter(0.25, 'points whose normals have less than this component along it do not pull a scan along it when it '
+                             'is aligned with the window', '', 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -366,7 +368,7 @@ class DecisionParameters(ParameterGroup):
                                        0.01, 100000.0)
     vague: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
     vague_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
-    slant: float = parameter(0.25, 'points whose normals have less than this component along the weakest direction do not count '
+    slant: float = parameter(0.15, 'points whose normals have less than this component along the weakest direction do not count '
                              'among those: where their wall lies is not known well enough', '', 0.0, 1.0)
     covariance_scale: float = parameter(0.7, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
                                         10000.0)

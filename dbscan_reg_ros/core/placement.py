@@ -63,7 +63,7 @@ def _partners(window, pose, features, free, p):
             return partners
     if not between_walls(information, free):
         return partners
-    return replace(partners, rows=without_slant(partners.rows, slanted(partners.rows, free, p.decision.slant), free))
+    return replace(partners, rows=without_slant(partners.rows, slanted(partners.rows, free, p.free.slant), free))
 
 
 def _stiffened(strength, features, pose, partners, free, turns, p):
