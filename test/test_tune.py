@@ -95,7 +95,7 @@ def test_a_bad_start_gets_better_and_the_result_is_a_parameter_file(words, recor
 
 def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path, size):
     """Within 10 % of their error over 1 m; with --long in 200 trials on the whole log."""
-    trials, scans = size((6, 500), (200, 5505))
+    trials, scans = size((10, 500), (200, 5505))
     intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
     write_parameters(bad, NodeParameters().replace(BAD | {
         'refinement.damping': 0.1, 'density.reach': 2.0, 'density.violation': 3.5, 'density.cell': 0.5, 'selection.sieve_tolerance': 1.25}))
