@@ -55,8 +55,7 @@ def place(window: Window, features: Features, pose: SE2, expected: SE2, known, f
 def _partners(window, pose, features, free, p):
     """`Window.partners`, walls without the slant by which alone they would hold the scan along a direction, that is `free` [rad]."""
     partners = window.partners(pose, features.dense_cloud, p.density)
-    _, weight = partners.match(NO_STEP, p.refinement.window_first_scale)
-    information = normal_equations(partners.rows[:3], weight)
+    information = partners.equations(NO_STEP, p.refinement.window_first_scale)[:3, :3]
     if free is None:
         free, weak, strong = weakest_direction(information)
         if weak >= _HELD * strong:
