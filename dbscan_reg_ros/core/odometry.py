@@ -49,9 +49,10 @@ class Odometry:
     def parameters(self, parameters):
         self._parameters = self._search = parameters
         if parameters.odometry.reference == 'window':
-            # The window has the last word on the pose.
+            # The window has the last word on the pose. What it does not hold a scan by, a single key frame does not either.
             less = dataclasses.replace(parameters.refinement, polish=0)
-            self._search = dataclasses.replace(parameters, refinement=less)
+            steep = dataclasses.replace(parameters.decision, slant=max(parameters.decision.slant, parameters.free.slant))
+            self._search = dataclasses.replace(parameters, refinement=less, decision=steep)
 
     def reset(self, pose: SE2 = SE2()):
         """Forget everything; the next scan starts anew at `pose`."""
