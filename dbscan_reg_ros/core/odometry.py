@@ -14,7 +14,7 @@ from .manhattan import ManhattanFrame
 from .motion import Motion, leap
 from .moving import standing
 from .parameters import Parameters
-from .placement import facing, place, place_uncertainty, seen_by_all, sees_more
+from .placement import facing, place, place_uncertainty, sees_more
 from .posts import with_posts
 from .range_noise import UsualShare
 from .records import Features, OdometryUpdate, Prior, Registration, Status
@@ -219,10 +219,6 @@ class Odometry:
                 self._pending = self._pending or pose
         if faint is not None:
             return faint
-        if first.status is Status.FAILED and len(self._window.frames) > 1 and precise:
-            together = seen_by_all(self._window, still, place_expected, p)
-            if together.status is not Status.FAILED:
-                return _Found(self._window.latest, place_expected, together, still)
         return _Found(None, None, first, None)
 
     def _learn(self, told, found, worth):

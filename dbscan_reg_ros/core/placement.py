@@ -1,16 +1,14 @@
 """Where a scan lies among the key frames: aligned with all of them at once, and how well they hold it there."""
 import cmath
-import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from .alignment import NO_STEP, kernel, normal_equations, shared_information
-from .decision import judge, match_covariance, match_segments, motion_along, motion_around, own_derivatives
+from .alignment import NO_STEP, normal_equations, shared_information
+from .decision import match_covariance, motion_along, motion_around, own_derivatives
 from .free_direction import between_walls, slanted, weakest_direction, without_slant
 from .parameters import Parameters
-from .records import Features, Registration
+from .records import Features
 from .se2 import SE2, turned
 from .window import Partners, Window, align
 
@@ -92,23 +90,6 @@ def place_uncertainty(features: Features, pose: SE2, partners: Partners, p: Para
     own = _own_derivatives(features, pose, partners)
     covariance, held = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision, free_way, free_turn)
     return turned(covariance, -pose.theta), held
-
-
-def seen_by_all(window: Window, features: Features, pose: SE2, p: Parameters) -> Registration:
-    """The scan at `pose`, and whether the key frames together see it there where no single one does."""
-    cloud, latest = features.dense_cloud, window.latest
-    partners = window.partners(pose, cloud, p.density)
-    # Each point as the key frame that knows it best has it: faint agreement with many is none.
-    seen = np.zeros(len(cloud))
-    np.maximum.at(seen, partners.index, kernel(partners.rows[3], p.refinement.score_scale))
-    overlap = float(cloud.weighed(seen).sum()) / max(float(cloud.weighed(np.ones(len(cloud))).sum()), 1e-9)
-    covariance, held = place_uncertainty(features, pose, partners, p)
-    status, reason = judge(overlap, math.inf, held, p.decision)
-    free = math.remainder(held.angle - latest.pose.theta, math.pi) if held.weak < p.decision.min_information else None
-    transform = latest.pose.inverse() @ pose
-    matches = partial(match_segments, latest.features.segments, features.segments, transform, p.decision)
-    return Registration(transform, covariance, status, overlap, overlap, (), free, matches, reason, held.weak,
-                        held.turn < p.decision.min_information)
 
 
 def facing(features: Features, pose: SE2, angle, p: Parameters):
