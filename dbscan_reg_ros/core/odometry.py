@@ -174,17 +174,12 @@ class Odometry:
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
         around, usual_around = self._motion.reach(prior, place_expected, p), self._motion.reach(own, usual, p)
         slips = expected.told and not self._agrees(place_expected, usual, own.covariance)
-        first, faint, angle, pending = None, None, None, self._pending
+        tried, faint, angle, pending = [], None, None, self._pending
         self._pending = None
-        for frame, reference in self._references(place_expected):
-            if frame is self._found and first.status is not Status.FAILED:
-                continue
-            if first is not None and reference is self._window.latest.features and first.score < _GLIMMER * p.decision.min_score:
-                # It is a part of the map.
-                continue
+        for frame, reference in self._references(place_expected, tried):
             guess = Prior(frame.pose.inverse() @ place_expected, prior.covariance)
             registration, seen = self._match(reference, frame.pose, features, still, guess)
-            first = first or registration
+            tried.append(registration)
             if registration.status is Status.FAILED:
                 continue
             pose, angle = _level(frame, registration, place_expected, angle)
@@ -217,9 +212,7 @@ class Odometry:
                         self._motion.lose()
                     return found
                 self._pending = self._pending or pose
-        if faint is not None:
-            return faint
-        return _Found(None, None, first, None)
+        return faint or _Found(None, None, tried[0], None)
 
     def _learn(self, told, found, worth):
         """Learn what is wrong with a motion that was `told`, now that it is `found`."""
@@ -229,15 +222,18 @@ class Odometry:
         else:
             self._systematic = SystematicError()
 
-    def _references(self, expected):
-        """The local map, the latest key frame alone, the last scan that was found if it is none, and then the nearest of the older
-        key frames: each with what a scan is compared to.
+    def _references(self, expected, tried):
+        """What a scan is compared to, one after the other, each with the key frame whose frame it is in; `tried` holds the results.
+
+        The local map, and the nearest of the older key frames at last. In between the latest key frame, a part of the map, if
+        that was no complete failure, and the last scan that was found, if it was one.
         """
         *older, latest = self._window.frames
         yield latest, self._window.local_map
-        if self._window.local_map is not latest.features:
+        if self._window.local_map is not latest.features and self._glimmers(tried[0]):
             yield latest, latest.features
-        if self._found is not None and abs((latest.pose.inverse() @ expected).theta) > self.parameters.odometry.keyframe_angle:
+        turned_away = abs((latest.pose.inverse() @ expected).theta) > self.parameters.odometry.keyframe_angle
+        if self._found is not None and turned_away and tried[0].status is Status.FAILED:
             yield self._found, self._found.features
         older.sort(key=lambda frame: math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y))
         yield from ((frame, frame.features) for frame in older[:self.parameters.odometry.retries])
@@ -252,12 +248,16 @@ class Odometry:
         registration = register(reference, still, self._search, guess, self._near)
         # Where scores are too low for a search near the prior to be enough they are so for a while.
         self._near = registration.score > p.prior.enough
-        if registration.status is not Status.FAILED or registration.score < _GLIMMER * p.decision.min_score:
+        if registration.status is not Status.FAILED or not self._glimmers(registration):
             return registration, still
         there = standing(features, pose @ registration.transform, self._window, p)
         if there.normals is still.normals:
             return registration, still
         return register(reference, there, self._search, guess), there
+
+    def _glimmers(self, registration):
+        """Whether a place that may have failed is worth a second look."""
+        return registration.score >= _GLIMMER * self.parameters.decision.min_score
 
     def _agrees(self, pose, expected, covariance, share=1.0):
         """Whether the pose lies within `share` of `prior.limit` of what is expected."""
