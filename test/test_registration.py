@@ -268,7 +268,7 @@ def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
                                    'selection.widen': 4})
     expected = {'rotation.hypotheses': 12, 'selection.heaviest': 20, 'selection.candidates': 20, 'selection.refined': 8,
                 'selection.widen': 1}
-    assert narrow.widened() == narrow.replace(expected)
+    assert narrow.widened == narrow.replace(expected)
 
 
 def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):

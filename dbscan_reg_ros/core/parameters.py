@@ -6,6 +6,7 @@ classes. A full name is ``group.field``, for example ``rotation.sigma``.
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from .errors import ParameterError
 
@@ -494,6 +495,7 @@ class Parameters(ParameterTree):
                 raise ParameterError(f'{group}.{name}_min = {least}: expected at most {group}.{name}_max, which is {greatest}; '
                                      'set both at once, or first the one that still fits')
 
+    @cached_property
     def widened(self):
         """The same with a search of more hypotheses, which is not repeated."""
         more = self.selection.widen

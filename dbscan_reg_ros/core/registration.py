@@ -55,7 +55,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     found = select(sure, translations.transform[:most], reference, current, p, prior)
     doubtful = found.score < p.selection.doubt or prior is None and found.status is not Status.OK
     if doubtful and p.selection.widen > 1:
-        wide = register(reference, current, p.widened(), prior, near=False)
+        wide = register(reference, current, p.widened, prior, near=False)
         if wide.score > found.score + p.selection.better:
             return wide
     return found
