@@ -353,8 +353,8 @@ class FreeDirectionParameters(ParameterGroup):
     scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
     facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)
     min_points: int = parameter(2, 'no search with fewer such points', '', 1, 1000)
-    slant: float = parameter(0.25, 'points whose normals have less than this component along it do not pull a scan along it when it '
-                             'is aligned with the window', '', 0.0, 1.0)
+    slant: float = parameter(0.25, 'odometry: points whose normals have less than this component along it do not hold a scan there, '
+                             'nor does the window pull it along by them', '', 0.0, 1.0)
 
 
 @dataclass(frozen=True)
