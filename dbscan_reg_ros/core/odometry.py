@@ -225,17 +225,22 @@ class Odometry:
     def _references(self, expected, tried):
         """What a scan is compared to, one after the other, each with the key frame whose frame it is in; `tried` holds the results.
 
-        The local map, and the nearest of the older key frames at last. In between the latest key frame, a part of the map, if
-        that was no complete failure, and the last scan that was found, if it was one.
+        The local map, and the nearest of the older key frames at last. In between the latest key frame, and the last scan that
+        was found, if it was one. Where the map failed completely its parts would, too: of the key frames only those are left that
+        lie nearer to where the scan is expected than the latest.
         """
         *older, latest = self._window.frames
         yield latest, self._window.local_map
-        if self._window.local_map is not latest.features and self._glimmers(tried[0]):
+        glimmers = self._glimmers(tried[0])
+        if glimmers and self._window.local_map is not latest.features:
             yield latest, latest.features
         turned_away = abs((latest.pose.inverse() @ expected).theta) > self.parameters.odometry.keyframe_angle
         if self._found is not None and turned_away and tried[0].status is Status.FAILED:
             yield self._found, self._found.features
-        older.sort(key=lambda frame: math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y))
+
+        def way(frame):
+            return math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y)
+        older = sorted((frame for frame in older if glimmers or way(frame) < way(latest)), key=way)
         yield from ((frame, frame.features) for frame in older[:self.parameters.odometry.retries])
 
     def _match(self, reference, pose, features, still, guess):
