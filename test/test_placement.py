@@ -7,6 +7,7 @@ import pytest
 from rooms import HALF, look, outline
 
 from dbscan_reg_ros.core.features import extract_features
+from dbscan_reg_ros.core.odometry import Odometry
 from dbscan_reg_ros.core.parameters import Parameters
 from dbscan_reg_ros.core.placement import place
 from dbscan_reg_ros.core.records import Prior, Status
@@ -50,3 +51,12 @@ def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
 
 def test_a_slant_is_all_that_calls_a_funnel_ok():
     assert along_a_funnel(6, 0.0)[0].status is Status.OK
+
+
+def test_in_the_odometry_steeper_walls_hold_nothing_either():
+    first, second = (look(funnel(11), SE2(0.05 * k, 0.0, 0.0), HALF, 0.005, k) for k in range(2))
+    second = dataclasses.replace(second, stamp=100_000_000)
+    assert register(extract_features(first), extract_features(second)).status is Status.OK
+    odometry = Odometry()
+    odometry.process(first)
+    assert odometry.process(second).status is Status.DEGENERATE

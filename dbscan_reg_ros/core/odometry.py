@@ -163,10 +163,10 @@ class Odometry:
         return features, time
 
     def _register(self, features, expected):
-        """Register to the latest key frame, or where that leads nowhere to the last scan that was found, or to older key frames.
+        """Register to the local map, or where that leads nowhere, or leaves a direction free, to other `_references`.
 
-        Those are asked, too, where the latest leaves a direction free. What moves is left out where the motion is expected to
-        better than the margin. A direction that the scans leave free is left to what was expected.
+        What moves is left out where the motion is expected to better than the margin. A direction that the scans leave free is
+        left to what was expected.
         """
         p, (place_expected, prior, usual, own, time) = self.parameters, expected
         precise = prior.spread < p.odometry.moving_margin
