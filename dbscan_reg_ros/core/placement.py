@@ -84,7 +84,7 @@ def _stiffened(strength, features, pose, partners, free, turns, p):
     return stiffened
 
 
-def place_uncertainty(features: Features, pose: SE2, partners: Partners, p: Parameters, free_way=False, free_turn=False):
+def place_uncertainty(features: Features, pose: SE2, partners: Partners, p: Parameters, free_way, free_turn):
     """Covariance ``(3, 3)`` of a scan's place at `pose`, in its own frame, and what holds it: `decision.match_covariance`."""
     error, weight = partners.match(partners.step(pose), p.refinement.score_scale)
     own = _own_derivatives(features, pose, partners)
