@@ -6,6 +6,7 @@ import pytest
 
 from dbscan_reg_ros.core.motion import Motion, leap
 from dbscan_reg_ros.core.parameters import Parameters
+from dbscan_reg_ros.core.records import Prior
 from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.core.timing import Interval
 
@@ -66,11 +67,25 @@ def test_the_longer_a_direction_was_free_the_farther_along_it_a_scan_may_be():
     motion = Motion(SE2())
     drive(motion, SE2(), 5, free=0.5 * math.pi, share=0.0)
     here = motion.expected(TICK, P)
-    reach = motion.reach(here, SE2(), P) - here.covariance
+    reach = motion.reach(here, SE2(), 0.0, P) - here.covariance
     assert reach[1, 1] == pytest.approx((0.5 * P.prior.acceleration * 0.5 ** 2) ** 2)
     assert abs(reach[0]).max() < 1e-12
     motion.wait(1000.0)
-    assert motion.reach(here, SE2(), P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.free.reach ** 2)
+    assert motion.reach(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.free.reach ** 2)
+
+
+def test_the_longer_scans_were_found_nowhere_the_farther_off_in_every_direction_one_may_be():
+    motion = Motion(SE2())
+    drive(motion, SE2(), 5)
+    here = motion.expected(TICK, P)
+    np.testing.assert_array_equal(motion.reach(here, SE2(), 0.0, P), here.covariance)
+    farther = motion.reach(here, SE2(), 0.5, P) - here.covariance
+    way, turn = (0.5 * each * 0.5 ** 2 for each in (P.prior.acceleration, P.prior.angular_acceleration))
+    np.testing.assert_allclose(farther, np.diag((way, way, turn)) ** 2, atol=1e-12)
+    most = motion.reach(here, SE2(), P.time.jump, P)
+    np.testing.assert_array_equal(motion.reach(here, SE2(), 1000.0, P), most)
+    told = Prior(SE2(), here.covariance)
+    np.testing.assert_array_equal(motion.reach(told, SE2(), 1000.0, P), told.covariance)
 
 
 def test_a_way_from_where_the_last_scan_only_may_have_been_is_no_motion():

@@ -76,17 +76,24 @@ class Motion:
         turn = min(math.hypot(p.least_angle, faster_turn, p.jitter * step.theta), farthest)
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
-    def reach(self, prior: Prior, expected: SE2, parameters: Parameters):
-        """Covariance of a scan that is `expected` by a prior: along a direction that was left free it may have gone faster since.
+    def reach(self, prior: Prior, expected: SE2, lost, parameters: Parameters):
+        """Covariance of a scan that is `expected` by a prior, when those before it were found nowhere for a time of `lost` [s].
 
-        No farther, though, than a place along it is searched for.
+        The motion may have changed since. Along a direction that was left free it may have done so before: no farther, though,
+        than a place along it is searched for.
         """
-        if self._free is None or prior.change is None:
-            return prior.covariance
-        angle = self._free - expected.theta
-        farther = min(0.5 * parameters.prior.acceleration * self._since ** 2, parameters.free.reach)
-        along = np.array((math.cos(angle), math.sin(angle), 0.0))
-        return prior.covariance + farther ** 2 * along[:, None] * along
+        covariance = prior.covariance
+        if prior.change is None:
+            return covariance
+        if lost:
+            way, turn = _changed(min(lost, parameters.time.jump), parameters)
+            covariance = covariance + np.diag((way, way, turn)) ** 2
+        if self._free is not None:
+            angle = self._free - expected.theta
+            farther = min(_changed(self._since, parameters)[0], parameters.free.reach)
+            along = np.array((math.cos(angle), math.sin(angle), 0.0))
+            covariance = covariance + farther ** 2 * along[:, None] * along
+        return covariance
 
     def follow(self, pose: SE2, time: Interval, free, share, turns, parameters: Parameters) -> SE2:
         """Go on to where the scan was found; the pose at its stamp is returned.
@@ -138,10 +145,15 @@ class Motion:
 def leap(time: Interval, parameters: Parameters):
     """Covariance ``(3, 3)`` of a motion of which nothing is known."""
     p = parameters.prior
-    lasted = min(time.elapsed if time.gap else time.interval, parameters.time.jump)
-    sigma = math.hypot(p.unknown, 0.5 * p.acceleration * lasted ** 2)
-    turn = min(math.hypot(p.unknown_angle, 0.5 * p.angular_acceleration * lasted ** 2), 1.0)
+    way, turn = _changed(min(time.elapsed if time.gap else time.interval, parameters.time.jump), parameters)
+    sigma, turn = math.hypot(p.unknown, way), min(math.hypot(p.unknown_angle, turn), _MOST_TURN)
     return np.diag([sigma, sigma, turn]) ** 2
+
+
+def _changed(lasted, parameters):
+    """How far [m] and by which turn [rad] a motion may have left its course in a time [s]."""
+    p, half = parameters.prior, 0.5 * lasted ** 2
+    return p.acceleration * half, min(p.angular_acceleration * half, _MOST_TURN)
 
 
 def travel(twist, time) -> SE2:
@@ -149,6 +161,8 @@ def travel(twist, time) -> SE2:
     return SE2.from_array(twist * time)
 
 
+_MOST_TURN = 1.0
+"""Spread [rad] of a turn of which nothing is known."""
 _ALIKE = 1.5
 """Intervals whose ratio is less are the same but for what stamps jitter."""
 _WANDERS = 1.5

@@ -172,7 +172,7 @@ class Odometry:
         precise = prior.spread < p.odometry.moving_margin
         still = standing(features, place_expected, self._window, p) if precise else features
         vague = prior.spread > p.decision.vague or p.prior.limit * prior.angular_spread > _QUARTER
-        around, usual_around = self._motion.reach(prior, place_expected, p), self._motion.reach(own, usual, p)
+        around, usual_around = (self._motion.reach(each, at, self._lost, p) for each, at in ((prior, place_expected), (own, usual)))
         slips = expected.told and not self._agrees(place_expected, usual, own.covariance)
         tried, faint, angle, pending = [], None, None, self._pending
         self._pending = None
