@@ -286,6 +286,9 @@ class SelectionParameters(ParameterGroup):
     doubt: float = parameter(0.5, 'below this score, and without a prior where the result is not ok, the search is repeated with '
                              'more hypotheses', '', -1.0, 1.0)
     widen: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
+    landmarks: int = parameter(24, 'then two small things that stand free, as far apart in both scans, tell a motion as well: the '
+                               'nearest so many; 0: none', '', 0, 50)
+    landmark_size: float = parameter(1.0, 'they are smaller than this', 'm', 0.0, 10.0)
     better: float = parameter(0.02, 'its result has to score so much more', '', 0.0, 2.0)
     finalists: int = parameter(2, 'hypotheses refined finely and compared,', '', 1, 1000)
     clear: float = parameter(0.4, 'unless they score lower than the best by more than this', '', 0.0, 2.0)

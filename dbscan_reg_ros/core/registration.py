@@ -9,10 +9,11 @@ from .alignment import Fit, fit, next_step, polish, refine
 from .decision import decide, failed
 from .divergence import select_by_divergence
 from .free_direction import search_free_direction, weakest_direction
+from .landmarks import landmark_motions
 from .parameters import Parameters
 from .records import Features, Prior, Registration, Status
 from .rotation import estimate_rotations, pair_weights
-from .selection import distinct, hopeful, reverse_violation, same, score, sieve, surprise
+from .selection import distinct, hopeful, not_ruled_out, reverse_violation, score, sieve, surprise
 from .surface import sample
 from .translation import estimate_translations
 
@@ -52,7 +53,10 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     sure, most = translations.shortest, p.selection.heaviest
     if prior is not None:
         sure, most = np.concatenate((prior.transform.as_array()[None], sure)), p.selection.candidates
-    found = select(sure, translations.transform[:most], reference, current, p, prior)
+    candidates = translations.transform[:most]
+    if p.selection.landmarks and p.selection.widen == 1:
+        candidates = np.concatenate((landmark_motions(reference, current, p, prior), candidates))
+    found = select(sure, candidates, reference, current, p, prior)
     doubtful = found.score < p.selection.doubt or prior is None and found.status is not Status.OK
     if doubtful and p.selection.widen > 1:
         wide = register(reference, current, p.widened, prior, near=False)
@@ -70,11 +74,11 @@ def register_near(reference: Features, current: Features, parameters: Parameters
 
 def search_near(prior, reference, current, rotations, weights, p, least):
     """The best of what the prior does not rule out; None where it scores no more than `least`."""
-    expected, reach, turn = prior.transform.as_array(), p.prior.limit * prior.spread, p.prior.limit * prior.angular_spread
-    near = rotations.near(expected[2], turn)
+    expected = prior.transform.as_array()
+    near = rotations.near(expected[2], p.prior.limit * prior.angular_spread)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform
-    candidates = candidates[same(candidates, expected, reach, turn)]
+    candidates = candidates[not_ruled_out(candidates, prior, p.prior)]
     return select(expected[None], candidates[:p.selection.candidates], reference, current, p, prior, least)
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from . import alignment
-from .parameters import DensityParameters, SelectionParameters
+from .parameters import DensityParameters, PriorParameters, SelectionParameters
 from .records import Features
 from .se2 import wrap
 from .surface import Cloud, View, in_front, sample
@@ -72,6 +72,12 @@ def surprise(candidates, prior):
     c, s = np.cos(expected.theta), np.sin(expected.theta)
     error = np.array((c * step[:, 0] + s * step[:, 1], c * step[:, 1] - s * step[:, 0], wrap(step[:, 2])))
     return (error * (inverse(prior.covariance) @ error)).sum(axis=0)
+
+
+def not_ruled_out(candidates, prior, parameters: PriorParameters):
+    """Which hypotheses ``(H, 3)`` lie within the limit of a prior."""
+    reach, turn = parameters.limit * prior.spread, parameters.limit * prior.angular_spread
+    return same(candidates, prior.transform.as_array(), reach, turn)
 
 
 def distinct(candidates, count, distance, angle):
