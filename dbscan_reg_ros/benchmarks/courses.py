@@ -260,10 +260,17 @@ def bursts(folder) -> list:
     return courses
 
 
+def outages(folder) -> list:
+    """A wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
+    courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx') for seed in SEEDS]
+    seconds = [1e-9 * (course.stamps - course.stamps[0]) for course in courses]
+    return [course.take(each % 15.0 < 11.0) for course, each in zip(courses, seconds, strict=True)]
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
     'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
-    'dropped': dropped, 'noise': noise, 'person': person,
+    'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""
