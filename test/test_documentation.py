@@ -5,8 +5,8 @@ import pytest
 
 from dbscan_reg_ros.node.parameters import NodeParameters
 
-DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/faq.md', 'doc/method.md', 'doc/node.md',
-             'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/reliability.md',
+DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md', 'doc/method.md',
+             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/reliability.md',
              'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
 
 
