@@ -25,7 +25,7 @@ SIMULATED = ('node', 'soak', 'covariance')
 """They need no recordings."""
 METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees',
-           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'dropped', 'noise', 'person')
+           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person')
 
 
 def main(argv=None) -> int:
