@@ -11,6 +11,10 @@ from dbscan_reg_ros.core.landmarks import landmark_motions
 from dbscan_reg_ros.core.posts import free_standing
 from dbscan_reg_ros.core.registration import register
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.figures.overlay import draw_overlay
+from dbscan_reg_ros.figures.sheet import SIZE
+from dbscan_reg_ros.figures.steps import Steps
+from dbscan_reg_ros.parameter_files import read_parameters
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.simulation import LIDARS
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -111,3 +115,17 @@ def test_after_four_seconds_without_a_scan_the_odometry_finds_itself_in_a_wood(d
             poses.append(poses[-1])
     way, turn = apart(*(relative(each[:1], each[-1:])[0] for each in (np.array(poses), course.reference)))
     assert way < 0.1 and turn < math.radians(1.0), f'{way:.2f} m off after a minute'
+
+
+def test_the_figure_of_a_pair_shows_the_landmarks_that_came_to_lie_on_one_another(drive, root):
+    from matplotlib.figure import Figure
+    pair = drive.scans[300], drive.scans[340]
+    steps = Steps.of(*pair, PARAMETERS)
+    moved = steps.registration.transform.apply(steps.current.landmarks)
+    apart = np.hypot(*(moved[:, None] - steps.reference.landmarks).T).min(axis=0)
+    assert len(apart) > 8 and np.count_nonzero(apart < 0.2) > 0.7 * len(apart)
+    figure = Figure(figsize=SIZE, layout='constrained')
+    draw_overlay(figure, steps)
+    shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
+    assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
+    assert not len(Steps.of(*pair, read_parameters(root / 'config' / 'paper.yaml')).current.landmarks), 'the paper knows none'

@@ -13,13 +13,19 @@ from .se2 import as_vectors
 from .selection import distinct, not_ruled_out
 
 
+def landmarks(features: Features, parameters: Parameters):
+    """Their middles (complex [m]), of the nearest first."""
+    things = free_standing(features, parameters.selection.landmark_size, parameters.segments)
+    return things.middle[things.nearest.argsort(kind='stable')[:parameters.selection.landmarks]]
+
+
 def landmark_motions(reference: Features, current: Features, parameters: Parameters, prior: Prior | None = None):
     """The motions ``(H, 3)`` that lay the current scan's landmarks best onto the reference's, best first.
 
     A pair of landmarks as far apart as one of the reference is a sample. Its support is the sum of the kernels (Eq. 16) of
     all landmarks' distances from the nearest one of the reference. What a `prior` rules out is left out.
     """
-    here, there = (_landmarks(each, parameters) for each in (reference, current))
+    here, there = (landmarks(each, parameters) for each in (reference, current))
     ways, steps = here - here[:, None], there - there[:, None]
     first, second = ways.nonzero()
     start, end = np.triu(steps).nonzero()
@@ -38,12 +44,6 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     support = kernel(missed, _CLOSE).sum(axis=1)
     motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _LEAST)]]
     return motions[distinct(motions, _MOST, 2.0 * _CLOSE, _CLOSE_TURN)]
-
-
-def _landmarks(features, parameters):
-    """Middles (complex [m]) of the nearest of them."""
-    things = free_standing(features, parameters.selection.landmark_size, parameters.segments)
-    return things.middle[things.nearest.argsort(kind='stable')[:parameters.selection.landmarks]]
 
 
 _CLOSE = 0.1

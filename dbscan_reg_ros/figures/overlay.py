@@ -4,7 +4,19 @@ import math
 import numpy as np
 
 from ..core.se2 import SE2
-from .style import CURRENT, CURRENT_POINTS, REFERENCE, REFERENCE_POINTS, alike, draw_segments, legend, panels, plane
+from .style import (
+    CURRENT,
+    CURRENT_LANDMARKS,
+    CURRENT_POINTS,
+    REFERENCE,
+    REFERENCE_LANDMARKS,
+    REFERENCE_POINTS,
+    alike,
+    draw_segments,
+    legend,
+    panels,
+    plane,
+)
 
 CONFIDENCE = 0.95
 THIN = {'linewidth': 0.9}
@@ -22,17 +34,21 @@ def draw_overlay(figure, steps):
                          f'{len(matched)} pairs of segments fit (thick)')
     alike(axes['before'], axes['after'])
     _draw_ellipse(axes['ellipse'], registration)
-    legend(axes['legend'], axes['after'], 4)
+    legend(axes['legend'], axes['after'], 3)
 
 
 def _draw_scans(axes, steps, moved, matched):
-    for column, (name, points, lines, motion) in enumerate((
-            ('reference', REFERENCE_POINTS, REFERENCE, SE2()), ('current', CURRENT_POINTS, CURRENT, moved))):
-        features = dict(steps.scans)[name].features
+    for column, (name, points, lines, around, motion) in enumerate((
+            ('reference', REFERENCE_POINTS, REFERENCE, REFERENCE_LANDMARKS, SE2()),
+            ('current', CURRENT_POINTS, CURRENT, CURRENT_LANDMARKS, moved))):
+        scan = dict(steps.scans)[name]
+        features = scan.features
         axes.plot(*motion.apply(features.points).T, label=f'{name}: points', **points)
         own = np.isin(np.arange(len(features.segments)), matched[:, column])
         draw_segments(axes, features.segments, lines | THIN, None, ~own, motion)
         draw_segments(axes, features.segments, lines, f'{name}: segments', own, motion)
+        if len(scan.landmarks):
+            axes.plot(*motion.apply(scan.landmarks).T, label=f'{name}: landmarks', **around)
 
 
 def _draw_ellipse(axes, registration):

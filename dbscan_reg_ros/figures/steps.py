@@ -5,12 +5,13 @@ import numpy as np
 
 from ..core.clustering import k_distances
 from ..core.features import extract_features, filtered_points, usable_points
+from ..core.landmarks import landmarks
 from ..core.parameters import Parameters
 from ..core.records import Features, Registration
 from ..core.registration import register
 from ..core.rotation import Rotations, estimate_rotations, pair_weights
 from ..core.scan import Scan
-from ..core.se2 import as_complex, wrap
+from ..core.se2 import as_complex, as_vectors, wrap
 from ..core.segments import find_breaks
 from ..core.translation import Translations, estimate_translations
 
@@ -28,6 +29,8 @@ class ScanSteps:
         What the filter did with each beam, an `Outcome`.
     breaks : (P - 1,) bool
         Between which of the features' points a breakpoint lies.
+    landmarks : (L, 2) float [m]
+        Those that the method knows.
     """
 
     features: Features
@@ -35,6 +38,7 @@ class ScanSteps:
     filtered: np.ndarray
     outcome: np.ndarray
     breaks: np.ndarray
+    landmarks: np.ndarray
 
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
@@ -44,7 +48,8 @@ class ScanSteps:
         filtered, outcome, *_ = filtered_points(scan, parameters)
         points = as_complex(features.points)
         breaks = find_breaks(points, np.abs(points), features.beams, scan.geometry, features.noise, parameters.segments)
-        return cls(features, measured, filtered, outcome, breaks)
+        known = landmarks(features, parameters)[:None if parameters.selection.method == 'density' else 0]
+        return cls(features, measured, filtered, outcome, breaks, as_vectors(known))
 
 
 @dataclass(frozen=True, eq=False)

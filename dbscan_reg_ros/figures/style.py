@@ -9,6 +9,8 @@ CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
 """Lines of the two scans: the second lies visibly on the first."""
 REFERENCE_POINTS = {'color': GREY, 'marker': 'o', 'markersize': 3.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+REFERENCE_LANDMARKS = {'color': GREY, 'marker': 'o', 'markersize': 13.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
+CURRENT_LANDMARKS = {'color': BLUE, 'marker': 'D', 'markersize': 9.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
 POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
 CLUSTERS = tuple({'color': color, 'marker': marker, 'markersize': 6.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
                  for color, marker in (('#d55e00', 'o'), (BLUE, 's'), ('#007a5a', '^'), ('#8a3d7a', 'D')))
