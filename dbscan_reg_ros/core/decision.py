@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .alignment import derivatives, mean_square, normal_equations, shared_information
-from .free_direction import between_walls, slanted, weakest_direction, without_slant
+from .free_direction import between_walls, weakest_direction, without_slant
 from .parameters import DecisionParameters, Parameters
 from .records import Features, Hypothesis, Prior, Registration, Segments, Status
 from .rotation import wrap_period
@@ -136,8 +136,8 @@ def match_covariance(error, weight, rows, own, noise, parameters: DecisionParame
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
     angle, weak, _ = weakest_direction(shared)
     if weak < parameters.vague_information and between_walls(shared, angle):
-        which = slanted(rows, angle, parameters.slant)
-        shared = shared_information(without_slant(rows, which, angle), weight, without_slant(own, which, angle))
+        straight, own_straight = (without_slant(each, angle, parameters.slant, of=rows) for each in (rows, own))
+        shared = shared_information(straight, weight, own_straight)
     points = float(weight.sum())
     held = what_holds(information, shared, points, parameters)
     if free_way:

@@ -33,23 +33,23 @@ def between_walls(information, angle):
     return c * c * xx + 2.0 * c * s * xy + s * s * yy < _FEW * (xx + yy)
 
 
-def slanted(rows, angle, least):
-    """``(P,)`` bool: the points whose normals have less than a component of `least` along the direction `angle` [rad].
+def without_slant(rows, angle, least, of=None):
+    """`alignment.derivatives` as if walls that are all but along the direction `angle` [rad] were exactly along it.
 
-    The walls they lie on are all but along it. They would hold the way along it by their slant; but where all points of one are
-    off by 1 cm, a range that is too long or a map that is too narrow, the way is off by 10 cm if the slant is 6 deg.
+    They would hold the way along it by their slant; but where all points of one are off by 1 cm, a range that is too long or a
+    map that is too narrow, the way is off by 10 cm if the slant is 6 deg.
 
     Parameters
     ----------
     rows : (3 or more, P) array
-        `alignment.derivatives`.
+    angle : float [rad]
+    least : float
+        The walls are those of points whose normals have less than this component along the direction.
+    of : (3 or more, P) array, optional
+        Derivatives by these normals; `rows` themselves when not given.
     """
-    return np.abs(_along(rows, angle)) < least * np.hypot(rows[0], rows[1])
-
-
-def without_slant(rows, which, angle):
-    """`alignment.derivatives` as if the walls of the points `which`, a mask, were exactly along the direction `angle` [rad]."""
-    along = which * _along(rows, angle)
+    of = rows if of is None else of
+    along = _along(rows, angle) * (np.abs(_along(of, angle)) < least * np.hypot(of[0], of[1]))
     rows = rows.copy()
     rows[0] -= math.cos(angle) * along
     rows[1] -= math.sin(angle) * along

@@ -6,7 +6,7 @@ import numpy as np
 
 from .alignment import NO_STEP, normal_equations, shared_information
 from .decision import match_covariance, motion_along, motion_around, own_derivatives
-from .free_direction import between_walls, slanted, weakest_direction, without_slant
+from .free_direction import between_walls, weakest_direction, without_slant
 from .parameters import Parameters
 from .records import Features
 from .se2 import SE2, turned
@@ -60,7 +60,7 @@ def _partners(window, pose, features, free, p):
             return partners
     if not between_walls(information, free):
         return partners
-    return replace(partners, rows=without_slant(partners.rows, slanted(partners.rows, free, p.free.slant), free))
+    return replace(partners, rows=without_slant(partners.rows, free, p.free.slant))
 
 
 def _stiffened(strength, features, pose, partners, free, turns, p):
