@@ -57,6 +57,11 @@ class Course:
         """(N,) int64 [ns]"""
         return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
 
+    @property
+    def seconds(self):
+        """(N,) float [s] since the first scan."""
+        return 1e-9 * (self.stamps - self.stamps[0])
+
     def take(self, chosen) -> 'Course':
         """The scans `chosen`, by index or mask."""
         def rows(values):
@@ -255,16 +260,14 @@ def bursts(folder) -> list:
             world = corridor(length=14.0, doors=4, seed=seed)
             there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:2])))
             course = simulated(there_and_back, lidar, seed=seed, speed=1.2, acceleration=1.0, turn_rate=1.6)
-            seconds = np.array([scan.stamp - course.scans[0].stamp for scan in course.scans]) * 1e-9
-            courses.append(course.take(seconds % 3.0 < 2.0))
+            courses.append(course.take(course.seconds % 3.0 < 2.0))
     return courses
 
 
 def outages(folder) -> list:
     """A wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
     courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx') for seed in SEEDS]
-    seconds = [1e-9 * (course.stamps - course.stamps[0]) for course in courses]
-    return [course.take(each % 15.0 < 11.0) for course, each in zip(courses, seconds, strict=True)]
+    return [course.take(course.seconds % 15.0 < 11.0) for course in courses]
 
 
 COURSES = {

@@ -14,7 +14,8 @@ from .courses import COURSES
 from .odometry import OURS, drive
 from .report import Report
 
-JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts', 'outages', 'trees', 'chairs')
+JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts', 'outages',
+          'trees', 'chairs')
 TRANSLATION, ROTATION = 0.2, 5.0
 """A motion is wrong when it is off by more than this [m], [deg]."""
 BOUNDS = {'step_silent_count': at_most(0), '1m_silent_count': at_most(0)}

@@ -34,7 +34,7 @@ def draw_overlay(figure, steps):
                          f'{len(matched)} pairs of segments fit (thick)')
     alike(axes['before'], axes['after'])
     _draw_ellipse(axes['ellipse'], registration)
-    legend(axes['legend'], axes['after'], 3)
+    legend(axes['legend'], axes['after'], 6)
 
 
 def _draw_scans(axes, steps, moved, matched):

@@ -48,8 +48,8 @@ class ScanSteps:
         filtered, outcome, *_ = filtered_points(scan, parameters)
         points = as_complex(features.points)
         breaks = find_breaks(points, np.abs(points), features.beams, scan.geometry, features.noise, parameters.segments)
-        known = landmarks(features, parameters)[:None if parameters.selection.method == 'density' else 0]
-        return cls(features, measured, filtered, outcome, breaks, as_vectors(known))
+        known = as_vectors(landmarks(features, parameters)) if parameters.selection.method == 'density' else np.empty((0, 2))
+        return cls(features, measured, filtered, outcome, breaks, known)
 
 
 @dataclass(frozen=True, eq=False)
