@@ -16,6 +16,7 @@ import yaml
 from .core.errors import ParameterError
 from .core.parameters import ParameterGroup
 from .node.parameters import NodeParameters, is_ros_parameter
+from .paths import check_file
 
 SOURCE = Path(__file__).parent.parent
 DEFAULTS_FILE = SOURCE / 'config' / 'scan_matcher.yaml'
@@ -124,6 +125,7 @@ for _yaml in (_Loader, _Dumper):
 
 
 def _load(path):
+    check_file(path, ParameterError)
     try:
         with open(path, encoding='utf-8') as file:
             text = file.read(LARGEST + 1)

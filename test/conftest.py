@@ -63,6 +63,15 @@ def data():
         pytest.skip(str(error))
 
 
+@pytest.fixture(scope='session')
+def cases():
+    """The folder of small recordings that show a fault each."""
+    folder = ROOT.parent / 'shared' / 'cases'
+    if not folder.is_dir():
+        pytest.skip(f'{folder}: no such folder of recordings')
+    return folder
+
+
 @pytest.fixture
 def domain_id():
     """A ROS domain that no other test uses at the same time, set for this process and its children."""

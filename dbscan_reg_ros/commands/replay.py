@@ -122,7 +122,7 @@ def write_results(folder, recording, track, spots, parameters, loops=None) -> li
     write_metrics(folder / 'metrics.json', recording, measures)
     title = f'{recording.name}: {len(poses)} scans'
     density = draw('map.png', poses, title)
-    summary = summarise(measures)
+    summary = [*(('note', note) for note in recording.notes), *summarise(measures)]
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
                  spots.found(), parameters, register_command(folder, recording))
     return [*shortened(recording.problems), *shortened(track.problems), *(f'{name:11} {value}' for name, value in summary)]

@@ -7,6 +7,8 @@ import numpy as np
 
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
+from ..paths import check_file
+from .bag_faults import fault_of, other_contents
 from .decompression import limit_decompression
 from .poses import FARTHEST, corrected, possible
 from .recording import Record, Recording
@@ -31,8 +33,8 @@ class Bag(Recording):
             for connection in reader.connections:
                 if connection.msgtype in counts:
                     counts[connection.msgtype][connection.topic] += connection.msgcount
-        if not counts[LASER_SCAN]:
-            raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; record a topic of that type')
+            if not counts[LASER_SCAN]:
+                raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
         self._choose(counts[LASER_SCAN], topic)
         self._truth_topic = _only(name for name in counts[ODOMETRY] if 'truth' in name)
         self._laser_topic = _only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
@@ -113,12 +115,15 @@ def open_reader(path):
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            check_file(file, RecordingError)
     limit_decompression()
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:
-        raise RecordingError(f'{path}: cannot be read as a bag: {describe(error)}') from error
+        raise RecordingError(fault_of(path, describe(error))) from error
     try:
         yield reader
     finally:
@@ -151,8 +156,8 @@ def safely(reader, connections, report, **window):
 
 
 def describe(error):
-    """An exception in one line."""
-    return ' '.join(str(error).split()) or type(error).__name__
+    """What an exception says, in one line."""
+    return ' '.join(str(error).split()) or 'no reason given'
 
 
 def _only(names):

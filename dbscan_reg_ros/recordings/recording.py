@@ -1,11 +1,14 @@
 """One interface to recorded scans, and the function that finds out what a file holds."""
 import gzip
+import shlex
 import zlib
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.scan import Scan
+from ..paths import check_file
+from .bag_faults import kind_of, unpacking_advice
 
 MOST_PROBLEMS = 1000
 """So many damaged parts of a recording are named."""
@@ -46,16 +49,21 @@ def is_bag(path) -> bool:
     """
     if path.is_dir():
         if not (path / 'metadata.yaml').exists():
-            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it')
+            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have its '
+                                 f'metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
         return True
+    check_file(path, RecordingError)
     try:
-        start = _start_of(path)
+        packed, start = _starts_of(path)
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
     if not start:
         raise RecordingError(f'{path}: the file is empty')
-    if start.startswith((b'#ROSBAG', b'SQLite format 3\0', b'\x89MCAP')):
+    kind = kind_of(start)
+    if kind and packed == start:
         return True
+    if kind or (advice := unpacking_advice(path, start)):
+        raise RecordingError(unpacking_advice(path, packed) if kind else advice)
     if b'\0' in start:
         raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
     return False
@@ -95,6 +103,12 @@ class Recording:
         stem = whole if self.path.is_dir() else whole.removesuffix('.gz').rpartition('.')[0] or whole
         self.name = stem.strip('.') or 'recording'
         self._problems = {}
+        self._notes = {}
+
+    @property
+    def notes(self) -> list:
+        """One line for each thing that had to be assumed to read the recording; nothing in it is damaged."""
+        return list(self._notes)
 
     @property
     def problems(self) -> list:
@@ -122,6 +136,9 @@ class Recording:
     def truth(self):
         """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
+    def _note(self, assumption):
+        self._notes[assumption] = None
+
     def _report(self, problem):
         if len(self._problems) >= MOST_PROBLEMS:
             problem = 'there are more problems than these'
@@ -132,19 +149,22 @@ class Recording:
         held = ', '.join(sorted(counts)) or 'none'
         if not counts:
             raise RecordingError(f'{self.path}: holds no laser scan')
-        if topic is None and len(counts) > 1:
-            raise RecordingError(f'{self.path}: choose one of its {len(counts)} topics of scans: {held}')
         if topic is not None and topic not in counts:
             raise RecordingError(f'{self.path}: no scans on {topic!r}; topics of scans: {held}')
-        self.topic = topic or next(iter(counts))
+        filled = [topic] if topic is not None else [name for name in sorted(counts) if counts[name]] or sorted(counts)
+        if len(filled) > 1:
+            raise RecordingError(f'{self.path}: choose one of its {len(filled)} topics of scans: {", ".join(filled)}')
+        self.topic = filled[0]
+        if topic is None and len(counts) > 1:
+            self._note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')
         self.count = counts[self.topic]
 
 
-def _start_of(path, size=512):
-    """The first bytes of a file, unpacked when it is gzip."""
+def _starts_of(path, size=512):
+    """The first bytes of a file as they are, and unpacked where it is gzip."""
     with open(path, 'rb') as file:
         start = file.read(size)
     if start.startswith(b'\x1f\x8b'):
         with gzip.open(path) as file:
-            return file.read1(size)
-    return start
+            return start, file.read1(size)
+    return start, start

@@ -42,6 +42,7 @@ from ..core.errors import RecordingError
 from ..core.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan, ScanGeometry
 from ..core.se2 import SE2
+from ..paths import check_file
 from .trajectories import finite_numbers
 
 FORMAT = 'dbscan_reg_ros snapshot'
@@ -136,6 +137,7 @@ def read_snapshot(path) -> Snapshot:
     RecordingError
         When the file cannot be read or is no snapshot.
     """
+    check_file(path, RecordingError)
     try:
         arrays = _arrays(path)
         described = json.loads(arrays['snapshot'].tobytes().decode())

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
+from ..paths import check_file
 from .decimals import nanoseconds, seconds
 from .files import replacing
 from .poses import FARTHEST, possible
@@ -104,6 +105,7 @@ def numbered_lines(path):
     RecordingError
         When the file cannot be read.
     """
+    check_file(path, RecordingError)
     try:
         lines = Path(path).read_text(encoding='utf-8').splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -1,0 +1,124 @@
+"""Why a bag cannot be opened and what helps, found in its own bytes and not in what a library says of them."""
+import shlex
+from pathlib import Path
+
+KINDS = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG ': 'ROS 1 bag'}
+"""How files of bags begin -> what they are."""
+ENDINGS = {'mcap': '.mcap', 'sqlite3': '.db3', 'ROS 1 bag': '.bag'}
+PACKED = {b'\x28\xb5\x2f\xfd': ('zstd', 'zstd -d'), b'\x1f\x8b': ('gzip', 'gunzip'), b'BZh': ('bzip2', 'bunzip2'),
+          b'\xfd7zXZ\0': ('xz', 'unxz'), b'PK\x03\x04': ('zip', 'unzip'), b'\x04\x22\x4d\x18': ('lz4', 'lz4 -d'),
+          b'7z\xbc\xaf\x27\x1c': ('7z', '7z x')}
+"""How compressed files begin -> their format, and the command that unpacks them."""
+MCAP_END = next(iter(KINDS))
+CONVERTERS = {'sensor_msgs/msg/PointCloud2': 'the ROS package pointcloud_to_laserscan',
+              'sensor_msgs/msg/MultiEchoLaserScan': 'the ROS package laser_proc'}
+"""Message type -> what makes laser scans of it."""
+
+
+def kind_of(start):
+    """What a file of a bag is by its first bytes, or None."""
+    return _by_start(KINDS, start)
+
+
+def unpacking_advice(path, start):
+    """That the file is compressed and how to unpack it, by its first bytes; None where it is not."""
+    packed = _by_start(PACKED, start)
+    if packed is None:
+        return None
+    name, command = packed
+    return f'{path}: a file compressed with {name}: unpack it, {command} {_quoted(path)}, and name the result' + (
+        ', or name its folder where there is a metadata.yaml' if name == 'zstd' else '')
+
+
+def fault_of(path, words) -> str:
+    """One line on why the bag at `path` cannot be opened and what helps.
+
+    Parameters
+    ----------
+    path : Path
+    words : str
+        What the reader said; shown where the bytes of the bag tell nothing better.
+    """
+    try:
+        found = _of_folder(path) if path.is_dir() else _of_file(path)
+    except OSError as error:
+        found = f'cannot be read: {error.strerror}'
+    return f'{path}: {found or f"damaged, or of a kind that is not known here ({words})"}'
+
+
+def other_contents(connections) -> str:
+    """What a bag without laser scans holds, and what makes laser scans of it."""
+    kinds = sorted({(connection.topic, connection.msgtype) for connection in connections})
+    held = ', '.join(f'{topic} ({kind})' for topic, kind in kinds) or 'no topic'
+    advice = [f'{CONVERTERS[kind]} makes laser scans of {kind}' for kind in CONVERTERS if kind in dict(kinds).values()]
+    return '; '.join([f'there are {held}', *advice])
+
+
+def _of_folder(folder):
+    import yaml
+    files = sorted(file.name for file in folder.iterdir() if _kind_at(file))
+    instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
+    try:
+        told = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        named = [Path(name).name for name in told['relative_file_paths']]
+        storage = told['storage_identifier']
+        compression = told.get('compression_format') if (told.get('compression_mode') or 'none').lower() == 'file' else None
+    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return f'its metadata.yaml is damaged; {instead}, or write it anew: ros2 bag reindex {_quoted(folder)}'
+    for name in named:
+        file = folder / name
+        if not file.exists():
+            return f'metadata.yaml names {name}, which is not there; {instead}'
+        start = _start(file)
+        is_kind, packed = kind_of(start), _by_start(PACKED, start)
+        if is_kind and compression:
+            return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {is_kind} file; name the ' \
+                   f'file itself: {file}'
+        if is_kind and storage != is_kind:
+            return f'metadata.yaml says storage {storage!r}, {name} is an {is_kind} file; name the file itself: {file}'
+        if packed and compression != packed[0]:
+            says = f'that it is compressed with {compression}' if compression else 'nothing of that'
+            return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: {packed[1]} {_quoted(file)}'
+        if is_kind and (fault := _of_file(file)):
+            return f'{name}: {fault}'
+    return None
+
+
+def _of_file(file):
+    kind, name = kind_of(_start(file)), _quoted(file)
+    if kind == 'ROS 1 bag' and file.suffix == '.active':
+        return f'a recording that was not closed; mend it with ROS 1: rosbag reindex {name}, and let its name end with .bag'
+    if kind and file.suffix != ENDINGS[kind]:
+        return f'holds {kind} data, and its name does not end with {ENDINGS[kind]}; rename it'
+    if kind == 'ROS 1 bag':
+        return f'a ROS 1 bag whose index is damaged or missing; mend it with ROS 1: rosbag reindex {name}'
+    mended = _quoted(file.with_name(f'{file.stem}_recovered{file.suffix}'))
+    if kind == 'mcap' and _end(file, len(MCAP_END)) != MCAP_END:
+        return f'a recording that was not closed, as after a loss of power; mend it: mcap recover {name} -o {mended}'
+    if kind == 'sqlite3':
+        return f'a damaged sqlite3 file; save what can be read: sqlite3 {name} .recover | sqlite3 {mended}'
+    return None
+
+
+def _kind_at(file):
+    return file.is_file() and kind_of(_start(file))
+
+
+def _quoted(path):
+    """The whole path as a word of a command line."""
+    return shlex.quote(str(path.absolute()))
+
+
+def _by_start(table, start):
+    return next((value for magic, value in table.items() if start.startswith(magic)), None)
+
+
+def _start(file):
+    with open(file, 'rb') as content:
+        return content.read(16)
+
+
+def _end(file, size):
+    with open(file, 'rb') as content:
+        content.seek(-min(size, file.stat().st_size), 2)
+        return content.read()
