@@ -38,12 +38,12 @@ def with_posts(features: Features, size, parameters) -> Features:
     chosen = things.bare.nonzero()[0]
     if not len(chosen):
         return features
-    beams, count, _, front, width, _ = (each[chosen] for each in things)
+    beams, returns, _, front, width, _ = (each[chosen] for each in things)
     half = np.minimum(0.5 * width, 0.5 * size)
     towards = -front / np.maximum(np.abs(front), 1e-9)
     normals = towards[:, None] * _AROUND
     around = (front - half * towards)[:, None] + half[:, None] * normals
-    worth = np.minimum(2.0 * count / len(_AROUND), 1.0)
+    worth = np.minimum(2.0 * returns / len(_AROUND), 1.0)
     posts = Cloud(*(each.ravel() for each in (around, normals)), *(each.repeat(len(_AROUND)) for each in (beams, worth)))
     return dataclasses.replace(features, posts=posts)
 
@@ -55,8 +55,8 @@ class Things(NamedTuple):
     ----------
     beam : (T,) int
         The first that returned from it.
-    count : (T,) int
-        Returns.
+    returns : (T,) int
+        How many.
     nearest : (T,) float [m]
         Range of the nearest of them.
     front : (T,) complex [m]
@@ -68,7 +68,7 @@ class Things(NamedTuple):
     """
 
     beam: np.ndarray
-    count: np.ndarray
+    returns: np.ndarray
     nearest: np.ndarray
     front: np.ndarray
     width: np.ndarray
@@ -105,6 +105,6 @@ def free_standing(features: Features, size, parameters) -> Things:
     free &= (radius[after] > radius[last] + margin) | ((beams[after] - beams[last]) % turn > 1)
     free &= np.abs(points[last] - points[first]) < size
     at, first, last = at[free], first[free], last[free]
-    front, count = 0.5 * (points[first] + points[last]), last - first + 1
-    return Things(beams[first] % turn, count, np.minimum.reduceat(radius, start)[at], front,
-                  count * abs(geometry.angle_increment) * np.abs(front), np.logical_and.reduceat(bare, start)[at])
+    front, returns = 0.5 * (points[first] + points[last]), last - first + 1
+    return Things(beams[first] % turn, returns, np.minimum.reduceat(radius, start)[at], front,
+                  returns * abs(geometry.angle_increment) * np.abs(front), np.logical_and.reduceat(bare, start)[at])

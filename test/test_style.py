@@ -1,0 +1,45 @@
+"""What reads the source before it runs: the same tools in the same versions wherever they are called."""
+import re
+import shutil
+import subprocess
+
+import pytest
+
+
+def locked(root):
+    """Name -> version, of what scripts/requirements/style.txt pins; that of numpy depends on the Python."""
+    text = (root / 'scripts' / 'requirements' / 'style.txt').read_text()
+    return dict(re.findall(r'^([a-z-]+)==([\w.]+)', text, re.MULTILINE))
+
+
+def test_the_hook_and_the_tests_run_the_same_versions(root):
+    hooks = re.findall(r'additional_dependencies: \[(.*)\]', (root / '.pre-commit-config.yaml').read_text())
+    wanted = {word for hook in hooks for word in hook.split(', ')}
+    named = {line for line in (root / 'scripts/requirements/style.in').read_text().splitlines() if not line.startswith('#')}
+    assert named == wanted and len(wanted) == 4
+    pinned = {f'{name}=={version}' for name, version in locked(root).items()}
+    assert {word for word in wanted if '==' in word} <= pinned
+
+
+@pytest.fixture
+def checks(root, tmp_path):
+    """``checks(ruff=status, mypy=status)``: scripts/test with these in place of the tools; its status, and what ran."""
+    shutil.copytree(root / 'scripts', tmp_path / 'scripts')
+    with open(tmp_path / 'scripts' / 'setup', 'a') as setup:
+        setup.write(f'set_up() {{ python={tmp_path}/python; }}\nset_up_style() {{ style={tmp_path}; }}\n'
+                    'set_up_noble() { noble=; }\nset_up_evo() { :; }\n')
+
+    def checks(ruff=0, mypy=0):
+        for name, status in (('ruff', ruff), ('mypy', mypy), ('python', 0)):
+            (tmp_path / name).write_text(f'#!/bin/sh\necho {name} $1 >> {tmp_path}/ran\nexit {status}\n')
+            (tmp_path / name).chmod(0o755)
+        (tmp_path / 'ran').write_text('')
+        done = subprocess.run(['bash', tmp_path / 'scripts' / 'test'], capture_output=True, text=True, timeout=60, check=False)
+        return done.returncode, (tmp_path / 'ran').read_text().splitlines()
+    return checks
+
+
+def test_what_ruff_or_mypy_finds_fails_the_tests(checks):
+    assert checks(ruff=1) == (1, ['ruff check'])
+    assert checks(mypy=1) == (1, ['ruff check', 'mypy'])
+    assert checks() == (0, ['ruff check', 'mypy', 'python -m'])
