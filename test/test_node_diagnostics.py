@@ -7,11 +7,14 @@ import pytest
 import rclpy
 import rclpy.qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, played, said, transform
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from ros_helpers import TIMEOUT, Loudspeaker, Peer, changed, diagnosis, played, said, transform
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool
 
 from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros.node.graph import full_name, named
 from dbscan_reg_ros.node.messages import scan_to_message
 
 START = 1_700_000_000 * 10**9
@@ -127,7 +130,7 @@ def test_a_mounting_that_is_not_known_is_an_error(start_command, peer, reports, 
     assert level(seen[0]) == 'error'
 
 
-def test_two_parents_of_the_base_are_a_warning(start_node, player, peer, reports, scans):
+def test_two_parents_of_the_base_are_an_error(start_node, player, peer, reports, scans):
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     node = start_node()
     player.wait_for_node(TIMEOUT)
@@ -138,7 +141,7 @@ def test_two_parents_of_the_base_are_a_warning(start_node, player, peer, reports
         assert player.play(scans[:20], rate=1.0).lost == 0
     told = [s for m in heard for s in m.status if 'somebody else' in s.message]
     assert told
-    assert level(told[0]) == 'warn'
+    assert {level(s) for s in told} == {'error'}
 
 
 def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, peer, reports, scans):
@@ -148,9 +151,84 @@ def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, pee
     status = diagnosis(peer, heard, lambda s: 'quality of service' in s.message)
     assert level(status) == 'stale'
     assert 'the quality of service of /peer on /scan does not suit ours' in status.message
-    assert 'eliab' in status.message
+    assert 'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
+           'qos_overrides./scan.subscription.reliability:=best_effort' in status.message
     publisher.publish(scan_to_message(scans[0]))
     said(node, 'the quality of service of /peer on /scan', peer)
+
+
+BEST_EFFORT = rclpy.qos.qos_profile_sensor_data
+
+
+def test_a_pose_that_is_published_best_effort_is_said_not_to_get_here(node, player, peer, reports, scans):
+    heard = reports()
+    peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
+    status = diagnosis(peer, heard, lambda s: '/set_pose' in s.message)
+    told = 'the quality of service of /peer on /set_pose does not suit ours, not one message of it gets here: ' \
+           'its reliability is best effort, ours reliable; let it publish with ours'
+    assert level(status) == 'stale'
+    assert status.message == f'no scans on /scan: published there by /play; {told}'
+    said(node, told, peer)
+    played(player, scans[:3])
+    status = diagnosis(peer, heard, lambda s: level(s) == 'warn')
+    assert told in status.message
+    assert node.output().count(told) == 1
+
+
+def test_static_transforms_that_are_volatile_are_said_not_to_get_here(node, peer, reports):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    heard = reports()
+    peer.node.create_publisher(tf_type, '/tf_static', 10)
+    diagnosis(peer, heard, lambda s: '/tf_static' in s.message)
+    said(node, 'the quality of service of /peer on /tf_static does not suit ours, not one message of it gets here: '
+         'its durability is volatile, ours transient local; let it publish with ours', peer)
+
+
+@pytest.mark.parametrize('source, topic, expected', [('odometry', 'wheel_odom', 'nav_msgs/msg/Odometry'),
+                                                     ('imu', 'imu', 'sensor_msgs/msg/Imu')])
+def test_a_source_of_another_type_is_said_not_to_get_here(start_node, peer, reports, source, topic, expected):
+    node = start_node('-p', f'prior.source:={source}')
+    heard = reports()
+    peer.node.create_publisher(PoseWithCovarianceStamped, topic, 10)
+    told = f'/peer publishes geometry_msgs/msg/PoseWithCovarianceStamped on /{topic}; expected {expected}: ' \
+           'not one message of it gets here'
+    diagnosis(peer, heard, lambda s: told in s.message)
+    said(node, told, peer)
+
+
+def test_another_publisher_on_our_odometry_is_named(node, player, peer, reports, scans):
+    heard = reports()
+    with Peer('base_driver') as driver:
+        driver.node.create_publisher(Odometry, 'odom', 10)
+        status = diagnosis(peer, heard, lambda s: '/odom' in s.message)
+        told = '/odom is published by /base_driver, too: who hears it gets two odometries mixed; remap ours'
+        assert told in status.message
+        said(node, told, peer)
+        played(player, scans[:3])
+        assert told in diagnosis(peer, heard, lambda s: level(s) == 'warn').message
+    played(player, scans[3:6])
+    diagnosis(peer, heard, lambda s: '/odom' not in s.message)
+    assert node.output().count(told) == 1
+
+
+def test_a_second_node_of_our_name_on_our_odometry_is_named(start_node, player, peer, reports):
+    first, second = start_node(), start_node()
+    for node in (first, second):
+        said(node, '/odom is published by another node named /scan_matcher, too', peer)
+
+
+class Endpoint:
+    """A publisher that is discovered before its node is, as rmw tells of it."""
+
+    node_name = '_NODE_NAME_UNKNOWN_'
+    node_namespace = '_NODE_NAMESPACE_UNKNOWN_'
+
+
+def test_a_node_that_is_not_discovered_is_somebody():
+    known = type('Known', (Endpoint,), {'node_name': '_ros2cli_17', 'node_namespace': '/'})
+    assert full_name(Endpoint) == 'somebody'
+    assert named([Endpoint, known, Endpoint]) == '/_ros2cli_17, somebody'
+    assert named([]) == ''
 
 
 def test_a_paused_node_says_so(node, player, peer, reports, scans):

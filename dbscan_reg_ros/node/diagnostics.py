@@ -5,10 +5,10 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from ..core.records import Status
 from .events import NO_PUBLISHER_EVENTS
+from .graph import SOMEBODY, named, shared, unheard
 from .health import Health
 
 PERIOD = 1.0
@@ -26,17 +26,22 @@ class Diagnostics:
     health : Health
     notices : Notices
     transforms : TransformSender
+    odom : rclpy publisher
+        Of our odometry.
     is_paused : callable
     """
 
-    def __init__(self, node: Node, health: Health, notices, transforms, is_paused):
+    def __init__(self, node: Node, health: Health, notices, transforms, odom, is_paused):
         self._node = node
         self._health = health
         self._notices = notices
         self._transforms = transforms
+        self._odom = odom
         self._is_paused = is_paused
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=NO_PUBLISHER_EVENTS)
         self._inbox = None
+        self._seen: set = set()
+        self._told: set = set()
         self._begin()
 
     def watch(self, inbox):
@@ -74,36 +79,47 @@ class Diagnostics:
                 self._inbox.dropped if self._inbox else 0)
 
     def _judge(self, silence, dropped):
+        """(level, message)"""
+        faults = self._faults()
+        conflict = self._transforms.conflict
+        level, message = self._state(silence, faults)
+        doubts = [text for text in faults if text not in message]
+        if dropped:
+            doubts.append(f'too slow: {dropped} scans dropped')
+        if doubts and level == DiagnosticStatus.OK:
+            level = DiagnosticStatus.WARN
+        if conflict:
+            level = DiagnosticStatus.ERROR
+        return level, '; '.join(filter(None, [message, conflict, *doubts]))
+
+    def _state(self, silence, faults):
+        """(level, message) of the odometry itself."""
         if self._inbox is None or self._is_paused():
             return DiagnosticStatus.OK, 'inactive' if self._inbox is None else 'paused'
-        mismatch = self._mismatch()
-        if mismatch:
-            self._notices.warn(mismatch)
         if silence > STALE_AFTER or not self._inbox.received:
-            return DiagnosticStatus.STALE, self._waiting(mismatch)
+            return DiagnosticStatus.STALE, self._waiting(faults)
         if self._health.update is None and not self._health.trouble:
             return DiagnosticStatus.OK, 'no scan answered yet'
         grade, message = self._health.judge()
-        doubts = list(filter(None, [mismatch, self._transforms.conflict,
-                                    f'too slow: {dropped} scans dropped' if dropped else '']))
-        return LEVELS[max(grade, 1 if doubts else 0)], '; '.join([message, *doubts])
+        return LEVELS[grade], message
 
-    def _waiting(self, mismatch):
-        names = [_full_name(endpoint) for endpoint in self._publishers()]
-        there = f'published there by {", ".join(names)}' if names else 'nobody publishes there'
-        return f'no scans on {self._inbox.topic}: {mismatch or there}'
+    def _waiting(self, faults):
+        topic = self._inbox.topic
+        names = named(self._node.get_publishers_info_by_topic(topic))
+        there = f'published there by {names}' if names else 'nobody publishes there'
+        return f'no scans on {topic}: {"; ".join(text for text in faults if f" on {topic} " in text) or there}'
 
-    def _publishers(self):
-        return self._node.get_publishers_info_by_topic(self._inbox.topic)
-
-    def _mismatch(self):
-        """Why the subscription hears nothing of a publisher, in words; empty when it hears all of them."""
-        for endpoint in self._publishers():
-            verdict, reason = qos_check_compatible(endpoint.qos_profile, self._inbox.quality)
-            if verdict == QoSCompatibility.ERROR:
-                return (f'the quality of service of {_full_name(endpoint)} on {self._inbox.topic} does not suit ours, not one '
-                        f'scan of it gets here: {reason.strip() or "incompatible"}')
-        return ''
+    def _faults(self):
+        """What of other nodes never gets here, or is published where we publish; logged when it comes up."""
+        faults = [text for subscription in self._node.subscriptions for text in unheard(self._node, subscription)]
+        if self._inbox:
+            faults += filter(None, [shared(self._node, self._odom)])
+        # The name of a newcomer may be known only a moment later.
+        told = {text for text in faults if SOMEBODY not in text or text in self._seen}
+        for text in sorted(told - self._told):
+            self._notices.warn(text)
+        self._seen, self._told = set(faults), told
+        return faults
 
     def _values(self, rate_in, rate_out):
         health, inbox = self._health, self._inbox
@@ -129,6 +145,3 @@ class Diagnostics:
         for status in Status:
             yield f'status {status.value}', str(health.statuses[status])
 
-
-def _full_name(endpoint):
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

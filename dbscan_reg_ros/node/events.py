@@ -1,7 +1,7 @@
 """No events of publishers and subscriptions: each is one more thing that a node looks at for every scan.
 
-What they would tell is known without them: the diagnostics compare our quality of service with that of whoever publishes
-scans, and of the other topics the other side tells.
+What they would tell is known without them: the diagnostics compare the quality of service of all that we hear with that of
+whoever publishes it, and of what we publish the other side tells.
 """
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 

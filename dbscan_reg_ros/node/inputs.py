@@ -79,11 +79,6 @@ class ScanInbox:
     def topic(self):
         return self._subscription.topic_name
 
-    @property
-    def quality(self):
-        """The subscription's QoSProfile."""
-        return self._subscription.qos_profile
-
     def is_waiting(self) -> bool:
         """Whether a scan waits for what else is to be known of its time."""
         return bool(self._waiting)

@@ -60,7 +60,8 @@ class ScanMatcher:
         self._stamps = Stamps()
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._notices, self._start_anew)
-        self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender, lambda: self._services.paused)
+        self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender, self._outputs.odom,
+                                        lambda: self._services.paused)
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
@@ -74,7 +75,7 @@ class ScanMatcher:
         """Begin to listen; ParameterError as of `ScanInbox`."""
         self._inbox = ScanInbox(self._node, self._live.value, self._ready, self._on_scan)
         self._diagnostics.watch(self._inbox)
-        self._node.get_logger().info(f'ready: {self._inbox.topic} -> {self._outputs.topic}')
+        self._node.get_logger().info(f'ready: {self._inbox.topic} -> {self._outputs.odom.topic_name}')
 
     def deactivate(self):
         """Listen no more; what is known is kept."""

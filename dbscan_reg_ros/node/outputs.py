@@ -28,22 +28,22 @@ class Outputs:
     node : rclpy.node.Node
     parameters : NodeParameters
         May be replaced at any time.
+
+    Attributes
+    ----------
+    odom : rclpy publisher
+        Of the odometry.
     """
 
     def __init__(self, node: Node, parameters):
         self.parameters = parameters
-        self._odom, self._segments, self._path, self._map = (
+        self.odom, self._segments, self._path, self._map = (
             node.create_publisher(kind, topic, depth, event_callbacks=NO_PUBLISHER_EVENTS)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
         # Filled anew for each scan: to make one takes longer than to fill it.
         self._odometry = Odometry()
         self.reset()
-
-    @property
-    def topic(self):
-        """Where the odometry goes."""
-        return self._odom.topic_name
 
     def reset(self):
         """Begin a new path and a new map."""
@@ -63,7 +63,7 @@ class Outputs:
             Where the odometry's own frame lies in `odom_frame`.
         """
         frame = self.parameters.odom_frame
-        self._odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
+        self.odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, frame))
         self._lengthen_path(state)
