@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from ..core.records import Status
-from .events import NO_PUBLISHER_EVENTS
+from .endpoints import publisher
 from .graph import SOMEBODY, named, shared, unheard
 from .health import Health
 
@@ -38,7 +38,7 @@ class Diagnostics:
         self._transforms = transforms
         self._odom = odom
         self._is_paused = is_paused
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=NO_PUBLISHER_EVENTS)
+        self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
         self._inbox = None
         self._seen: set = set()
         self._told: set = set()

@@ -1,20 +1,16 @@
 """The scans that come in: which are used, in which order, and which of their beams."""
 import math
 import time
-import warnings
 from collections import deque
 
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
-from ..core.errors import ParameterError
 from ..core.scan import SECOND, Scan
-from .events import NO_SUBSCRIPTION_EVENTS
+from .endpoints import subscription
 from .messages import angles_disagree, stamp_from_message
 from .subscriptions import Urgent, taken
 
@@ -55,25 +51,9 @@ class ScanInbox:
         self._ready = ready
         self._handle = handle
         self._waiting = deque()
-        self._subscription = self._subscribe()
+        self._subscription = subscription(node, LaserScan, 'scan', self._on_message, QUALITY)
         self._alarm = node.create_timer(1.0, self._next, callback_group=Urgent(self.is_waiting),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
-
-    def _subscribe(self):
-        name = f'qos_overrides.{self._node.resolve_topic_name("scan")}.subscription'
-        given = {key: p.value for key, p in self._node.get_parameters_by_prefix(name).items()}
-        try:
-            with warnings.catch_warnings():
-                # rclpy would warn of a depth of 0, which is refused.
-                warnings.filterwarnings('ignore', 'A zero depth', UserWarning)
-                return self._node.create_subscription(
-                    LaserScan, 'scan', self._on_message, QUALITY, event_callbacks=NO_SUBSCRIPTION_EVENTS,
-                    qos_overriding_options=QoSOverridingOptions.with_default_policies(callback=_exists))
-        except (RuntimeError, AssertionError, AttributeError, InvalidQosOverridesError):
-            if not given:
-                raise
-            raise ParameterError(f'{name} = {given}: expected reliability best_effort or reliable, history keep_last or keep_all, '
-                                 'and a depth of at least 1') from None
 
     @property
     def topic(self):
@@ -127,12 +107,6 @@ class ScanInbox:
         while len(self._waiting) > self.parameters.input.queue:
             self._waiting.popleft()
             self.dropped += 1
-
-
-def _exists(quality):
-    least = 0 if quality.history == HistoryPolicy.KEEP_ALL else 1
-    return SetParametersResult(successful=quality.depth >= least and quality.reliability != ReliabilityPolicy.UNKNOWN
-                               and quality.history != HistoryPolicy.UNKNOWN)
 
 
 class ScanReader:

@@ -2,6 +2,7 @@
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from ..core.errors import ParameterError
+from .entities import Entities
 from .live_parameters import LiveParameters
 from .matcher import ScanMatcher
 
@@ -26,9 +27,11 @@ class ManagedScanMatcher(LifecycleNode):
             return response
 
     def on_configure(self, state):
+        entities = Entities(self)
         try:
             self._matcher = ScanMatcher(self, self._live)
         except ParameterError as error:
+            entities.destroy()
             return self._refuse(error)
         return super().on_configure(state)
 

@@ -38,7 +38,7 @@ class ScanMatcher:
     Raises
     ------
     ParameterError
-        When what the parameters ask for is not installed.
+        When what the parameters ask for is not installed or does not exist.
     """
 
     def __init__(self, node: Node, live: LiveParameters):

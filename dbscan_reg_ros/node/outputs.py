@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
 
 from ..message_fields import odometry_fields
-from .events import NO_PUBLISHER_EVENTS
+from .endpoints import publisher
 from .messages import filled, pose_to_message, segments_to_message, stamp_to_message
 
 ODOM_DEPTH = 50
@@ -33,12 +33,17 @@ class Outputs:
     ----------
     odom : rclpy publisher
         Of the odometry.
+
+    Raises
+    ------
+    ParameterError
+        As of `endpoints.publisher`.
     """
 
     def __init__(self, node: Node, parameters):
         self.parameters = parameters
         self.odom, self._segments, self._path, self._map = (
-            node.create_publisher(kind, topic, depth, event_callbacks=NO_PUBLISHER_EVENTS)
+            publisher(node, kind, topic, depth)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
         # Filled anew for each scan: to make one takes longer than to fill it.

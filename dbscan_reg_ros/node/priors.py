@@ -11,7 +11,7 @@ from sensor_msgs.msg import Imu
 
 from ..core.errors import ParameterError
 from ..core.records import Prior
-from .events import NO_SUBSCRIPTION_EVENTS
+from .endpoints import subscription
 from .messages import PoseError, planar_from_message, stamp_from_message
 from .mounting import Mounting, MountingError
 from .pose_history import HeadingHistory, PoseHistory
@@ -129,8 +129,7 @@ class _Wheels:
         self._poses = PoseHistory()
         self._notices = notices
         self._heard = heard
-        self.name = node.create_subscription(Odometry, 'wheel_odom', self._on_message, QUALITY,
-                                             event_callbacks=NO_SUBSCRIPTION_EVENTS).topic_name
+        self.name = subscription(node, Odometry, 'wheel_odom', self._on_message, QUALITY).topic_name
 
     def _on_message(self, message):
         try:
@@ -159,8 +158,7 @@ class _Gyroscope:
         self._headings = HeadingHistory()
         self._notices = notices
         self._heard = heard
-        self.name = node.create_subscription(Imu, 'imu', self._on_message, QUALITY,
-                                             event_callbacks=NO_SUBSCRIPTION_EVENTS).topic_name
+        self.name = subscription(node, Imu, 'imu', self._on_message, QUALITY).topic_name
 
     def _on_message(self, message):
         if message.angular_velocity_covariance[0] == -1.0:

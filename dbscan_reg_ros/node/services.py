@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ..message_fields import PLANE
 from ..recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
-from .events import NO_SUBSCRIPTION_EVENTS
+from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 from .mounting import Start
 
@@ -45,8 +45,7 @@ class Services:
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetBool, '~/pause', self._on_pause)
         node.create_service(Trigger, '~/snapshot', self._on_snapshot)
-        node.create_subscription(PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10,
-                                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        subscription(node, PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
 
     def keep(self, update, prior):
         """Remember an update, and the prior it was made with, for a snapshot."""

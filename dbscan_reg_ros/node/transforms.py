@@ -4,7 +4,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ..message_fields import transform_fields
-from .events import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
+from .endpoints import publisher
+from .events import NO_SUBSCRIPTION_EVENTS
 from .messages import filled, stamp_from_message
 from .subscriptions import Urgent, taken
 from .transform_store import make_store
@@ -135,7 +136,7 @@ class TransformSender:
                                                 'install it, or set publish_tf to false')
             self._warned = True
         elif self._publisher is None and not self.conflict:
-            self._publisher = self._node.create_publisher(self._type, '/tf', DEPTH, event_callbacks=NO_PUBLISHER_EVENTS)
+            self._publisher = publisher(self._node, self._type, '/tf', DEPTH)
 
     def _withdraw(self):
         if self._publisher:

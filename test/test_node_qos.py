@@ -1,0 +1,97 @@
+"""The quality of service of the node's publishers and subscriptions, as parameters tell it, seen over DDS."""
+import pytest
+from lifecycle_msgs.msg import State, Transition
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_helpers import TIMEOUT, Parameters, needs_tf2_msgs, said
+from test_node_lifecycle import change, state
+
+WHEELS = '-p', 'prior.source:=odometry'
+GYROSCOPE = '-p', 'prior.source:=imu'
+
+
+def overridden(name, **policies):
+    """ROS arguments that set the policies of the endpoint `name`, such as ``/odom.publisher``."""
+    return [word for policy, value in policies.items() for word in ('-p', f'qos_overrides.{name}.{policy}:={value}')]
+
+
+def quality(peer, topic, entity='publisher'):
+    """The QoSProfile that scan_matcher's endpoint on `topic` has."""
+    listed = getattr(peer.node, f'get_{entity}s_info_by_topic')
+    [found] = peer.until(lambda: [e for e in listed(topic) if e.node_name == 'scan_matcher'])
+    return found.qos_profile
+
+
+@pytest.mark.parametrize('topic', ['/odom', '/segments', '/path', '/local_map', '/diagnostics',
+                                   pytest.param('/tf', marks=needs_tf2_msgs)])
+def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, peer, topic):
+    start_node(*overridden(f'{topic}.publisher', reliability='best_effort', durability='transient_local', depth=7))
+    found = quality(peer, topic)
+    assert (found.reliability, found.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.TRANSIENT_LOCAL)
+    names = [f'qos_overrides.{topic}.publisher.{policy}' for policy in ('depth', 'reliability', 'durability', 'history')]
+    assert Parameters(peer).get(*names) == [7, 'best_effort', 'transient_local', 'keep_last']
+    others = {'/odom', '/path'} - {topic}
+    assert {quality(peer, other).reliability for other in others} == {ReliabilityPolicy.RELIABLE}
+
+
+@pytest.mark.parametrize('topic, words, usual, other', [
+    ('/scan', (), 'best_effort', 'reliable'),
+    ('/wheel_odom', WHEELS, 'best_effort', 'reliable'),
+    ('/imu', GYROSCOPE, 'best_effort', 'reliable'),
+    ('/set_pose', (), 'reliable', 'best_effort'),
+])
+def test_a_subscription_has_the_quality_of_service_that_is_asked_for(start_node, peer, topic, words, usual, other):
+    node = start_node(*words)
+    assert quality(peer, topic, 'subscription').reliability.name.lower() == usual
+    assert node.stop() == 0
+    peer.until(lambda: not peer.node.get_subscriptions_info_by_topic(topic))
+    start_node(*words, *overridden(f'{topic}.subscription', reliability=other))
+    assert quality(peer, topic, 'subscription').reliability.name.lower() == other
+
+
+def test_the_name_of_the_parameter_is_that_of_the_remapped_topic_in_the_namespace(start_node, peer):
+    start_node('-r', '__ns:=/robot1', '-r', 'odom:=laser_odom',
+               *overridden('/robot1/laser_odom.publisher', reliability='best_effort'))
+    assert quality(peer, '/robot1/laser_odom').reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def test_who_comes_late_has_the_last_odometry_when_that_is_asked_for(start_node, player, peer, scans):
+    start_node(*overridden('/odom.publisher', durability='transient_local', depth=2))
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:5]).lost == 0
+    late = peer.listen(Odometry, '/odom', QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    peer.until(lambda: len(late) == 2)
+    stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in late]
+    assert stamps == [scan.stamp for scan in scans[3:5]]
+
+
+@needs_tf2_msgs
+def test_the_quality_of_service_of_tf_outlives_a_withdrawal(start_node, peer):
+    start_node(*overridden('/tf.publisher', reliability='best_effort'))
+    assert quality(peer, '/tf').reliability == ReliabilityPolicy.BEST_EFFORT
+    assert Parameters(peer).set(publish_tf=False)[0].successful
+    peer.until(lambda: not peer.node.count_publishers('/tf'))
+    assert Parameters(peer).set(publish_tf=True)[0].successful
+    peer.until(lambda: peer.node.count_publishers('/tf'))
+    assert quality(peer, '/tf').reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+@pytest.mark.parametrize('name, policy, value', [
+    ('/odom.publisher', 'reliability', 'nonsense'), ('/path.publisher', 'durability', 'unknown'),
+    ('/segments.publisher', 'depth', 0), ('/diagnostics.publisher', 'history', 3), ('/set_pose.subscription', 'depth', 'many'),
+])
+def test_a_quality_of_service_that_does_not_exist_ends_the_node_with_one_line(start_node, name, policy, value):
+    node = start_node(*overridden(name, **{policy: value}))
+    assert node.wait(TIMEOUT) == 2
+    [line] = node.output().strip().splitlines()
+    assert line.startswith(f'scan_matcher: qos_overrides.{name} = {{{policy!r}: {value!r}}}: expected reliability')
+
+
+def test_a_managed_node_that_could_not_be_configured_leaves_no_publisher(start_command, peer):
+    node = start_command('scan_matcher_lifecycle', '--ros-args', '-p', 'mounting:=none',
+                         *overridden('/path.publisher', reliability='nonsense'))
+    for _ in range(2):
+        assert not change(peer, Transition.TRANSITION_CONFIGURE)
+        assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    said(node, "'reliability': 'nonsense'", peer)
+    peer.until(lambda: not peer.node.get_publishers_info_by_topic('/odom'))
