@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags, read with `rosbags`."""
+"""ROS 1 and ROS 2 bags."""
 import math
 from collections import Counter
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
 from ..paths import check_file
 from .bag_faults import fault_of, other_contents
-from .decompression import limit_decompression
+from .bag_library import bag_library, is_ros1
 from .poses import FARTHEST, corrected, possible
 from .recording import Record, Recording
 from .truth import interpolate
@@ -93,12 +93,12 @@ class Bag(Recording):
     def _messages(self, topic):
         """Number in the topic, counted from 1, and message."""
         with open_reader(self.path) as reader:
-            deserialize = _deserializer(reader)
+            deserialize = reader.deserialize
             connections = [connection for connection in reader.connections if connection.topic == topic]
             for number, (connection, _, raw) in enumerate(safely(reader, connections, self._report), 1):
                 try:
                     message = deserialize(raw, connection.msgtype)
-                except Exception as error:  # noqa: BLE001 - a damaged message makes rosbags raise nearly anything
+                except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
                     self._report(f'{self.path.name}: damaged message {number} on {topic} skipped: {describe(error)}')
                     continue
                 yield number, message
@@ -106,36 +106,25 @@ class Bag(Recording):
 
 @contextmanager
 def open_reader(path):
-    """The `rosbags` reader of a bag.
+    """The reader of a bag, of the library that can read it.
 
     Raises
     ------
     RecordingError
         When the bag cannot be opened.
     """
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
     for file in path.iterdir() if path.is_dir() else (path,):
         if not file.is_dir():
             check_file(file, RecordingError)
-    limit_decompression()
+    library = bag_library(ros1=is_ros1(path))
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
+        reader = library.BagReader(path)
     except Exception as error:
         raise RecordingError(fault_of(path, describe(error))) from error
     try:
         yield reader
     finally:
         reader.close()
-
-
-def _deserializer(reader):
-    """The function from bytes and type to a message, as the type is known to us: a file may describe it in any way."""
-    from rosbags.typesys import Stores, get_typestore
-    if reader.is2:
-        return get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-    return get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
 
 
 def safely(reader, connections, report, **window):
@@ -148,9 +137,9 @@ def safely(reader, connections, report, **window):
             message = next(messages)
         except StopIteration:
             return
-        except Exception as error:  # noqa: BLE001 - a damaged bag makes rosbags raise nearly anything
+        except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
             topics = ', '.join(sorted({connection.topic for connection in connections}))
-            report(f'{reader.paths[0].name}: cannot be read from message {number} on {topics} on: {describe(error)}')
+            report(f'{reader.path.name}: cannot be read from message {number} on {topics} on: {describe(error)}')
             return
         yield message
 

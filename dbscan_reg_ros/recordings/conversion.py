@@ -1,7 +1,6 @@
 """Recordings from one format into another: CARMEN logs, ROS 1 bags and ROS 2 bags."""
 import contextlib
 import gzip
-import io
 import math
 import shutil
 from collections import Counter
@@ -10,8 +9,8 @@ from pathlib import Path
 from ..core.errors import RecordingError
 from ..message_fields import header_fields, pose_fields, scan_fields
 from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
+from .bag_library import bag_library, is_ros1
 from .carmen import SETTINGS, format_line, settings_of
-from .messages import MessageMaker
 from .recording import is_bag, open_recording
 
 SECOND = 1_000_000_000
@@ -126,20 +125,15 @@ def write_log(target, records) -> Counter:
 
 
 def _log_to_bag(records, target, topics, storage, held):
-    from rosbags.typesys import Stores, get_typestore
     _check_topics(topics, held, 'the bag of this log')
     kept = {name: kind for name, kind in held.items() if not topics or name in topics}
-    maker = MessageMaker()
-    ros1 = target.suffix == '.bag'
     counts = Counter()
-    with bag_writer(target, storage) as writer:
-        typestore = get_typestore(Stores.ROS1_NOETIC) if ros1 else maker.store
-        connections = {name: writer.add_connection(name, kind, typestore=typestore) for name, kind in kept.items()}
+    with bag_writer(target, storage) as (writer, serialize):
+        added = {name: writer.add_topic(name, kind) for name, kind in kept.items()}
         for time, record in records:
             messages = _messages(record)
             for name, kind in kept.items():
-                raw = maker.serialize(kind, messages[name])
-                writer.write(connections[name], time, maker.store.cdr_to_ros1(raw, kind) if ros1 else raw)
+                writer.write(added[name], time, serialize(kind, messages[name]))
                 counts[name] += 1
     return counts
 
@@ -155,42 +149,32 @@ def _bag_to_bag(source, target, topics, start, end, storage, progress):
         if end < LONGEST:
             window['stop'] = reader.start_time + round(end * SECOND) + 1
         messages = safely(reader, connections, problems.append, **window)
-        with bag_writer(target, storage) as writer:
-            written, converted = _translation(reader, writer, connections)
+        with bag_writer(target, storage, source) as (writer, _):
+            convert_message = writer.add_topics_of(reader, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
                 try:
-                    message = converted[connection.msgtype](raw)
-                except Exception as error:  # noqa: BLE001 - a damaged message makes rosbags raise nearly anything
+                    added, message = convert_message(connection, raw)
+                except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
                     problems.append(f'{source.name}: damaged message on {connection.topic} skipped: {describe(error)}')
                     continue
-                writer.write(written[connection.id, connection.owner], time, message)
+                writer.write(added, time, message)
                 counts[connection.topic] += 1
             if not counts:
                 raise RecordingError(problems[0]) if problems else _nothing(start, end, reader.duration / SECOND)
     return counts, problems
 
 
-def _translation(reader, writer, connections):
-    """The writer's connection for each of the reader's, and for each message type the function that converts it."""
-    from rosbags.convert.converter import create_connections_converters
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.typesys import Stores, get_typestore
-    to_ros2 = not isinstance(writer, Writer1)
-    store = None if reader.is2 == to_ros2 else get_typestore(Stores.ROS2_JAZZY if to_ros2 else Stores.ROS1_NOETIC)
-    with contextlib.redirect_stdout(io.StringIO()):
-        return create_connections_converters(connections, store, reader, writer)
-
-
 @contextlib.contextmanager
-def bag_writer(target, storage='mcap'):
-    """The `rosbags` writer of a bag; leaves a valid bag when it is interrupted, and none when it fails."""
-    from rosbags import rosbag1, rosbag2
-    writer = (rosbag1.Writer(target) if target.suffix == '.bag' else
-              rosbag2.Writer(target, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]))
+def bag_writer(target, storage='mcap', source=None):
+    """The writer of a bag, perhaps of what another one holds, and the function that serialises messages for it.
+
+    Leaves a valid bag when it is interrupted, and none when it fails.
+    """
+    library = bag_library(ros1=target.suffix == '.bag' or (source is not None and is_ros1(source)))
     interrupted = None
-    with _none_when_failed(target), writer:
+    with _none_when_failed(target), library.BagWriter(target, storage) as writer:
         try:
-            yield writer
+            yield writer, library.serializer(target)
         except KeyboardInterrupt as error:
             interrupted = error
     if interrupted:

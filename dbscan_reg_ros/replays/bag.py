@@ -4,7 +4,6 @@ from contextlib import contextmanager
 from ..message_fields import odometry_fields, segments_fields, transform_fields
 from ..node.mounting import base_state
 from ..recordings.conversion import bag_writer
-from ..recordings.messages import MessageMaker
 
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
@@ -32,10 +31,8 @@ def odometry_bag(path, parameters, mounting):
     """
     place = mounting.place
     frames = parameters.odom_frame, parameters.base_frame
-    maker = MessageMaker()
-    with bag_writer(path) as writer:
-        connections = {topic: writer.add_connection(topic, kind, typestore=maker.store)
-                       for topic, kind in TOPICS.items()}
+    with bag_writer(path) as (writer, serialize):
+        added = {topic: writer.add_topic(topic, kind) for topic, kind in TOPICS.items()}
         time, waiting = -1, []
 
         def write():
@@ -48,7 +45,7 @@ def odometry_bag(path, parameters, mounting):
                           '/tf': {'transforms': [transform_fields(state, *frames)]},
                           '/segments': segments_fields(update, place, parameters.odom_frame)}
                 for topic, kind in TOPICS.items():
-                    writer.write(connections[topic], time, maker.serialize(kind, fields[topic]))
+                    writer.write(added[topic], time, serialize(kind, fields[topic]))
 
         def add(update):
             waiting.append(update)

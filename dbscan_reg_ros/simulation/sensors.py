@@ -11,7 +11,6 @@ from ..core.se2 import SE2
 from ..message_fields import header_fields, pose_fields, scan_fields
 from ..recordings import interpolate
 from ..recordings.conversion import bag_writer, check_target, write_log
-from ..recordings.messages import MessageMaker
 from ..recordings.recording import Record
 from .simulate import Simulation
 
@@ -55,12 +54,11 @@ class RobotRecording:
         check_simulated(target)
         if target.name.endswith(('.log', '.log.gz')):
             return write_log(target, self._records())
-        maker, counts = MessageMaker(), Counter()
-        with bag_writer(target) as writer:
-            connections = {topic: writer.add_connection(topic, kind, typestore=maker.store, **_quality(topic))
-                           for topic, kind in TOPICS.items()}
+        counts = Counter()
+        with bag_writer(target) as (writer, serialize):
+            added = {topic: writer.add_topic(topic, kind, latched=topic == '/tf_static') for topic, kind in TOPICS.items()}
             for stamp, topic, fields in self._messages():
-                writer.write(connections[topic], stamp, maker.serialize(TOPICS[topic], fields))
+                writer.write(added[topic], stamp, serialize(TOPICS[topic], fields))
                 counts[topic] += 1
         return counts
 
@@ -109,14 +107,3 @@ def _mounting(stamp, lidar):
     place = pose_fields(pose.as_array())
     return {'header': header_fields(stamp, 'base_link'), 'child_frame_id': lidar.frame_id,
             'transform': {'translation': place['position'], 'rotation': place['orientation']}}
-
-
-def _quality(topic):
-    """What a player of the bag has to know so that late listeners hear a topic that is sent once."""
-    if topic != '/tf_static':
-        return {}
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-    forever = QosTime(2147483647, 4294967295)
-    quality = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, forever, forever,
-                  QosLiveliness.AUTOMATIC, forever, False)
-    return {'offered_qos_profiles': [quality]}

@@ -1,0 +1,35 @@
+"""Which library reads and writes bags: `rosbags`, or `rosbag2_py`, which every ROS 2 Jazzy has.
+
+The modules `with_rosbags` and `with_rosbag2_py` hold the same: `BagReader`, `BagWriter` and `serializer`.
+"""
+from importlib.util import find_spec
+
+from .bag_faults import kind_of
+
+
+def is_ros1(path) -> bool:
+    """Whether the file at `path` is a ROS 1 bag."""
+    if not path.is_file():
+        return False
+    with open(path, 'rb') as file:
+        return kind_of(file.read(16)) == 'ROS 1 bag'
+
+
+def bag_library(ros1=False):
+    """The module to read and write bags with: that of `rosbags` where it is installed, else that of `rosbag2_py`.
+
+    Parameters
+    ----------
+    ros1 : bool
+        Only what knows ROS 1 bags will do, which `rosbag2_py` does not.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        When there is none; it names `rosbags`, which is the one that can be installed anywhere.
+    """
+    if ros1 or find_spec('rosbags') or not find_spec('rosbag2_py'):
+        from . import with_rosbags
+        return with_rosbags
+    from . import with_rosbag2_py
+    return with_rosbag2_py

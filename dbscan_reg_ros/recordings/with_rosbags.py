@@ -1,0 +1,109 @@
+"""ROS 1 and ROS 2 bags, read and written with `rosbags`."""
+import contextlib
+import io
+
+from rosbags import rosbag1, rosbag2
+from rosbags.convert.converter import create_connections_converters
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.typesys import Stores, get_typestore
+
+from .decompression import limit_decompression
+from .messages import MessageMaker
+
+FOREVER = QosTime(2147483647, 4294967295)
+LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, FOREVER, FOREVER,
+              QosLiveliness.AUTOMATIC, FOREVER, False)
+"""What a player of the bag has to know so that late listeners hear a topic that is sent once."""
+
+
+class BagReader:
+    """An open bag.
+
+    Parameters
+    ----------
+    path : Path
+        Of a ROS 1 bag, or of a ROS 2 bag: its folder, or one file of it.
+
+    Attributes
+    ----------
+    path : Path
+    connections : list
+        One for each topic, message type and publisher, with the fields `topic`, `msgtype` and `msgcount`.
+    message_count : int
+    start_time, duration : int
+        Of the record times [ns].
+    """
+
+    def __init__(self, path):
+        limit_decompression()
+        self.path = path
+        self.reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        self.reader.open()
+        self._store = get_typestore(Stores.ROS2_JAZZY if self.reader.is2 else Stores.ROS1_NOETIC)
+        self.connections = self.reader.connections
+        self.message_count, self.start_time = self.reader.message_count, self.reader.start_time
+        self.duration = self.reader.duration
+
+    def close(self):
+        self.reader.close()
+
+    def messages(self, connections, start=None, stop=None):
+        """Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
+        return self.reader.messages(connections, start, stop)
+
+    def deserialize(self, raw, kind):
+        """The message of type `kind`, as that type is known to us: a file may describe it in any way."""
+        return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
+
+
+class BagWriter:
+    """A bag that is written while the ``with`` statement lasts.
+
+    Parameters
+    ----------
+    target : Path
+        ``NAME.bag`` becomes a ROS 1 bag, any other name the folder of a ROS 2 bag.
+    storage : str
+        Of a ROS 2 bag: ``mcap`` or ``sqlite3``.
+    """
+
+    def __init__(self, target, storage):
+        self._ros1 = target.suffix == '.bag'
+        self._writer = (rosbag1.Writer(target) if self._ros1 else
+                        rosbag2.Writer(target, version=9, storage_plugin=rosbag2.StoragePlugin[storage.upper()]))
+        self._store = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_JAZZY)
+
+    def __enter__(self):
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, *error):
+        return self._writer.__exit__(*error)
+
+    def add_topic(self, topic, kind, latched=False):
+        """What `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
+        options = {'offered_qos_profiles': [LATCHED]} if latched and not self._ros1 else {}
+        return self._writer.add_connection(topic, kind, typestore=self._store, **options)
+
+    def add_topics_of(self, reader, connections):
+        """The function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
+        store = None if reader.reader.is2 != self._ros1 else self._store
+        with contextlib.redirect_stdout(io.StringIO()):
+            written, converted = create_connections_converters(connections, store, reader.reader, self._writer)
+        return lambda connection, raw: (written[connection.id, connection.owner], converted[connection.msgtype](raw))
+
+    def write(self, topic, time, raw):
+        """Add the bytes of a message with its record time [ns]."""
+        self._writer.write(topic, time, raw)
+
+
+def serializer(target):
+    """The function from type and fields to the bytes of a message, in the form that the bag `target` holds.
+
+    Fields that are left out are zero, empty, or no rotation.
+    """
+    maker = MessageMaker()
+    if target.suffix != '.bag':
+        return maker.serialize
+    return lambda kind, fields: maker.store.cdr_to_ros1(maker.serialize(kind, fields), kind)
