@@ -165,7 +165,8 @@ def test_a_pose_that_is_published_best_effort_is_said_not_to_get_here(node, play
     peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
     status = diagnosis(peer, heard, lambda s: '/set_pose' in s.message)
     told = 'the quality of service of /peer on /set_pose does not suit ours, not one message of it gets here: ' \
-           'its reliability is best effort, ours reliable; let it publish with ours'
+           'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
+           'qos_overrides./set_pose.subscription.reliability:=best_effort'
     assert level(status) == 'stale'
     assert status.message == f'no scans on /scan: published there by /play; {told}'
     said(node, told, peer)
