@@ -18,8 +18,9 @@ BENCHMARKS = {
     'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
     'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
+    'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
-OURS_ONLY = ('node', 'soak', 'silent', 'covariance')
+OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'fingerprint')
 """No other method has what they measure."""
 SIMULATED = ('node', 'soak', 'covariance')
 """They need no recordings."""
@@ -55,7 +56,19 @@ def make_parser():
                                  'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')
             command.add_argument('--poses', type=Path, metavar='FILE.csv',
                                  help='write the poses of dbscan on the first course as index,x,y,theta,ms')
+        elif name == 'fingerprint':
+            add_fingerprint(command)
     return parser
+
+
+def add_fingerprint(command):
+    """The options of ``bench fingerprint``."""
+    command.add_argument('--against', metavar='COMMIT', required=True, help='the commit that this source tree is compared with')
+    command.add_argument('--quick', action='store_true', help='only the first 500 scans of each drive, and 50 pairs')
+    command.add_argument('--only', nargs='+', metavar='NAME', help='only these drives: the recordings and simulated courses by '
+                         'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and pairs')
+    command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and what the other commit says of them, '
+                         'in this folder (default: results/fingerprint)')
 
 
 def bench(args):
