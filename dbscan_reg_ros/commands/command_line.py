@@ -85,6 +85,12 @@ def note_unused(command, path, parameters, used):
         print(f'{command}: {path}: does not count here: {", ".join(names)}', file=sys.stderr)
 
 
+def note_warnings(command, recording, most=None):
+    """Say what is odd about the scans of a recording, or about the first `most`."""
+    for line in recording.look_through(most).lines():
+        print(f'{command}: {recording.path}: {line}', file=sys.stderr)
+
+
 def add_data(parser):
     """The argument that names the folder of public recordings."""
     parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '

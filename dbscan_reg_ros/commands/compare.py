@@ -2,7 +2,17 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import FAILED, CommandError, add_recordings, add_workers, make_parser, note_unused, run, seed
+from .command_line import (
+    FAILED,
+    CommandError,
+    add_recordings,
+    add_workers,
+    make_parser,
+    note_unused,
+    note_warnings,
+    run,
+    seed,
+)
 
 ALL = 'all'
 
@@ -35,7 +45,10 @@ def compare(args):
         if competitor.parameters:
             note_unused('compare', name, competitor.parameters, METHOD)
     paths = [find_recording(file, args.data) for file in args.files]
-    known = [known_motion(open_recording(path, args.topic)) for path in paths]
+    recordings = [open_recording(path, args.topic) for path in paths]
+    for recording in recordings:
+        note_warnings('compare', recording)
+    known = [known_motion(recording) for recording in recordings]
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:

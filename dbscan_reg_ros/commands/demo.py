@@ -98,8 +98,8 @@ def _report(recording, answers, out):
     plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
              relative(truth[1][:1], truth[1]) if truth else None)
     print(f'map          {out / "map.png"}')
-    for problem in [*recording.notes, *shortened(recording.problems)]:
-        print(problem)
+    for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
+        print(line)
     if answers.unexpected:
         print(f'{answers.unexpected} odometry messages belong to no scan')
     print(' '.join([f'scans {len(answered)} lost {answers.lost}', *_errors(recording, stamps, poses)]))

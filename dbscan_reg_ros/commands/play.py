@@ -36,8 +36,8 @@ def play(args, ros_arguments):
         player.wait_for_node(args.wait, answering=args.lockstep)
         scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
         answers = player.play(scans, None if args.lockstep else args.rate)
-    for problem in [*recording.notes, *shortened(recording.problems)]:
-        print(problem, file=sys.stderr)
+    for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
+        print(line, file=sys.stderr)
     if answers.stamps and not any(answers.messages):
         print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",
               file=sys.stderr)

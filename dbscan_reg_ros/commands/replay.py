@@ -85,7 +85,8 @@ def replay_one(job) -> list:
     finally:
         write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
     if not track.poses:
-        raise DbscanRegError(f'{recording.path}: not one of {len(track.used)} scans could be used; {track.problems[0]}')
+        raise DbscanRegError(f'{recording.path}: not one of {len(track.used)} scans could be used; '
+                             + '; '.join([track.problems[0], *recording.watch.lines()]))
     lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters, loops)]
     point_latest(folder)
     return lines
@@ -122,7 +123,8 @@ def write_results(folder, recording, track, spots, parameters, loops=None) -> li
     write_metrics(folder / 'metrics.json', recording, measures)
     title = f'{recording.name}: {len(poses)} scans'
     density = draw('map.png', poses, title)
-    summary = [*(('note', note) for note in recording.notes), *summarise(measures)]
+    summary = [*(('note', note) for note in recording.notes), *(('warning', line) for line in recording.watch.lines()),
+               *summarise(measures)]
     write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
                  spots.found(), parameters, register_command(folder, recording))
     return [*shortened(recording.problems), *shortened(track.problems), *(f'{name:11} {value}' for name, value in summary)]

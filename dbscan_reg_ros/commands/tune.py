@@ -2,7 +2,17 @@
 from pathlib import Path
 
 from ..core.errors import ParameterError
-from .command_line import CommandError, add_recordings, add_workers, make_parser, note_unused, positive, run, seed
+from .command_line import (
+    CommandError,
+    add_recordings,
+    add_workers,
+    make_parser,
+    note_unused,
+    note_warnings,
+    positive,
+    run,
+    seed,
+)
 
 SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
             'density.violation', 'selection.sieve_tolerance')
@@ -55,8 +65,11 @@ def tune(args):
                        for files in (args.files, args.held_out))
     if set(paths) & set(held_out):
         raise CommandError(f'{next(iter(set(paths) & set(held_out)))}: is searched on, so it cannot be held out')
-    names = [open_recording(path, args.topic).name for path in (*paths, *held_out)]
-    known = [known_motion(open_recording(path, args.topic)) for path in held_out]
+    recordings = [open_recording(path, args.topic) for path in (*paths, *held_out)]
+    names = [recording.name for recording in recordings]
+    for recording in recordings:
+        note_warnings('tune', recording, args.scans)
+    known = [known_motion(recording) for recording in recordings[len(paths):]]
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
     start_values = {axis.name: start.flatten()[axis.name] for axis in axes}
     settings = {'files': [str(path) for path in paths], 'topic': args.topic, 'scans': args.scans, 'seed': args.seed,

@@ -105,7 +105,7 @@ def check(description, value):
     if d.type is float and type(value) is int and value.bit_length() < 1024:
         value = float(value)
     if type(value) is not d.type:
-        raise ParameterError(f'{d.name} = {value!r}: expected {_article(d.type)}')
+        raise ParameterError(f'{d.name} = {_shown(value)}: expected {_article(d.type)}')
     if d.type is float and not math.isfinite(value):
         raise ParameterError(f'{d.name} = {value!r}: expected a finite number')
     if (d.choices is not None and value not in d.choices or d.minimum is not None and value < d.minimum
@@ -116,10 +116,17 @@ def check(description, value):
 
 def _check_list(d, values):
     if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(d.default):
-        raise ParameterError(f'{d.name} = {values!r}: expected {len(d.default)} numbers')
+        raise ParameterError(f'{d.name} = {_shown(values)}: expected {len(d.default)} numbers')
     kind = type(d.default[0])
     return tuple(check(dataclasses.replace(d, name=f'{d.name}[{i}]', type=kind), value)
                  for i, value in enumerate(values))
+
+
+def _shown(value):
+    """A value as a user writes it: arrays of any library as the list of their numbers."""
+    if hasattr(value, 'tolist'):
+        value = value.tolist()
+    return repr(list(value) if isinstance(value, (tuple, bytes, bytearray)) else value)
 
 
 def _is_group(field):

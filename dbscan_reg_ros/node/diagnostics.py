@@ -14,6 +14,9 @@ from .health import Health
 PERIOD = 1.0
 STALE_AFTER = 2.0
 """No scan for so long [s] is worth a complaint."""
+LOGGED_AFTER = 5.0
+"""No scan at all for so long [s] is worth one in the log, and another each time that it has lasted twice as long."""
+LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 LEVELS = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -52,6 +55,7 @@ class Diagnostics:
     def _begin(self):
         self._last = None
         self._heard = time.monotonic()
+        self._patience = LOGGED_AFTER
 
     def publish(self):
         """Tell how the odometry has been doing since the last call, one `PERIOD` ago."""
@@ -82,8 +86,8 @@ class Diagnostics:
         """(level, message)"""
         faults = self._faults()
         conflict = self._transforms.conflict
-        level, message = self._state(silence, faults)
-        doubts = [text for text in faults if text not in message]
+        level, message = self._state(silence)
+        doubts = [text for text in (*self._health.take_doubts(), *faults) if text not in message]
         if dropped:
             doubts.append(f'too slow: {dropped} scans dropped')
         if doubts and level == DiagnosticStatus.OK:
@@ -92,22 +96,32 @@ class Diagnostics:
             level = DiagnosticStatus.ERROR
         return level, '; '.join(filter(None, [message, conflict, *doubts]))
 
-    def _state(self, silence, faults):
+    def _state(self, silence):
         """(level, message) of the odometry itself."""
         if self._inbox is None or self._is_paused():
             return DiagnosticStatus.OK, 'inactive' if self._inbox is None else 'paused'
         if silence > STALE_AFTER or not self._inbox.received:
-            return DiagnosticStatus.STALE, self._waiting(faults)
+            waiting = self._waiting()
+            if not self._inbox.received and silence >= self._patience:
+                self._node.get_logger().warning(f'{waiting} ({self._patience:.0f} s so far)')
+                self._patience *= 2.0
+            return DiagnosticStatus.STALE, waiting
         if self._health.update is None and not self._health.trouble:
             return DiagnosticStatus.OK, 'no scan answered yet'
         grade, message = self._health.judge()
         return LEVELS[grade], message
 
-    def _waiting(self, faults):
+    def _waiting(self):
         topic = self._inbox.topic
         names = named(self._node.get_publishers_info_by_topic(topic))
-        there = f'published there by {names}' if names else 'nobody publishes there'
-        return f'no scans on {topic}: {"; ".join(text for text in faults if f" on {topic} " in text) or there}'
+        there = f'published there by {names}' if names else f'nobody publishes there{self._elsewhere()}'
+        return f'no scans on {topic}: {"; ".join(self._inbox.unheard()) or there}'
+
+    def _elsewhere(self):
+        """Where scans are published instead, in words; empty when nowhere."""
+        topics = sorted(name for name, types in self._node.get_topic_names_and_types()
+                        if LASER_SCAN in types and self._node.count_publishers(name))
+        return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}' if topics else ''
 
     def _faults(self):
         """What of other nodes never gets here, or is published where we publish; logged when it comes up."""

@@ -28,6 +28,8 @@ class Health:
         The sensor's, on the base.
     trouble : str
         Why the last scan was not answered; empty when it was.
+    doubts : dict
+        What was odd about the scans since it was last asked: kind -> text.
     """
 
     answered: int = 0
@@ -37,6 +39,7 @@ class Health:
     direction: float | None = None
     place: SE2 | None = None
     trouble: str = ''
+    doubts: dict = field(default_factory=dict)
     durations: deque = field(default_factory=lambda: deque(maxlen=SECOND_OPINION))
 
     def processed(self, update, origin, place, duration):
@@ -65,6 +68,15 @@ class Health:
         """Take note of a scan that was not answered."""
         self.skipped += 1
         self.trouble = trouble
+
+    def doubt(self, warnings):
+        """Take note of what is odd about a scan, a list of `ScanWarning`."""
+        self.doubts.update((warning.kind, warning.text) for warning in warnings)
+
+    def take_doubts(self) -> list:
+        """What was odd about the scans since the last call, in words."""
+        told, self.doubts = list(self.doubts.values()), {}
+        return told
 
     def judge(self):
         """(whether all is well, is doubtful or is lost: 0, 1 or 2; that in words)"""

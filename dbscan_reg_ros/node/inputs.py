@@ -10,14 +10,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
 from ..core.scan import SECOND, Scan
+from ..scan_checks import ScanChecks, ScanFields
 from .endpoints import subscription
-from .messages import angles_disagree, stamp_from_message
+from .graph import unheard
+from .messages import stamp_from_message
 from .subscriptions import Urgent, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that what arrives while a scan is processed can be counted."""
-FUTURE = 1.0
-"""A stamp so far ahead of the clock [s] is worth a warning."""
 
 
 class ScanInbox:
@@ -58,6 +58,10 @@ class ScanInbox:
     @property
     def topic(self):
         return self._subscription.topic_name
+
+    def unheard(self) -> list:
+        """Why nothing is heard of publishers on the topic: a sentence for each of them."""
+        return unheard(self._node, self._subscription)
 
     def is_waiting(self) -> bool:
         """Whether a scan waits for what else is to be known of its time."""
@@ -121,9 +125,23 @@ class ScanReader:
     def __init__(self, clock, notices):
         self._clock = clock
         self._notices = notices
-        self._frame = None
+        self._checks = ScanChecks()
+        self._warnings = {}
         self._geometry = None
         self._mask = None
+
+    def look(self, message) -> list:
+        """The `ScanWarning` of a LaserScan message, logged: what stays so from scan to scan once."""
+        found = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
+        for warning in found:
+            if self._warnings.get(warning.kind) is not warning:
+                self._notices.warn(warning.text)
+            self._warnings[warning.kind] = warning
+        return found
+
+    def restart(self):
+        """Time has started anew: the next stamp may be any."""
+        self._checks.restart()
 
     def read(self, message, mounting, parameters) -> Scan:
         """The scan in a LaserScan message as a sensor at `mounting.place` sees it, without the returns that the parameters
@@ -135,36 +153,9 @@ class ScanReader:
             When the message cannot be a scan.
         """
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
-        if scan.frame_id != self._frame:
-            self._look_at_frame(scan.frame_id)
         if scan.geometry is not self._geometry:
-            self._look_at_geometry(message, scan.geometry)
-        self._look_at_stamp(scan.stamp)
+            self._geometry, self._mask = scan.geometry, None
         return self._masked(scan, mounting, parameters)
-
-    def _look_at_frame(self, frame):
-        if self._frame is not None:
-            self._notices.warn(f'the scans change from the frame {self._frame!r} to {frame!r}: the odometry is that of one laser; '
-                               'give each laser a topic and a node of its own')
-        self._frame = frame
-
-    def _look_at_geometry(self, message, geometry):
-        if self._geometry is not None and geometry.size != self._geometry.size:
-            self._notices.warn(f'the scans change from {self._geometry.size} to {geometry.size} beams')
-        disagreement = angles_disagree(message)
-        if disagreement:
-            self._notices.warn(disagreement)
-        self._geometry = geometry
-        self._mask = None
-
-    def _look_at_stamp(self, stamp):
-        now = self._clock.now().nanoseconds
-        if stamp == 0:
-            self._notices.warn('the scans have no stamp (header.stamp is 0): there is no twist, and the transform is of '
-                               'little use; the driver has to set it')
-        elif now and stamp > now + FUTURE * SECOND:
-            self._notices.warn(f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the future; is the sensor\'s '
-                               'clock synchronised, and use_sim_time set where it should be?')
 
     def _masked(self, scan, mounting, parameters):
         key = parameters.input.mask, mounting

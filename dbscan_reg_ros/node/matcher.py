@@ -104,6 +104,7 @@ class ScanMatcher:
     def _on_scan(self, message):
         if self._services.paused:
             return
+        self._health.doubt(self._reader.look(message))
         due, wrong = self._stamps.settle(message, self._live.value.time.jump)
         if wrong:
             self._skip('its stamp lies far before those of the scans around it')
@@ -180,6 +181,7 @@ class ScanMatcher:
             return
         if self._listener:
             self._listener.restart()
+        self._reader.restart()
         held = self._stamps.held
         self._start_anew(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())
         # The first scan of a recording that starts again may come before its clock.

@@ -22,15 +22,6 @@ class PoseError(DbscanRegError, ValueError):
     """A message holds no pose."""
 
 
-def angles_disagree(message) -> str:
-    """How far `angle_max` of a LaserScan is from what its other fields say; empty within 1.5 beams."""
-    last = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
-    if abs(message.angle_max - last) <= 1.5 * abs(message.angle_increment):
-        return ''
-    return (f'angle_max is {message.angle_max:.6g} rad, but {len(message.ranges)} ranges, angle_min and '
-            f'angle_increment end at {last:.6g} rad; angle_max is ignored')
-
-
 def scan_to_message(scan) -> LaserScan:
     """A LaserScan message that `Scan.from_message` turns into the same scan.
 

@@ -8,6 +8,7 @@ import numpy as np
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan
 from ..paths import check_file
+from ..scan_checks import ScanFields, ScanWatch
 from .bag_faults import fault_of, other_contents
 from .bag_library import bag_library, is_ros1
 from .poses import FARTHEST, corrected, possible
@@ -47,8 +48,9 @@ class Bag(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
-        geometry = None
+        geometry, watch = None, ScanWatch()
         for number, message in self._messages(self.topic):
+            self._look(watch, ScanFields.from_message(message))
             try:
                 scan = Scan.from_message(message, geometry)
             except ScanError as error:

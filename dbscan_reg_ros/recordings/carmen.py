@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.errors import RecordingError, ScanError
 from ..core.scan import Scan, ScanGeometry
+from ..scan_checks import ScanFields, ScanWatch
 from .decimals import nanoseconds, seconds
 from .poses import corrected
 from .recording import Record, Recording
@@ -50,7 +51,7 @@ class CarmenLog(Recording):
             yield record.scan
 
     def records(self):
-        geometry, settings = None, dict(SETTINGS)
+        geometry, settings, watch = None, dict(SETTINGS), ScanWatch()
         for number, kind, words in self._lines():
             try:
                 if kind == 'PARAM':
@@ -58,6 +59,7 @@ class CarmenLog(Recording):
                 elif kind == self.topic:
                     record = _READERS[kind](words.split(), settings, geometry)
                     geometry = record.scan.geometry
+                    self._look(watch, ScanFields.from_scan(record.scan))
                     yield record
             except IndexError:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: too few values')

@@ -2,12 +2,14 @@
 import gzip
 import shlex
 import zlib
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.scan import Scan
 from ..paths import check_file
+from ..scan_checks import ScanWatch
 from .bag_faults import kind_of, unpacking_advice
 
 MOST_PROBLEMS = 1000
@@ -104,6 +106,7 @@ class Recording:
         self.name = stem.strip('.') or 'recording'
         self._problems = {}
         self._notes = {}
+        self._watch = ScanWatch()
 
     @property
     def notes(self) -> list:
@@ -114,6 +117,18 @@ class Recording:
     def problems(self) -> list:
         """One line for each damaged part met so far and skipped, up to `MOST_PROBLEMS`."""
         return list(self._problems)
+
+    @property
+    def watch(self) -> ScanWatch:
+        """What is odd about the scans, of the pass that went farthest."""
+        return self._watch
+
+    def look_through(self, most=None) -> ScanWatch:
+        """`watch`, of all scans or of the first `most`."""
+        if self._watch.seen < (self.count if most is None else min(self.count, most)):
+            for _ in islice(self.scans(), most):
+                pass
+        return self._watch
 
     def scans(self):
         """Iterator of `Scan`, in the order of the file, which is the physical one; stamps may go back.
@@ -143,6 +158,12 @@ class Recording:
         if len(self._problems) >= MOST_PROBLEMS:
             problem = 'there are more problems than these'
         self._problems[problem if len(problem) <= LONGEST_PROBLEM else f'{problem[:LONGEST_PROBLEM]}...'] = None
+
+    def _look(self, watch, fields):
+        """Look at the next scan of a pass that has a `watch` of its own."""
+        watch.look(fields)
+        if watch.seen > self._watch.seen:
+            self._watch = watch
 
     def _choose(self, counts, topic):
         """Set `topic` and `count` from how many scans each topic holds."""

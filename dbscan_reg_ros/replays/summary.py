@@ -6,9 +6,10 @@ from ..recordings.files import replacing
 
 
 def write_metrics(path, recording, measures):
-    """Write ``metrics.json``: the recording's name and file, what was assumed to read it, and every measure by its name."""
+    """Write ``metrics.json``: the recording's name and file, what was assumed to read it, what is odd about its scans, and
+    every measure by its name."""
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic, 'notes': recording.notes,
-               **measures}
+               'warnings': [sighting.as_fields() for sighting in recording.watch.sightings], **measures}
     with replacing(path) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
 
