@@ -86,7 +86,7 @@ def test_verbose_shows_where_an_error_comes_from(shell):
      "work: needs the Python package 'rosbags': install it, for example with pip\n"),
     (BrokenProcessPool('terminated abruptly'), 1,
      'work: a worker process was killed, perhaps for want of memory: fewer --processes need less\n'),
-    (ZeroDivisionError('by zero'), 1, 'work: ZeroDivisionError: by zero (-v shows where)\n'),
+    (ZeroDivisionError('by zero'), 1, 'work: internal error: by zero (-v shows where)\n'),
 ])
 def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
     def work(args):

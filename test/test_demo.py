@@ -46,7 +46,7 @@ def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path
     assert process.wait(120.0) == 0, process.output()
     last = process.output().splitlines()[-1]
     count, lost, path, metres, share = re.fullmatch(
-        r'scans (\d+) lost (\d+) path ([\d.]+) m final error ([\d.]+) m \(([\d.]+) %\) [\d.]+ deg', last).groups()
+        r'scans (\d+) skipped (\d+) path ([\d.]+) m final error ([\d.]+) m \(([\d.]+) %\) [\d.]+ deg', last).groups()
     assert int(count) > 500 and int(lost) == 0 and float(path) > 50.0
     assert float(metres) < 0.02 * float(path) and float(share) < 2.0
     stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
@@ -58,7 +58,7 @@ def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path
 def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, data, tmp_path):
     process = demo('urg04lx/exp1', '--data', data)
     assert process.wait(120.0) == 0, process.output()
-    assert process.output().splitlines()[-1] == 'scans 756 lost 0'
+    assert process.output().splitlines()[-1] == 'scans 756 skipped 0'
     stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
     assert stamps.tolist() == open_recording(data / 'urg04lx' / 'exp1').stamps()
     assert np.isfinite(poses).all()
@@ -67,7 +67,7 @@ def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, data, tmp_pa
 def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo, data):
     process = demo('intel/intel.log.gz', '--data', data)
     assert process.wait(180.0) == 0, process.output()
-    metres, degrees = re.fullmatch(r'scans 5505 lost 0 neighbours (\d\.\d{3}) m (\d\.\d{2}) deg',
+    metres, degrees = re.fullmatch(r'scans 5505 skipped 0 neighbours (\d\.\d{3}) m (\d\.\d{2}) deg',
                                    process.output().splitlines()[-1]).groups()
     assert float(metres) < 0.03 and float(degrees) < 0.5
 
@@ -122,4 +122,4 @@ def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     """They say that the laser's place is read from transforms, of which a recording has none."""
     process = demo('urg04lx/exp1', '--data', data, '--params-file', root / 'config' / 'scan_matcher.yaml')
     assert process.wait(120.0) == 0, process.output()
-    assert 'lost 0' in process.output()
+    assert 'skipped 0' in process.output()

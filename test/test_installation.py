@@ -113,7 +113,7 @@ def test_the_installed_node_answers_the_installed_player(workspace, start, tmp_p
     result = subprocess.run([workspace / 'lib' / PACKAGE / 'play', '--lockstep', room_log(tmp_path / 'room.log', 20)],
                             cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr + node.output()
-    assert result.stdout == 'scans 20 answered 20 lost 0\n'
+    assert result.stdout == 'scans 20 answered 20 skipped 0\n'
     assert node.stop() == 0, node.output()
 
 

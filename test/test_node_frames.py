@@ -130,7 +130,7 @@ def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_comman
         answers = player.play(run, rate=4.0)
         assert answers.lost == 0
         assert distances(answers.messages, [SE2()] * 20).max() < 0.05
-    said(node, 'odometry starts anew: the stamps of the scans start again', peer)
+    said(node, 'odometry reset: the stamps of the scans start again', peer)
     assert 'is not known at the time of the scan' not in node.output()
 
 

@@ -61,7 +61,7 @@ def test_a_pose_that_is_set_is_that_of_the_next_scan(start_node, player, peer, s
     assert played(player, scans[:10]).lost == 0
     place = SE2(12.0, -7.0, 2.0)
     poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
-    poses.until(lambda: 'odometry starts anew: set_pose to x 12.000 m, y -7.000 m' in node.output(), given(place))
+    poses.until(lambda: 'odometry reset: set_pose to x 12.000 m, y -7.000 m' in node.output(), given(place))
     answers = player.play(scans[10:30])
     assert answers.lost == 0
     assert pose_of(answers.messages[0]).as_array() == pytest.approx(place.as_array())

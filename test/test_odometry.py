@@ -149,7 +149,7 @@ def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn)
     assert Prior(own.transform, own.covariance).with_turn(turn, 0.02).change is None
 
 
-def test_a_lost_sensor_coasts_then_stands_then_starts_anew():
+def test_a_lost_sensor_coasts_then_stands_then_restarts():
     odometry = Odometry()
     run(odometry, drive(20))
     rng = np.random.default_rng(6)
@@ -173,7 +173,7 @@ def test_a_lost_sensor_goes_on_as_it_is_told():
         assert error(update, last_pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_after_a_gap_a_lost_sensor_starts_anew_where_it_is_told_to_be():
+def test_after_a_gap_a_lost_sensor_restarts_where_it_is_told_to_be():
     """The robot drove on and turned while nothing was heard of the lidar, and sees nothing that it knows."""
     odometry, told = Odometry(), Prior(SE2(0.8, 0.1, 1.3), np.diag((0.05, 0.05, 0.05)) ** 2)
     *_, last = run(odometry, drive(10))
@@ -240,7 +240,7 @@ def test_a_bad_scan_changes_nothing():
         assert update.pose == expected[i].pose
 
 
-def test_stamps_that_go_back_a_long_way_start_anew_and_keep_the_pose():
+def test_stamps_that_go_back_a_long_way_restart_and_keep_the_pose():
     odometry, poses = Odometry(), drive(30)
     last = run(odometry, poses)[-1]
     update = odometry.process(dataclasses.replace(scan_at(poses[0], 0), stamp=-10 * SECOND))

@@ -176,7 +176,7 @@ def lost(share, **changes):
     updates = [odometry.process(scan) for scan in drive.scans[:500]]
     truth = relative(drive.truth[:1], drive.truth[499:500])[0]
     off = SE2.from_array(truth).inverse() @ updates[-1].pose
-    # Who has to start anew is worse off than any score says.
+    # A track that has to restart is worse off than any score says.
     scores = [update.registration.score if update.registration else -1.0 for update in updates[1:]]
     return min(scores), math.hypot(off.x, off.y)
 

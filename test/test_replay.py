@@ -61,10 +61,10 @@ def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys,
     assert 0.003 < picture(latest / 'map.png').mean() < 0.5
     assert (orange(latest / 'map.png') > 300) == bool(more)
     printed = capsys.readouterr().out
-    assert re.search(rf'^scans +{count} lost 0 ', printed, re.MULTILINE)
+    assert re.search(rf'^scans +{count} skipped 0 ', printed, re.MULTILINE)
     assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan', printed, re.MULTILINE)
     metrics = json.loads((latest / 'metrics.json').read_text())
-    assert (metrics['recording'], metrics['scans'], metrics['lost']) == (name, count, 0)
+    assert (metrics['recording'], metrics['scans'], metrics['skipped']) == (name, count, 0)
     assert read_parameters(latest / 'parameters.yaml') == NodeParameters()
 
 
@@ -163,7 +163,7 @@ def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_
     0.031 m (Kuemmerle et al. 2009)."""
     assert replay('intel/intel.log.gz', '--close-loops') == 0
     printed = capsys.readouterr().out
-    assert re.search(r'^scans +5505 lost 0 ', printed, re.MULTILINE)
+    assert re.search(r'^scans +5505 skipped 0 ', printed, re.MULTILINE)
     metres, degrees = re.search(r'^neighbours +mean (\d\.\d+) m (\d\.\d+) deg', printed, re.MULTILINE).groups()
     assert float(metres) < 0.03 and float(degrees) < 0.5
     metrics = json.loads((tmp_path / 'intel' / 'latest' / 'metrics.json').read_text())
@@ -237,7 +237,7 @@ def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp
     printed = capsys.readouterr().out
     assert 'a.log:10: damaged FLASER skipped' in printed
     assert re.search(r'^scan 17 not used: ', printed, re.MULTILINE)
-    assert re.search(r'^scans +28 lost 1 ', printed, re.MULTILINE)
+    assert re.search(r'^scans +28 skipped 1 ', printed, re.MULTILINE)
     assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
 
 

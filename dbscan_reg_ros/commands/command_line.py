@@ -123,7 +123,7 @@ def complain(command, error, verbose=False) -> int:
     """Print the one line, and the traceback where wanted, that `error` is worth; its exit code."""
     if verbose:
         traceback.print_exception(error)
-    code, message = _explain(error)
+    code, message = explain(error)
     print(f'{command}: {message}', file=sys.stderr)
     return code
 
@@ -152,8 +152,8 @@ def interruptible(*signals):
             signal.signal(number, handler)
 
 
-def _explain(error):
-    """Exit code and one line for what went wrong."""
+def explain(error):
+    """Exit code and one line for what went wrong; a fault of ours is told without the name of its Python exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, 'interrupted'
     if isinstance(error, DbscanRegError):
@@ -164,4 +164,4 @@ def _explain(error):
         return FAILED, 'a worker process was killed, perhaps for want of memory: fewer --processes need less'
     if isinstance(error, OSError) and error.filename:
         return FAILED, f'{error.filename}: {error.strerror}'
-    return FAILED, f'{type(error).__name__}: {error} (-v shows where)'
+    return FAILED, f'internal error: {error} (-v shows where)'

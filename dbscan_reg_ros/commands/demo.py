@@ -102,7 +102,7 @@ def _report(recording, answers, out):
         print(line)
     if answers.unexpected:
         print(f'{answers.unexpected} odometry messages belong to no scan')
-    print(' '.join([f'scans {len(answered)} lost {answers.lost}', *_errors(recording, stamps, poses)]))
+    print(' '.join([f'scans {len(answered)} skipped {answers.lost}', *_errors(recording, stamps, poses)]))
     return FAILED if answers.lost or answers.unexpected else 0
 
 

@@ -41,7 +41,7 @@ def play(args, ros_arguments):
     if answers.stamps and not any(answers.messages):
         print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",
               file=sys.stderr)
-    print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} lost {answers.lost}')
+    print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} skipped {answers.lost}')
 
 
 def _positive(text):

@@ -1,8 +1,10 @@
 """``replay FILE...``: the odometry of recordings, offline, through the same `Odometry` as the node."""
+import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command_line import add_recordings, add_workers, complain, make_parser, note_unused, run, shortened
+from .command_line import add_recordings, add_workers, complain, explain, make_parser, note_unused, run, shortened
 
 
 def main(argv=None) -> int:
@@ -29,105 +31,125 @@ def replay(args):
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     note_unused('replay', args.params_file, parameters, REPLAYED)
     place = Path.absolute if args.scheduler else Path
-    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops)
+    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops,
+                args.verbose)
             for file in args.files]
     code = 0
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         for future in [executor.submit(replay_one, job) for job in jobs]:
             try:
-                lines = future.result()
+                replayed = future.result()
             except Exception as error:  # noqa: BLE001 - the other recordings go on
                 failed = complain('replay', error, args.verbose)
                 code = code or failed
             else:
-                print('\n'.join(lines), flush=True)
+                print('\n'.join(replayed.lines), flush=True)
+                for fault in replayed.faults:
+                    print(f'replay: {fault}', file=sys.stderr)
+                code = code or replayed.code
     return code
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be replayed, `path` and `topic` of the recording; the results go below `out`; whether loops are closed."""
+    """What is to be replayed, `path` and `topic` of the recording; the results go below `out`; whether loops are closed, and
+    whether the traceback of a fault is printed."""
 
     path: Path
     topic: str | None
     parameters: object
     out: Path
     close_loops: bool = False
+    verbose: bool = False
 
 
-def replay_one(job) -> list:
-    """Replay one recording into a folder of its own; lines that say how it went."""
-    from ..core.errors import DbscanRegError
-    from ..core.odometry import Odometry
+@dataclass(frozen=True)
+class Replayed:
+    """What came of a recording: the `lines` that say how it went, one of the `faults` for each part of the results that is not
+    whole, and the exit status."""
+
+    lines: list
+    faults: list
+    code: int = 0
+
+
+def replay_one(job) -> Replayed:
+    """Replay one recording into a folder of its own.
+
+    Raises
+    ------
+    DbscanRegError
+        When it cannot be read, or fewer than two of its scans can be used.
+    """
     from ..parameter_files import write_parameters
     from ..recordings import open_recording, write_tum
-    from ..replays.bag import odometry_bag
+    from ..replays.faults import Faults
     from ..replays.folder import new_folder, point_latest
     from ..replays.loops import Loops
-    from ..replays.mounted import mounting_of, turned
+    from ..replays.mounted import mounting_of
+    from ..replays.results import Results
     from ..replays.spots import Spots
     from ..replays.track import Track
-    from .workers import watched
 
     mounting = mounting_of(job.parameters)
     recording = open_recording(job.path, job.topic)
     folder = new_folder(job.out / recording.name)
-    write_parameters(folder / 'parameters.yaml', job.parameters, f'The parameters of the replay of {job.path.name}.')
-    track, spots, loops = Track(yaw=mounting.pose.theta), Spots(), Loops() if job.close_loops else None
+    faults = Faults(lambda error: explain(error)[1], job.verbose)
+    results = Results(folder, recording, job.parameters, Track(yaw=mounting.pose.theta), Spots(),
+                      Loops() if job.close_loops else None, faults)
+    faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
+                   f'The parameters of the replay of {job.path.name}.')
+    track, broken = results.track, None
     try:
-        with odometry_bag(folder / 'bag', job.parameters, mounting) as add_to_bag:
-            scans = turned(watched(recording.scans(), recording.name, recording.count), track.yaw)
-            for update in track.follow(scans, Odometry(job.parameters.for_odometry())):
-                add_to_bag(update)
-                spots.add(update)
-                if loops:
-                    loops.add(update)
+        _follow(results, mounting)
+    except Exception as error:  # noqa: BLE001 - what was found until then is written
+        broken = error
     finally:
         write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
-    if not track.poses:
-        raise DbscanRegError(f'{recording.path}: not one of {len(track.used)} scans could be used; '
-                             + '; '.join([track.problems[0], *recording.watch.lines()]))
-    lines = [f'results     {folder}', *write_results(folder, recording, track, spots, job.parameters, loops)]
-    point_latest(folder)
-    return lines
+    if len(track.poses) < 2:
+        raise broken or _too_few(recording, track)
+    summary = results.write(register_command(folder, recording))
+    faults.attempt('latest', point_latest, folder)
+    code, reason = explain(broken) if broken else (0, '')
+    lines = [f'results     {folder}', *shortened(recording.problems), *shortened(track.problems),
+             *(f'{name:11} {value}' for name, value in summary)]
+    ends = [f'the results end before scan {len(track.used)}: {reason}'] if broken else []
+    return Replayed(lines, [f'{recording.path}: {line}' for line in (*ends, *faults.lines)], code)
 
 
-def write_results(folder, recording, track, spots, parameters, loops=None) -> list:
-    """Write what shows how good a finished track is; the same in a few lines."""
-    import numpy as np
+def _follow(results, mounting):
+    """Feed the scans to an `Odometry`, and what it says to the track, the bag and what is reported later."""
+    from ..core.odometry import Odometry
+    from ..replays.bag import odometry_bag
+    from ..replays.mounted import turned
+    from .workers import watched
 
-    from ..plots import density_map, draw_map
-    from ..recordings import KnownMotion, interpolate, write_tum
-    from ..recordings.metrics import align
-    from ..replays.report import write_report
-    from ..replays.summary import summarise, write_metrics
+    recording, parameters, track, faults = results.recording, results.parameters, results.track, results.faults
+    stack = ExitStack()
+    bag = odometry_bag(results.folder / 'bag', parameters, mounting)
+    reports = {'bag': faults.attempt('bag', stack.enter_context, bag), 'pairs to review': results.spots.add,
+               'closed.tum': results.loops and results.loops.add}
+    try:
+        scans = turned(watched(recording.scans(), recording.name, recording.count), track.yaw)
+        for update in track.follow(scans, Odometry(parameters.for_odometry())):
+            for part, add in reports.items():
+                if add:
+                    faults.attempt(part, add, update)
+    finally:
+        with faults.noted('bag'):
+            stack.close()
 
-    known, poses = KnownMotion.of(recording), track.pose_array()
-    measures = track.measures() | known.measures(track.stamps, poses)
-    way, there = None, np.zeros(len(poses), dtype=bool)
-    if known.truth:
-        way = interpolate(*known.truth, track.stamps)
-        there = np.isfinite(way).all(axis=1)
-        write_tum(folder / 'truth.tum', np.array(track.stamps, dtype=np.int64)[there], way[there])
 
-    def draw(file, poses, title):
-        density = density_map(track.usable(recording.scans()), poses)
-        draw_map(folder / file, density, poses, title, align(way[there], poses[there]) if there.sum() > 1 else None)
-        return density
+def _too_few(recording, track):
+    """The error of a recording of which fewer than two scans can be used."""
+    from ..core.errors import DbscanRegError
 
-    if loops:
-        closed, pairs = loops.close(poses, parameters.for_odometry(), track.yaw)
-        measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in known.measures(track.stamps, closed).items()}
-        write_tum(folder / 'closed.tum', track.stamps, closed)
-        draw('map_closed.png', closed, f'{recording.name}: {len(poses)} scans, {len(pairs)} places seen again')
-    write_metrics(folder / 'metrics.json', recording, measures)
-    title = f'{recording.name}: {len(poses)} scans'
-    density = draw('map.png', poses, title)
-    summary = [*(('note', note) for note in recording.notes), *(('warning', line) for line in recording.watch.lines()),
-               *summarise(measures)]
-    write_report(folder / 'report.html', title, [('recording', str(recording.path)), *summary], known, track, density,
-                 spots.found(), parameters, register_command(folder, recording))
-    return [*shortened(recording.problems), *shortened(track.problems), *(f'{name:11} {value}' for name, value in summary)]
+    count = len(track.used)
+    if count == 1 and track.poses:
+        return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a motion')
+    usable = 'only one' if track.poses else 'not one'
+    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used', *track.problems[:1],
+                                     *recording.watch.lines()]))
 
 
 def register_command(folder, recording) -> str:

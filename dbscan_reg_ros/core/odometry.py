@@ -39,6 +39,7 @@ class Odometry:
 
     def __init__(self, parameters: Parameters = Parameters()):
         self.parameters = parameters
+        self._number = 0
         self.reset()
 
     @property
@@ -55,7 +56,7 @@ class Odometry:
             self._search = dataclasses.replace(parameters, refinement=less, decision=steep)
 
     def reset(self, pose: SE2 = SE2()):
-        """Forget everything; the next scan starts anew at `pose`."""
+        """Forget everything; the next scan is the first one, at `pose`."""
         self._pose, self._reported, self._drift = pose, pose, Drift()
         # Headings are corrected in what is reported; scans are registered as if they were not.
         self._straight = SE2()
@@ -151,14 +152,14 @@ class Odometry:
         return mahalanobis(moved, registration.covariance) > self.parameters.odometry.rest ** 2
 
     def _begin_moving(self, scan, pose, time, share):
-        """Start anew, now that the motion is known: it is taken out of the first scan, and of the next, found at `pose`.
+        """Begin again with the first scan, now that the motion is known: it is taken out of the first scan, and of the next, found at `pose`.
 
         Returns the features and the time of the next.
         """
         twist = (self._pose.inverse() @ pose).as_array() / time.interval
         first, features = (self._features(each, share * twist, again=True) for each in (self._window.latest.features.scan, scan))
         time = dataclasses.replace(time, half=_half(scan, features, share))
-        self._window = Window((KeyFrame(first, self._pose),))
+        self._window = Window((KeyFrame(first, self._pose, number=self._window.latest.number),))
         self._motion.set_off(self._pose, twist, time.half)
         return features, time
 
@@ -299,7 +300,7 @@ class Odometry:
         moved = frame.pose.inverse() @ pose
         due = self._is_due(frame, moved, registration)
         new = not due and angle is not None and partners is not None and sees_more(features, pose, partners, angle, p)
-        here = KeyFrame(features, pose, share >= _KNOWN and not registration.free_turn)
+        here = KeyFrame(features, pose, share >= _KNOWN and not registration.free_turn, self._number)
         if due or new:
             size = p.odometry.window if p.odometry.reference == 'window' else 1
             self._window = self._window.with_frame(here, size, latest=due)
@@ -336,7 +337,7 @@ class Odometry:
                 or registration.overlap < p.keyframe_overlap)
 
     def _coast(self, features, registration, expected):
-        """The scan is not found: go on as expected for a while, then as told or not at all, then start anew."""
+        """The scan is not found: go on as expected for a while, then as told or not at all, then restart."""
         p, (pose, prior, _, own, time) = self.parameters.odometry, expected
         self._lost += max(time.interval, time.elapsed)
         if self._lost > p.give_up or time.jump:
@@ -357,21 +358,23 @@ class Odometry:
         return self._update(features, status, time, self._pose, registration, self._window.latest, False)
 
     def _start(self, features, reason):
-        """Start at the pose reached so far: the first scan, or one after which the motion is lost for a `reason`."""
+        """Start, or restart for a `reason`, at the pose reached so far; nothing is known of the motion."""
         self._forget()
         if reason:
             self._drift.leap()
-        self._window = Window((KeyFrame(features, self._pose),))
+        self._window = Window((KeyFrame(features, self._pose, number=self._number),))
         status = Status.FAILED if reason else Status.OK
         return self._update(features, status, Interval(jump=reason), self._pose, None, None, True)
 
     def _update(self, features, status, time, pose, registration, frame, changed):
         pose = self._straight @ pose
         step, self._reported = self._reported.inverse() @ pose, pose
+        number, self._number = self._number, self._number + 1
         return OdometryUpdate(
             features.scan.stamp, pose, turned(self._drift.pose, pose.theta) + _LEAST_COVARIANCE, self._motion.twist.copy(),
             self._drift.twist + _LEAST_COVARIANCE, time.interval, step, status, registration, features,
-            frame and frame.features, self._straight @ frame.pose if frame else pose, changed, time.jump, self._systematic.slope.copy())
+            frame and frame.features, self._straight @ frame.pose if frame else pose, changed, time.jump, self._systematic.slope.copy(),
+            number, frame.number if frame else None)
 
 
 class _Expected(NamedTuple):

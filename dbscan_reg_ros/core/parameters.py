@@ -470,7 +470,7 @@ class ManhattanParameters(ParameterGroup):
 class TimeParameters(ParameterGroup):
     """Stamps."""
 
-    jump: float = parameter(2.0, 'stamps that go back, or leave a gap, of more than this are a restart', 's', 0.0, 1000000.0)
+    jump: float = parameter(2.0, 'stamps that go back by more than this restart tracking at the last pose, and twice in a row reset the node to the origin; after a gap of more than this nothing is known of the motion', 's', 0.0, 1000000.0)
 
 
 _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')

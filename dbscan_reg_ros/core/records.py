@@ -308,10 +308,14 @@ class OdometryUpdate:
     reference_changed : bool
         This scan becomes the reference (or part of it) for those that follow.
     restarted : str
-        Why the odometry started anew at this scan; empty otherwise.
+        Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else empty.
     told_error : (3, 3) float
         What is known to be wrong with told motions: one told as m [m, m, rad] was m + `told_error` @ m, in the sensor's frame. 0
         as long as nothing is known.
+    number : int
+        How many scans this `Odometry` used before this one, resets included.
+    reference_number : int or None
+        `number` of the scan of `reference`, whose features may have been made anew since.
     """
 
     stamp: int
@@ -329,3 +333,5 @@ class OdometryUpdate:
     reference_changed: bool
     restarted: str = ''
     told_error: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    number: int = 0
+    reference_number: int | None = None

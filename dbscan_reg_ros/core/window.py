@@ -25,11 +25,14 @@ class KeyFrame:
         In the odometry frame.
     known : bool
         Whether it is known in every direction where it lies among the others.
+    number : int
+        `OdometryUpdate.number` of its scan: the same when the features of the scan are made anew.
     """
 
     features: Features
     pose: SE2
     known: bool = True
+    number: int = 0
 
 
 class SurfaceStack:

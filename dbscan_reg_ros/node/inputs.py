@@ -219,7 +219,7 @@ class Stamps:
         return bool(stamp and self._used) and stamp < min(self._used) - jump * SECOND
 
     def restart(self):
-        """Take any stamp next: time has started anew."""
+        """Take any stamp next: the odometry was reset."""
         self._used.clear()
         self.held = None
 

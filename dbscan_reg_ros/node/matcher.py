@@ -59,7 +59,7 @@ class ScanMatcher:
         self._reader = ScanReader(node.get_clock(), self._notices)
         self._stamps = Stamps()
         self._outputs = Outputs(node, parameters)
-        self._services = Services(node, parameters, self._notices, self._start_anew)
+        self._services = Services(node, parameters, self._notices, self._reset)
         self._diagnostics = Diagnostics(node, self._health, self._notices, self._sender, self._outputs.odom,
                                         lambda: self._services.paused)
         self._jumps = node.get_clock().create_jump_callback(
@@ -121,7 +121,7 @@ class ScanMatcher:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
             scan = self._reader.read(message, mounting, self._live.value)
             if self._stamps.start_again(scan.stamp, self._live.value.time.jump):
-                self._start_anew('the stamps of the scans start again', Start())
+                self._reset('the stamps of the scans start again', Start())
             prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.expected_motion)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
@@ -141,15 +141,15 @@ class ScanMatcher:
     def _report(self, update):
         if update.restarted and update.registration is None:
             self._sender.restart()
-            self._notices.warn(f'odometry started anew: {update.restarted}')
+            self._notices.warn(f'tracking restarted at the last pose: {update.restarted}')
         elif update.restarted:
             self._notices.warn(update.restarted)
         elif update.status is Status.FAILED:
             self._notices.warn(f'scan could not be registered: {update.registration.reason}')
 
-    def _start_anew(self, reason, start):
+    def _reset(self, reason, start):
         """Take the next scan as the first one, with the base at `start`."""
-        self._node.get_logger().info(f'odometry starts anew: {reason}')
+        self._node.get_logger().info(f'odometry reset: {reason}')
         self._start = start
         self._origin = None
         for part in (self._odometry, self._outputs):
@@ -176,13 +176,13 @@ class ScanMatcher:
         self._look_again()
 
     def _on_time_jump(self, jump):
-        """Start anew when the clock goes back, as it does when a bag is played in a loop; a little back is jitter."""
+        """Reset when the clock goes back, as it does when a bag is played in a loop; a little back is jitter."""
         if jump.delta.nanoseconds >= -self._live.value.time.jump * SECOND:
             return
         if self._listener:
             self._listener.restart()
         self._reader.restart()
         held = self._stamps.held
-        self._start_anew(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())
+        self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())
         # The first scan of a recording that starts again may come before its clock.
         self._stamps.held = held

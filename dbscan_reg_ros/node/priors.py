@@ -55,7 +55,7 @@ class Priors:
         self._last: tuple | None = None
 
     def restart(self):
-        """Forget the last scan and what the source said: time or pose have started anew."""
+        """Forget the last scan and what the source said: the odometry was reset."""
         self._last = None
         if self._source:
             self._source.restart()

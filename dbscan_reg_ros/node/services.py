@@ -27,7 +27,7 @@ class Services:
     parameters : NodeParameters
         May be replaced at any time.
     notices : Notices
-    start_anew : callable
+    reset : callable
         Takes a reason and the `Start`.
 
     Attributes
@@ -35,12 +35,12 @@ class Services:
     paused : bool
     """
 
-    def __init__(self, node: Node, parameters, notices, start_anew):
+    def __init__(self, node: Node, parameters, notices, reset):
         self.parameters = parameters
         self.paused = False
         self._node = node
         self._notices = notices
-        self._start_anew = start_anew
+        self._reset = reset
         self._updates = deque(maxlen=parameters.snapshot.scans)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetBool, '~/pause', self._on_pause)
@@ -54,7 +54,7 @@ class Services:
         self._updates.append(SnapshotUpdate.of(update, prior))
 
     def _on_reset(self, _request, response):
-        self._start_anew('reset was called', Start())
+        self._reset('reset was called', Start())
         response.success, response.message = True, 'the next scan is the new origin'
         return response
 
@@ -103,5 +103,5 @@ class Services:
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -ROUNDING * np.abs(covariance).max():
             self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
             return
-        self._start_anew(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
-                         Start(pose, covariance))
+        self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
+                    Start(pose, covariance))

@@ -25,7 +25,7 @@ def make_store():
 class TransformStore:
     """Transforms composed along their tree and interpolated between their stamps.
 
-    Where one comes more than `SPAN` before the newest between the same frames, time has started anew.
+    Where one comes more than `SPAN` before the newest between the same frames, time has gone back.
     """
 
     def __init__(self):
@@ -46,7 +46,7 @@ class TransformStore:
         edge.add(stamp, pose)
 
     def clear(self):
-        """Forget what moves: time has started anew."""
+        """Forget what moves: time has gone back."""
         self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
 
     def lookup(self, target, source, stamp):

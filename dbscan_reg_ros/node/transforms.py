@@ -66,7 +66,7 @@ class TransformListener:
         return self._store.lookup(target, source, stamp)
 
     def restart(self):
-        """Forget what moves: time has started anew."""
+        """Forget what moves: time has gone back."""
         self.hear()
         if self._store:
             self._store.clear()
@@ -149,7 +149,7 @@ class TransformSender:
         return self._publisher is not None
 
     def restart(self):
-        """Take any stamp next: time has started anew."""
+        """Take any stamp next: the odometry was reset, or tracking restarted."""
         self._last_stamp = None
 
     def send(self, state):

@@ -12,6 +12,8 @@ SAME_SCAN_WITHIN = 1_000_000
 """A relation's stamp belongs to a scan that is nearer than this [ns]."""
 MOVING_BEYOND = 0.03
 """A step longer than this [m] is a true motion, not noise of the reference."""
+JUMP_INTERVALS = 10.0
+"""A step of the stamps is a jump of the clock only when it is so many times as long as their median."""
 
 
 def errors(estimate, truth):
@@ -96,6 +98,19 @@ def path_lengths(poses):
     """``(N,)`` way from the first pose to each [m]."""
     steps = relative(poses[:-1], poses[1:])
     return np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
+
+
+def duration(stamps, jump):
+    """Time [s] that passes over `stamps` ``(N,)`` [ns], and how many of their steps are gaps or jumps and not counted.
+
+    These are steps of more than `jump` [s], and of more than ten times their median: key frames lie far apart.
+    """
+    steps = np.diff(np.asarray(stamps, dtype=np.int64)) * 1e-9
+    if not len(steps):
+        return 0.0, 0
+    length = np.abs(steps)
+    jumps = length > max(jump, JUMP_INTERVALS * float(np.median(length)))
+    return max(float(steps[~jumps].sum()), 0.0), int(jumps.sum())
 
 
 def align(poses, reference):

@@ -49,17 +49,18 @@ class Loops:
     """Collects the key frames of a drive; `close` makes the poses agree."""
 
     def __init__(self):
-        self._frames, self._count = [], 0
+        self._frames = []
         # Whether all scans since the last key frame tell of the motion.
         self._known = True
 
     def add(self, update):
         """Take note of the `OdometryUpdate` of the next scan."""
-        number, self._count = self._count, self._count + 1
+        if self._frames and update.reference_number == self._frames[-1].number:
+            self._frames[-1] = self._frames[-1]._replace(features=update.reference)
         self._known &= update.registration is not None and not update.restarted
         if update.reference_changed:
             covariance = update.registration.covariance + np.diag(STEP_SPREAD) ** 2 if self._known else np.diag(UNKNOWN_SPREAD) ** 2
-            self._frames.append(Stop(number, update.features, covariance))
+            self._frames.append(Stop(update.number, update.features, covariance))
             self._known = True
 
     def close(self, poses, parameters, yaw=0.0):

@@ -1,6 +1,5 @@
 """The scans of a replay that deserve a look, each with the scan that it was registered to."""
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -47,36 +46,34 @@ class Spots:
     """Collects the first scan of every stretch that is not ``OK``, and the least sure ones of those that are."""
 
     def __init__(self):
-        self._bad, self._least_sure, self._count, self._last = [], {}, 0, Status.OK
-        self._numbers = WeakKeyDictionary()
+        self._bad, self._least_sure, self._last = [], {}, Status.OK
 
     def add(self, update):
         """Look at the `OdometryUpdate` of the next scan."""
-        number, self._count = self._count, self._count + 1
-        self._numbers[update.features] = number
         changed, self._last = update.status is not self._last, update.status
         if update.registration is None or update.reference is None:
             return
         if update.status is not Status.OK:
             if changed and len(self._bad) < MOST_BAD:
-                self._bad.append(self._spot(number, update))
+                self._bad.append(_spot(update))
             return
-        block = number // BLOCK
+        block = update.number // BLOCK
         if block not in self._least_sure or update.registration.overlap < self._least_sure[block].overlap:
-            self._least_sure[block] = self._spot(number, update)
+            self._least_sure[block] = _spot(update)
 
     def found(self) -> list:
         """Every `Spot`, in the order of the scans."""
         least = sorted(self._least_sure.values(), key=lambda spot: spot.overlap)[:LEAST_SURE]
         return sorted([*self._bad, *least], key=lambda spot: spot.number)
 
-    def _spot(self, number, update):
-        moved = update.reference_pose.inverse() @ update.pose
-        registration, reference, current = update.registration, update.reference, update.features
-        matched, matching = registration.matches.T
-        return Spot(number, self._numbers[reference], update.status, registration.overlap, registration.reason,
-                    _thinned(reference.points), moved.apply(_thinned(current.points)),
-                    _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
+
+def _spot(update):
+    moved = update.reference_pose.inverse() @ update.pose
+    registration, reference, current = update.registration, update.reference, update.features
+    matched, matching = registration.matches.T
+    return Spot(update.number, update.reference_number, update.status, registration.overlap, registration.reason,
+                _thinned(reference.points), moved.apply(_thinned(current.points)),
+                _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
 
 
 def _lines(segments, chosen):

@@ -1,5 +1,6 @@
 """The measures of a replay, as a file and in words."""
 import json
+import math
 
 from ..core.records import Status
 from ..recordings.files import replacing
@@ -7,17 +8,20 @@ from ..recordings.files import replacing
 
 def write_metrics(path, recording, measures):
     """Write ``metrics.json``: the recording's name and file, what was assumed to read it, what is odd about its scans, and
-    every measure by its name."""
+    every measure by its name; null for one that is not finite."""
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic, 'notes': recording.notes,
-               'warnings': [sighting.as_fields() for sighting in recording.watch.sightings], **measures}
+               'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
+    content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
     with replacing(path) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
 
 
 def summarise(measures) -> list:
     """(what, how much) of what matters most among the measures of a replay."""
-    states = ' '.join(f'{status.value} {measures[status.value]}' for status in Status if measures[status.value])
-    lines = [('scans', f'{measures["scans"]} lost {measures["lost"]} {states}'.rstrip())]
+    counts = [f'{name} {measures[name]}' for name in (*(status.value for status in Status), 'restarts') if measures[name]]
+    lines = [('scans', ' '.join([f'{measures["scans"]} skipped {measures["skipped"]}', *counts]))]
+    if 'driven_m' in measures:
+        lines.append(('driven', _driven(measures)))
     if 'ms_p50' in measures:
         lines.append(('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan'))
     for name, words in (('neighbour', 'neighbours'), ('loop', 'loops'), ('all', 'relations')):
@@ -40,3 +44,9 @@ def summarise(measures) -> list:
             closed.append(f'position {measures["closed_ate_m"]:.3f} m')
         lines.append(('closed', ', '.join(closed)))
     return lines
+
+
+def _driven(measures):
+    without = f' (jumps of the stamps left out: {measures["stamp_jumps"]})' if measures['stamp_jumps'] else ''
+    return (f'{measures["driven_m"]:.2f} m in {measures["duration_s"]:.1f} s{without}, the end is '
+            f'{measures["end_m"]:.3f} m {measures["end_deg"]:.1f} deg from the start')

@@ -9,6 +9,7 @@ from ..core.errors import ScanError
 from ..core.odometry import Odometry
 from ..core.records import Status
 from ..core.se2 import SE2
+from ..recordings.metrics import duration, errors, path_lengths
 
 
 @dataclass(eq=False)
@@ -27,6 +28,8 @@ class Track:
         Time spent on each.
     used : list of bool
         For every scan of the recording.
+    restarts : int
+        How often tracking restarted at the last pose.
     problems : list of str
         Why scans were not used; they are numbered from 0.
     """
@@ -38,6 +41,7 @@ class Track:
     milliseconds: list = field(default_factory=list)
     used: list = field(default_factory=list)
     problems: list = field(default_factory=list)
+    restarts: int = 0
 
     def follow(self, scans, odometry):
         """Feed `scans` to `odometry`, an `Odometry` or what has a ``process`` like it, and yield each answer."""
@@ -56,21 +60,33 @@ class Track:
             pose = turn.inverse() @ update.pose @ turn
             self.poses.append((pose.x, pose.y, pose.theta))
             self.statuses.append(update.status)
+            self.restarts += bool(update.restarted) and update.registration is None
             yield update
 
     def usable(self, scans):
-        """Those of the recording's `scans` that were used."""
-        return (scan for scan, used in zip(scans, self.used, strict=True) if used)
+        """Those of the recording's `scans` that were used, as far as it was followed."""
+        return (scan for used, scan in zip(self.used, scans, strict=False) if used)
 
     def pose_array(self):
         """(N, 3) float [m, m, rad]"""
         return np.array(self.poses, dtype=float).reshape(-1, 3)
 
-    def measures(self) -> dict:
-        """How many scans there were and came to what, and how long they took."""
+    def measures(self, jump) -> dict:
+        """How many scans there were and came to what, how long they took, and how far the sensor went.
+
+        ``skipped`` scans could not be used, ``failed`` ones could not be registered. ``duration_s`` is the time of the stamps
+        without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` tell how far the last pose lies
+        from the first.
+        """
         counts = Counter(self.statuses)
-        measures: dict[str, float] = {'scans': len(self.used), 'lost': self.used.count(False)}
-        measures |= {status.value: counts[status] for status in Status}
+        measures: dict[str, float] = {'scans': len(self.used), 'skipped': self.used.count(False)}
+        measures |= {status.value: counts[status] for status in Status} | {'restarts': self.restarts}
+        if self.poses:
+            poses = self.pose_array()
+            (end_m,), (end_deg,) = errors(poses[-1:], poses[:1])
+            seconds, jumps = duration(self.stamps, jump)
+            measures |= {'driven_m': float(path_lengths(poses)[-1]), 'duration_s': seconds, 'stamp_jumps': jumps,
+                         'end_m': float(end_m), 'end_deg': float(end_deg)}
         if self.milliseconds:
             measures |= {f'ms_p{q}': float(np.percentile(self.milliseconds, q)) for q in (50, 95, 99)}
         return measures

@@ -1,0 +1,41 @@
+"""Faults of the reporting: noted and passed over, so that they never cost the result of a replay."""
+import traceback
+from contextlib import contextmanager
+
+
+class Faults:
+    """What could not be written of a result, and why.
+
+    Parameters
+    ----------
+    explain : callable
+        Takes an exception, returns the reason in one line.
+    verbose : bool
+        Print the traceback of every fault.
+    """
+
+    def __init__(self, explain, verbose=False):
+        self._explain, self._verbose = explain, verbose
+        self._reasons = {}
+
+    @property
+    def lines(self) -> list:
+        """One line for each part that could not be written, with the first reason."""
+        return [f'{part} not written: {reason}' for part, reason in self._reasons.items()]
+
+    @contextmanager
+    def noted(self, part):
+        """Note what goes wrong within the block as a fault of `part`, and go on after it."""
+        try:
+            yield
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other parts are written
+            if self._verbose:
+                traceback.print_exception(error)
+            self._reasons.setdefault(part, self._explain(error))
+
+    def attempt(self, part, function, *args):
+        """What `function(*args)` returns; None when it fails, which is noted, or when `part` failed before."""
+        if part in self._reasons:
+            return None
+        with self.noted(part):
+            return function(*args)

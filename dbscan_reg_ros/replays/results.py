@@ -1,0 +1,106 @@
+"""The files of a finished replay, each written as far as it can be."""
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..node.parameters import NodeParameters
+from ..plots import density_map, draw_map
+from ..recordings import KnownMotion, interpolate, write_tum
+from ..recordings.metrics import align
+from ..recordings.recording import Recording
+from .faults import Faults
+from .loops import Loops
+from .report import write_report
+from .spots import Spots
+from .summary import summarise, write_metrics
+from .track import Track
+
+NOTHING_KNOWN = KnownMotion(None, None, None)
+
+
+@dataclass(eq=False)
+class Results:
+    """What a replay found, and the folder where it is written.
+
+    Attributes
+    ----------
+    folder : Path
+    recording : Recording
+    parameters : NodeParameters
+    track : Track
+    spots : Spots
+    loops : Loops or None
+        None: loops are not closed.
+    faults : Faults
+        What could not be written is noted there.
+    """
+
+    folder: Path
+    recording: Recording
+    parameters: NodeParameters
+    track: Track
+    spots: Spots
+    loops: Loops | None
+    faults: Faults
+
+    def write(self, register='') -> list:
+        """Write the measures, then the pictures and the page; (what, how much) of what matters most among the measures.
+
+        `register` is the command that shows a pair of scans once their numbers are added.
+        """
+        stamps, poses, name = self.track.stamps, self.track.pose_array(), self.recording.name
+        known, measures = self._known(), self.track.measures(self.parameters.time.jump)
+        measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
+        closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
+        write_metrics(self.folder / 'metrics.json', self.recording, measures)
+        truth = self.faults.attempt('truth.tum', self._truth, known)
+        if closed:
+            self._draw('map_closed.png', closed[0], f'{name}: {len(poses)} scans, {len(closed[1])} places seen again', truth)
+        title = f'{name}: {len(poses)} scans'
+        density = self._draw('map.png', poses, title, truth)
+        summary = [*(('note', note) for note in self.recording.notes),
+                   *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
+        if density:
+            with self.faults.noted('report.html'):
+                write_report(self.folder / 'report.html', title, [('recording', str(self.recording.path)), *summary], known,
+                             self.track, density, self._pairs(), self.parameters, register)
+        return summary
+
+    def _known(self):
+        return self.faults.attempt('errors against the truth', KnownMotion.of, self.recording) or NOTHING_KNOWN
+
+    def _truth(self, known):
+        """True poses ``(N, 3)`` of the scans, not a number where unknown, or None."""
+        if known.truth is None:
+            return None
+        truth = interpolate(*known.truth, self.track.stamps)
+        there = np.isfinite(truth).all(axis=1)
+        write_tum(self.folder / 'truth.tum', np.array(self.track.stamps, dtype=np.int64)[there], truth[there])
+        return truth
+
+    def _close(self, known, measures):
+        """Close the loops and add to the measures; the closed poses and the pairs of scans."""
+        closed, pairs = self.loops.close(self.track.pose_array(), self.parameters.for_odometry(), self.track.yaw)
+        errors = self.faults.attempt('errors against the truth', known.measures, self.track.stamps, closed) or {}
+        measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
+        write_tum(self.folder / 'closed.tum', self.track.stamps, closed)
+        return closed, pairs
+
+    def _draw(self, file, poses, title, truth):
+        """Draw the map along the poses; its `DensityMap`, or None."""
+        density = self.faults.attempt(file, density_map, self.track.usable(self.recording.scans()), poses)
+        if density:
+            self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
+        return density
+
+    def _pairs(self):
+        return self.faults.attempt('pairs to review', self.spots.found) or []
+
+
+def _aligned(truth, poses):
+    """The true poses moved as one onto the `poses`; None where fewer than two are known."""
+    if truth is None:
+        return None
+    there = np.isfinite(truth).all(axis=1)
+    return align(truth[there], poses[there]) if there.sum() > 1 else None
