@@ -32,7 +32,7 @@ def log(data):
 
 def arguments(data, **changes):
     values = {'data': str(data), 'method': None, 'limit': None, 'verbose': False, 'course': None, 'prior': 'none',
-              'poses': None, 'benchmark': 'test'}
+              'poses': None, 'benchmark': 'test', 'copies': None, 'processes': None}
     return SimpleNamespace(**(values | changes))
 
 

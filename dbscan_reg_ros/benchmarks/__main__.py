@@ -18,15 +18,21 @@ BENCHMARKS = {
     'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
     'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances tell the truth, in simulated worlds',
+    'sparse': 'key frames far apart: the odometry beside registrations without a guess',
+    'narrow': 'odometry of depth cameras with narrow fields of view',
+    'passers': 'odometry while people cross close in front of the lidar',
+    'spinup': 'odometry that begins while the lidar spins up',
+    'overlap': 'any motion without a guess, by the share of the view in common, and what the status is worth',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'fingerprint')
 """No other method has what they measure."""
-SIMULATED = ('node', 'soak', 'covariance')
+SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
 """They need no recordings."""
 METHODS = ('dbscan', 'paper', 'small_gicp', 'kiss-icp', 'icp', 'idc', 'icl', 'identity')
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees',
-           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person')
+           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
+           'sparse', 'narrow', 'passers', 'spinup')
 
 
 def main(argv=None) -> int:
@@ -56,9 +62,31 @@ def make_parser():
                                  'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')
             command.add_argument('--poses', type=Path, metavar='FILE.csv',
                                  help='write the poses of dbscan on the first course as index,x,y,theta,ms')
+            command.add_argument('--copies', type=positive, metavar='N', help='mean and two standard errors (+-) over N copies '
+                                 'of each course with 2 mm of noise on the ranges, without bounds')
+            add_processes(command)
+        elif name in ('narrow', 'passers', 'spinup'):
+            command.add_argument('--seeds', type=positive, default=10, metavar='N', help='so many of the ten seeds (default: 10)')
+        elif name == 'overlap':
+            add_overlap(command)
         elif name == 'fingerprint':
             add_fingerprint(command)
     return parser
+
+
+def add_processes(command):
+    command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
+
+
+def add_overlap(command):
+    """The options of ``bench overlap``."""
+    command.add_argument('--pairs', type=positive, default=500, metavar='N', help='of each class and world (default: 500)')
+    command.add_argument('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360')
+    command.add_argument('--world', nargs='+', metavar='NAME', help='only these, of corridors, halls, rooms, and each of them '
+                         'after busy_: with people and clutter')
+    command.add_argument('--motion', nargs='+', metavar='NAME', help='only these, of any and near (within 1.5 m and 0.6 rad)')
+    command.add_argument('--noise', nargs='+', metavar='NAME', help='only these, of low and high')
+    add_processes(command)
 
 
 def add_fingerprint(command):

@@ -2,74 +2,21 @@
 import dataclasses
 import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..core.se2 import as_vectors
 from ..recordings import interpolate, open_recording
 from ..recordings.poses import compose
-from ..simulation import LIDARS, Lidar, Person, World, corridor, follow, hall, rooms, simulate, wheel_odometry
+from ..simulation import LIDARS, Lidar, Person, World, corridor, hall, rooms
 from ..simulation.raycasting import cast
 from ..simulation.worlds import box, clearance, furnished, sides
+from . import hard_courses
+from .course import Course, simulated
 from .intel import Intel
 
 SEEDS = (0, 1, 2)
 URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """Scans in order, and what is known of the sensor's true motion.
-
-    Attributes
-    ----------
-    scans : list of Scan
-    judged : (N,) bool
-        The scans that count; the others only disturb.
-    indices : (N,) int
-        Each scan's number in the recording.
-    reference : (N, 3) float or None
-        True pose [m, m, rad] at each scan.
-    relations : Relations or None
-    wheels : (N, 3) float or None
-        Pose of the sensor by the wheels at each scan.
-    axis : float or None
-        The direction [rad] in the frame of `reference` that nothing in sight tells.
-    """
-
-    scans: list
-    judged: np.ndarray | None = None
-    indices: np.ndarray | None = None
-    reference: np.ndarray | None = None
-    relations: object = None
-    wheels: np.ndarray | None = None
-    axis: float | None = None
-
-    def __post_init__(self):
-        if self.judged is None:
-            object.__setattr__(self, 'judged', np.ones(len(self.scans), dtype=bool))
-        if self.indices is None:
-            object.__setattr__(self, 'indices', np.arange(len(self.scans)))
-
-    @property
-    def stamps(self):
-        """(N,) int64 [ns]"""
-        return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
-
-    @property
-    def seconds(self):
-        """(N,) float [s] since the first scan."""
-        return 1e-9 * (self.stamps - self.stamps[0])
-
-    def take(self, chosen) -> 'Course':
-        """The scans `chosen`, by index or mask."""
-        def rows(values):
-            return None if values is None else values[chosen]
-        picked = np.arange(len(self.scans))[chosen]
-        return dataclasses.replace(
-            self, scans=[self.scans[i] for i in picked], judged=rows(self.judged), indices=rows(self.indices),
-            reference=rows(self.reference), wheels=rows(self.wheels))
 
 
 def intel(folder) -> list:
@@ -137,14 +84,6 @@ def lms511(folder) -> list:
     """A sensor that stands still for 7 s."""
     scans = list(open_recording(folder / 'lms511' / 'static').scans())
     return [Course(scans, reference=np.zeros((len(scans), 3)))]
-
-
-def simulated(world, lidar=Lidar(), seed=0, axis=None, **motion) -> Course:
-    """The tour of a world, with the `motion` of `follow`."""
-    result = simulate(world, follow(world.tour, **motion), lidar, seed)
-    wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
-    course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)
-    return course.take(np.isfinite(wheels).all(axis=1))
 
 
 def simulated_rooms(folder) -> list:
@@ -274,6 +213,6 @@ COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
     'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
-    'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person,
+    'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -17,7 +17,7 @@ from .trackers import SPREAD
 RECORDINGS = {'intel': 'intel/intel.log.gz', 'aces': 'aces/aces.log.gz', 'urg04lx': 'urg04lx/exp1', 'lms511': 'lms511/static',
               'ccny_demo': 'ccny_demo/demo.bag'}
 SIMULATED = ('rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees', 'lidars', 'leader', 'far_noise', 'losses',
-             'bursts', 'outages')
+             'bursts', 'outages', 'sparse', 'narrow', 'passers', 'spinup')
 PLACE = SE2(0.3, -0.2, math.radians(135.0))
 MOUNTED = ('mounted', 'upside_down', 'moving')
 SWAY, SWAY_PERIOD = (0.1, 0.05, math.radians(30.0)), 7.0
@@ -40,15 +40,15 @@ def inputs(group, folder, limit=None) -> dict:
     limit : int, optional
         The first scans only, and so many pairs.
     """
-    if group in SIMULATED:
-        drives = [course.scans[:limit] for course in COURSES[group](folder)]
-        return {f'{group}_{k}': packed(scans) for k, scans in enumerate(drives)}
     if group in MOUNTED:
         scans, _ = mounted(group, limit)
         return {group: packed(scans)}
     if group.startswith('node_'):
         return {group: through_node(group.removeprefix('node_'), limit)}
     try:
+        if group in SIMULATED:
+            drives = [course.scans[:limit] for course in COURSES[group](folder)]
+            return {f'{group}_{k}': packed(scans) for k, scans in enumerate(drives)}
         if group == 'pairs':
             return {group: pairs(Intel(folder / 'intel'), limit)}
         if group == WHEELS:

@@ -1,4 +1,5 @@
 """Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
+import os
 import time
 from dataclasses import dataclass, field
 
@@ -10,7 +11,9 @@ from ..recordings import data_folder, write_csv
 from ..recordings.metrics import evaluate, path_lengths
 from ..recordings.poses import relative
 from .bounds import at_least, at_most
-from .courses import COURSES, Course
+from .copies import noised, scatter
+from .course import Course
+from .courses import COURSES
 from .methods import BenchmarkError
 from .report import Report
 from .trackers import PRIORS, tracker
@@ -147,8 +150,12 @@ def measure(args) -> Report:
         if name not in COURSES:
             raise BenchmarkError(f'unknown course {name!r}; expected {", ".join(COURSES)}')
         courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
-        rows = {}
-        for method in args.method or ((OURS,) if name in HARDER else METHODS):
+        rows, methods = {}, args.method or ((OURS,) if name in HARDER else METHODS)
+        if args.copies:
+            report.add(f'{name}, {args.copies} copies', in_copies(courses, methods, args), {}, SHOWN,
+                       prefix='' if name == 'intel' else f'{name}_')
+            continue
+        for method in methods:
             drives = [drive(method, course, f'{name} {method}', args.prior) for course in courses]
             rows[method] = _mean([judge(result) for result in drives])
             if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
@@ -159,6 +166,24 @@ def measure(args) -> Report:
             bounds |= _no_worse(rows[LASER_ONLY])
         report.add(name, rows, bounds, SHOWN, prefix='' if name == 'intel' else f'{name}_')
     return report
+
+
+def in_copies(courses, methods, args) -> dict:
+    """Means over noisy copies of the courses, and two standard errors of these, for each method."""
+    from ..commands.workers import workers
+    rows = {}
+    with workers(args.processes or os.cpu_count()) as executor:
+        for method in methods:
+            jobs = [[executor.submit(judged_copy, method, course, seed, args.prior) for course in courses]
+                    for seed in range(args.copies)]
+            mean, spread = scatter([_mean([job.result() for job in copy]) for copy in jobs])
+            rows |= {method: mean, f'{method}, +-': spread}
+    return rows
+
+
+def judged_copy(method, course, seed, prior):
+    """What `judge` says of a copy of a course; `seed` tells one copy from another."""
+    return judge(drive(method, noised(course, seed), f'copy {seed}', prior))
 
 
 def _no_worse(laser_only):

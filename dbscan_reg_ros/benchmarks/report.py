@@ -46,6 +46,13 @@ class Report:
         names = [name for name in shown or names if name in names]
         self.tables.append(_table(title, names, rows))
 
+    def add_courses(self, title, rows, method='dbscan'):
+        """Add a table of what one `method` did on several courses: `rows` is course -> metric -> number."""
+        self.metrics.setdefault(method, {}).update(
+            {f'{course}_{name}': value for course, row in rows.items() for name, value in row.items()})
+        names = list(dict.fromkeys(name for row in rows.values() for name in row))
+        self.tables.append(_table(f'{title}, {method}', names, rows))
+
     def measured(self) -> dict:
         """The metrics without those that could not be measured."""
         return {method: {name: value for name, value in row.items() if not math.isnan(value)}

@@ -11,7 +11,7 @@ MARGIN = 0.2
 STEP = 0.1
 
 
-def two_views(world, lidar, rng, motion):
+def two_views(world, lidar, rng, motion, times=(0.0, 0.0)):
     """Two scans near the tour of a world, in any direction, and the true motion between them.
 
     Parameters
@@ -21,7 +21,9 @@ def two_views(world, lidar, rng, motion):
     rng : numpy.random.Generator
     motion : callable
         ``motion(rng)`` draws the motion, an `SE2`. It is drawn again, with the place, until the straight way between
-        both places keeps 0.2 m clear of everything.
+        both places keeps 0.2 m clear of what stands still, and the places of people.
+    times : (float, float)
+        Of both views [s]: where people are.
 
     Returns
     -------
@@ -36,5 +38,7 @@ def two_views(world, lidar, rng, motion):
         truth = motion(rng)
         poses = [first.as_array(), (first @ truth).as_array()]
         way = np.linspace(poses[0][:2], poses[1][:2], 2 + int(math.hypot(truth.x, truth.y) / STEP))
-        if clearance(way, world.segments, world.circles).min() > MARGIN:
-            return *(measure(world, [pose], lidar, rng) for pose in poses), truth
+        free = all(clearance(pose[None, :2], world.segments, world.circles_at(time))[0] > MARGIN
+                   for pose, time in zip(poses, times, strict=True))
+        if free and clearance(way, world.segments, world.circles).min() > MARGIN:
+            return *(measure(world, [pose], lidar, rng, time=time) for pose, time in zip(poses, times, strict=True)), truth

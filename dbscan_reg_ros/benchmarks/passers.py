@@ -1,0 +1,13 @@
+"""People who cross close in front of a robot that stands or turns on the spot, ten seeds."""
+from . import seeds
+from .hard_courses import passers
+from .report import Report
+
+
+def measure(args) -> Report:
+    """By ours and by others: no step between two scans called OK should be off by more than 0.1 m."""
+    report = Report()
+    groups = {'passers': passers(seeds=seeds.SEEDS[:args.seeds])}
+    for method, rows in seeds.judged(args, groups, 'passers').items():
+        report.add_courses('passers', rows, method)
+    return report
