@@ -1,9 +1,12 @@
 """Scans and results as the plain fields of ROS messages: nested dictionaries, whoever makes the messages of them.
 
-Fields that are not named keep the defaults of their type. The node makes messages of ROS from these fields, the
-writers of bags those of `rosbags`: both are the same.
+Fields that are not named keep the defaults of their type. The node and `rosbag2_py` take messages of ROS made
+from these fields, `rosbags` its own: both are the same.
 """
+import array
+import importlib
 import math
+from functools import cache
 
 import numpy as np
 
@@ -29,6 +32,33 @@ COLORS = {
     ('current', 'matched'): {'r': 0.84, 'g': 0.37, 'b': 0.0, 'a': 1.0},
     ('current', 'unmatched'): {'r': 0.94, 'g': 0.89, 'b': 0.26, 'a': 1.0},
 }
+
+
+def filled(message, fields):
+    """A ROS `message` with its `fields` set; the others stay as they are."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            filled(getattr(message, name), value)
+        elif isinstance(value, list):
+            setattr(message, name, [filled(_element_class(type(message), name)(), item) for item in value])
+        elif isinstance(value, np.ndarray) and value.dtype == np.float32:
+            setattr(message, name, array.array('f', value.tobytes()))
+        else:
+            setattr(message, name, value)
+    return message
+
+
+@cache
+def message_class(kind):
+    """ROS's class of a message type, such as ``nav_msgs/msg/Odometry``."""
+    package, *_, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
+
+
+@cache
+def _element_class(kind, name):
+    """The class of what the sequence `name` of a class of messages holds."""
+    return message_class(kind.get_fields_and_field_types()[name].removeprefix('sequence<').removesuffix('>'))
 
 
 def time_fields(stamp) -> dict:

@@ -1,4 +1,5 @@
 """What every test may use: the recordings, a ROS graph of its own, processes that never outlive the test."""
+import contextlib
 import importlib.util
 import math
 import os
@@ -22,6 +23,9 @@ os.environ.setdefault('MPLBACKEND', 'Agg')
 hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=50)
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
 
+NOT_IN_THE_MANIFEST = {'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags', 'shapely', 'small_gicp'}
+"""Packages that only some of the tests need."""
+
 
 def pytest_addoption(parser):
     parser.addoption('--long', action='store_true', help='as much of everything as doc/reliability.md says, not the bounded '
@@ -30,6 +34,29 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     hypothesis.settings.load_profile('long' if config.getoption('--long') else 'bounded')
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    with skipping_what_is_missing():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    with skipping_what_is_missing():
+        return (yield)
+
+
+@contextlib.contextmanager
+def skipping_what_is_missing():
+    """Skip a test that needs a package that the manifest does not name, where that is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (package := str(error.name).partition('.')[0]) not in NOT_IN_THE_MANIFEST:
+            raise
+        pytest.skip(f'needs the Python package {package}')
 
 
 def pytest_ignore_collect(collection_path):

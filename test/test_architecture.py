@@ -6,7 +6,9 @@ import sys
 import pytest
 
 PACKAGE = 'dbscan_reg_ros'
-INTERFACES = {'builtin_interfaces', 'rcl_interfaces', 'rclpy'}
+INTERFACES = {'builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rosbag2_py'}
+WITH_ROSBAG2_PY = 'recordings/with_rosbag2_py.py'
+"""Reads and writes bags with ROS's own library and no node; only where it is chosen is it imported."""
 CORE_LIBRARIES = {'numpy', 'scipy', 'sklearn'}
 WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'logging', 'multiprocessing', 'os', 'pathlib',
                  'pickle', 'random', 'shutil', 'signal', 'socket', 'subprocess', 'sys', 'tempfile', 'threading', 'time'}
@@ -55,9 +57,9 @@ def test_the_core_reads_no_file_and_no_clock(package):
         assert not called & {'open', 'print', 'input', 'exec', 'eval'}, path
 
 
-def test_only_the_node_imports_ros(package):
+def test_only_the_node_imports_ros_and_what_reads_bags_with_it(package):
     for path in sources(package):
-        if package / 'node' not in path.parents:
+        if package / 'node' not in path.parents and path != package / WITH_ROSBAG2_PY:
             ros = {name for name in imported(path, package) if top(name) in INTERFACES or top(name).endswith('_msgs')}
             assert not ros, f'{path} imports {ros}'
 
@@ -76,3 +78,10 @@ def test_the_whole_core_loads_without_scikit_learn(root):
             'print(sorted({"matplotlib", "rclpy", "rosbags", "sklearn", "yaml"} & set(sys.modules)))')
     result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
     assert result.stdout == '[]\n'
+
+
+def test_what_reads_bags_with_ros_is_small_and_imported_in_one_place(package):
+    assert len((package / WITH_ROSBAG2_PY).read_text().splitlines()) <= 150
+    importing = {path.name for path in sources(package)
+                 if any(name.endswith('with_rosbag2_py') for name in imported(path, package))}
+    assert importing == {'bag_library.py'}

@@ -2,7 +2,6 @@
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from rosbags.highlevel import AnyReader
 
 from dbscan_reg_ros.commands.simulate import PRESETS, main
 from dbscan_reg_ros.core.se2 import wrap
@@ -24,6 +23,7 @@ def simulated(tmp_path):
 
 
 def messages(bag, topic):
+    from rosbags.highlevel import AnyReader
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == topic]
         return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]

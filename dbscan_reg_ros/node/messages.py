@@ -1,21 +1,17 @@
 """Scans and results as messages; `Scan.from_message` is the way back."""
-import array
 import math
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose
+from geometry_msgs.msg import Pose
 from sensor_msgs.msg import LaserScan
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from ..core.errors import DbscanRegError
 from ..core.records import OdometryUpdate
 from ..core.scan import SECOND
 from ..core.se2 import SE2
-from ..message_fields import pose_fields, scan_fields, segments_fields, time_fields
-
-ELEMENTS = {'markers': Marker, 'points': Point}
-"""What the sequences of messages hold."""
+from ..message_fields import filled, pose_fields, scan_fields, segments_fields, time_fields
 
 
 class PoseError(DbscanRegError, ValueError):
@@ -95,17 +91,3 @@ def planar_from_message(pose) -> SE2:
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame) -> MarkerArray:
     """The segments of the reference and of the scan, as `segments_fields` says."""
     return filled(MarkerArray(), segments_fields(update, origin, odom_frame))
-
-
-def filled(message, fields):
-    """`message` with its `fields` set; the others stay as they are."""
-    for name, value in fields.items():
-        if isinstance(value, dict):
-            filled(getattr(message, name), value)
-        elif isinstance(value, list):
-            setattr(message, name, [filled(ELEMENTS[name](), item) for item in value])
-        elif isinstance(value, np.ndarray) and value.dtype == np.float32:
-            setattr(message, name, array.array('f', value.tobytes()))
-        else:
-            setattr(message, name, value)
-    return message

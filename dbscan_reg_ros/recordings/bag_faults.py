@@ -20,6 +20,11 @@ def kind_of(start):
     return _by_start(KINDS, start)
 
 
+def kind_at(path):
+    """What the file at `path` is by its first bytes; None where it is no bag, or no file."""
+    return kind_of(_start(path)) if path.is_file() else None
+
+
 def unpacking_advice(path, start):
     """That the file is compressed and how to unpack it, by its first bytes; None where it is not."""
     packed = _by_start(PACKED, start)
@@ -56,7 +61,7 @@ def other_contents(connections) -> str:
 
 def _of_folder(folder):
     import yaml
-    files = sorted(file.name for file in folder.iterdir() if _kind_at(file))
+    files = sorted(file.name for file in folder.iterdir() if kind_at(file))
     instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
     try:
         told = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
@@ -98,10 +103,6 @@ def _of_file(file):
     if kind == 'sqlite3':
         return f'a damaged sqlite3 file; save what can be read: sqlite3 {name} .recover | sqlite3 {mended}'
     return None
-
-
-def _kind_at(file):
-    return file.is_file() and kind_of(_start(file))
 
 
 def _quoted(path):

@@ -4,15 +4,12 @@ The modules `with_rosbags` and `with_rosbag2_py` hold the same: `BagReader`, `Ba
 """
 from importlib.util import find_spec
 
-from .bag_faults import kind_of
+from .bag_faults import kind_at
 
 
 def is_ros1(path) -> bool:
     """Whether the file at `path` is a ROS 1 bag."""
-    if not path.is_file():
-        return False
-    with open(path, 'rb') as file:
-        return kind_of(file.read(16)) == 'ROS 1 bag'
+    return kind_at(path) == 'ROS 1 bag'
 
 
 def bag_library(ros1=False):

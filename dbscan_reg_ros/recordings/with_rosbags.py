@@ -56,6 +56,16 @@ class BagReader:
         """The message of type `kind`, as that type is known to us: a file may describe it in any way."""
         return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
 
+    def is_latched(self, connection):
+        """Whether late listeners are to hear the topic."""
+        if self.reader.is2:
+            return any(each.durability == QosDurability.TRANSIENT_LOCAL for each in connection.ext.offered_qos_profiles)
+        return bool(connection.ext.latching)
+
+    def to_ros2(self, raw, kind):
+        """The bytes of a message as ROS 2 sends them, as its type is known to us."""
+        return bytes(raw if self.reader.is2 else get_typestore(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
+
 
 class BagWriter:
     """A bag that is written while the ``with`` statement lasts.
