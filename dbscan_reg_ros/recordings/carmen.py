@@ -1,31 +1,22 @@
-"""CARMEN logs: one message a line; ``FLASER`` and ``ROBOTLASER1`` hold scans."""
+"""CARMEN logs: one message a line."""
 import gzip
-import math
 import re
 import zlib
-from collections import Counter
-from functools import cached_property, partial
+from collections import Counter, defaultdict
+from functools import partial
 
 import numpy as np
 
 from ..core.errors import RecordingError, ScanError
-from ..core.scan import Scan, ScanGeometry
 from ..scan_checks import ScanFields, ScanWatch
-from .decimals import nanoseconds, seconds
-from .poses import corrected
+from .carmen_lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_parameter
+from .carmen_survey import Survey
 from .recording import Record, Recording
-from .trajectories import finite_numbers
 
-SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
-"""``PARAM`` lines that we write and read, with what holds without them [m, s]."""
-FLASER_RANGE_MAX = 50.0
-"""A ``FLASER`` reading of this or more [m] is a missing return (50, 81.83, 81.91)."""
-FLASER_NO_RETURN = 81.83
-"""What a missing return is written as [m]."""
-UNLIMITED = 1e6
-"""The maximum range [m] that is written for a sensor that names none."""
 LONGEST_LINE = 2**22
 """Characters from which on a line is none, but something else that goes on without an end."""
+MOST_KINDS = 20
+"""So many kinds of lines are named where none holds a scan."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -33,14 +24,29 @@ _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 class CarmenLog(Recording):
     """A CARMEN log, plain or gzip.
 
-    ``FLASER`` holds no angles: its n beams span 180 degrees from -90 on, 180 / n apart for even n and
-    180 / (n - 1) for odd n. In ``ROBOTLASER1`` a reading of the maximum range is a missing return. The stamp is
-    the ipc_timestamp, third from the end.
+    ``FLASER``, ``RLASER`` and ``LASER3`` hold no angles: their n beams span 180 degrees from -90 on, 180 / n apart for even n
+    and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a missing
+    return. The stamp is the ipc_timestamp, third from the end.
+
+    What the scans say only together is found once, when the log is opened: which stamps are of use, what stands for a missing
+    return, and which poses are the truth.
     """
 
     def __init__(self, path, topic=None):
         super().__init__(path)
-        self._choose(Counter(kind for _, kind, _ in self._lines() if kind in _READERS), topic)
+        counts, others, surveys = self._survey()
+        if not counts:
+            held = ', '.join(f'{count} {kind}' for kind, count in others.most_common(MOST_KINDS)) or 'none that is known'
+            raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of the '
+                                 f'file: {held}')
+        front = {kind: count for kind, count in counts.items() if kind in FRONT}
+        self._choose(front if front and topic is None else counts, topic)
+        if topic is None and len(front) not in (0, len(counts)):
+            rest = ', '.join(sorted(counts.keys() - front.keys()))
+            self._note(f'scans are taken from the {self.topic} lines; there are others: {rest}')
+        self._found = surveys[self.topic].findings('NEFF' in others)
+        for note in self._found.notes:
+            self._note(note)
         first = next(self.scans(), None)
         if first is None:
             raise RecordingError(f'{self.path}: no readable scan; first problem: {self.problems[0]}')
@@ -51,43 +57,64 @@ class CarmenLog(Recording):
             yield record.scan
 
     def records(self):
-        geometry, settings, watch = None, dict(SETTINGS), ScanWatch()
+        geometry, found, watch = None, self._found, ScanWatch()
+        given = zip(found.stamps, found.laser, found.robot, strict=True)
+        for (_, line, settings), (stamp, laser, robot) in zip(self._messages((self.topic,)), given, strict=False):
+            scan = line.scan(settings, geometry, stamp, found.no_return)
+            geometry = scan.geometry
+            self._look(watch, ScanFields.from_scan(scan))
+            yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
+
+    def stamps(self):
+        return list(self._found.stamps)
+
+    def wheel_odometry(self):
+        """The poses of the wheels; None where all of them are zero, as in the log of a sensor alone."""
+        return self._poses(self._found.robot) if self._found.robot.any() else None
+
+    def truth(self):
+        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
+        return self._poses(self._found.laser) if self._found.corrected else None
+
+    def _poses(self, poses):
+        return np.array(self._found.stamps, dtype=np.int64), poses.copy()
+
+    def _survey(self):
+        """Kind -> how many lines there are, of those that hold scans and of others, and kind -> `Survey`."""
+        counts, others = Counter(), Counter()
+        surveys, odometry = defaultdict(Survey), None
+        for kind, message, _ in self._messages((*KINDS, 'ODOM'), counts, others):
+            if kind == 'ODOM':
+                odometry = message
+                for survey in surveys.values():
+                    survey.wheels.add_odometry(*odometry)
+                continue
+            if odometry and kind not in surveys:
+                surveys[kind].wheels.add_odometry(*odometry)
+            surveys[kind].add(message)
+        return counts, others, surveys
+
+    def _messages(self, wanted, counts=None, others=None):
+        """Kind, content and settings of the readable lines of the kinds `wanted`: a `Line`, of ``ODOM`` its stamp and pose.
+
+        Where `counts` and `others` are given, they count the lines that hold scans, damaged ones too, and those of other kinds.
+        """
+        settings = dict(SETTINGS)
         for number, kind, words in self._lines():
+            if counts is not None:
+                (counts if kind in KINDS else others)[kind] += 1
             try:
                 if kind == 'PARAM':
-                    _set(settings, words.split())
-                elif kind == self.topic:
-                    record = _READERS[kind](words.split(), settings, geometry)
-                    geometry = record.scan.geometry
-                    self._look(watch, ScanFields.from_scan(record.scan))
-                    yield record
+                    set_parameter(settings, words.split())
+                elif kind in wanted:
+                    yield kind, _read(kind, words.split(), settings), settings
             except IndexError:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: too few values')
             except (ScanError, ValueError) as error:
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
 
-    def stamps(self):
-        return self._poses[0].tolist()
-
-    def wheel_odometry(self):
-        """The robot's poses; None where all of them are zero, as in the log of a sensor alone."""
-        stamps, _, robot = self._poses
-        return (stamps, robot) if robot.any() else None
-
-    def truth(self):
-        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
-        stamps, laser, robot = self._poses
-        return (stamps, laser) if corrected(laser, robot) else None
-
-    @cached_property
-    def _poses(self):
-        """Stamps ``(N,)`` and poses of the laser and the robot ``(N, 3)``."""
-        records = [(r.scan.stamp, r.laser_pose, r.robot_pose) for r in self.records()]
-        stamps, laser, robot = zip(*records, strict=True)
-        return np.array(stamps, dtype=np.int64), np.array(laser), np.array(robot)
-
     def _lines(self):
-        """Line number, kind and words of every message that holds a scan or a setting."""
+        """Line number, kind and words of every message."""
         number = 0
         open_text = gzip.open if _is_gzip(self.path) else open
         with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
@@ -98,104 +125,20 @@ class CarmenLog(Recording):
                                      f'the line has {LONGEST_LINE} characters or more')
                         return
                     kind, _, words = line.strip().partition(' ')
-                    if kind in _READERS or kind == 'PARAM':
+                    if kind in KINDS or _MESSAGE.match(line):
                         yield number, kind, words
-                    elif not _MESSAGE.match(line):
+                    else:
                         self._report(f'{self.path.name}:{number}: not a CARMEN message, skipped')
             except (EOFError, OSError, zlib.error) as error:
                 self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
 
 
-def settings_of(scan) -> dict:
-    """What only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
-    values = scan.geometry.range_min, scan.time_increment, scan.frame_id or SETTINGS['laser_frame']
-    return {name: str(value) if isinstance(value, str) else np.format_float_positional(np.float32(value), trim='0')
-            for name, value in zip(SETTINGS, values, strict=True)}
-
-
-def format_line(record) -> str:
-    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
-    scan, geometry = record.scan, record.scan.geometry
-    n = geometry.size
-    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
-    limit = _after(geometry.range_max) if math.isfinite(geometry.range_max) else UNLIMITED
-    missing = np.isnan(scan.ranges) | (scan.ranges == np.inf)
-    ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit), scan.ranges)
-    readings = ' '.join([str(n), *ranges.astype(str)])
-    poses = ' '.join(f'{value:.9f}' for pose in (record.laser_pose, record.robot_pose) for value in pose)
-    stamp = seconds(scan.stamp)
-    if is_flaser:
-        return f'FLASER {readings} {poses} {stamp} log {stamp}'
-    start, step = np.float32(geometry.angle_min), np.float32(geometry.angle_increment)
-    return (f'ROBOTLASER1 0 {start!s} {step * (n - 1)!s} {step!s} {np.float32(limit)!s} 0.01 0 {readings} 0 {poses} '
-            f'0 0 0 0 0 {stamp} log {stamp}')
-
-
-def _read_flaser(words, settings, geometry):
-    n = int(words[0])
-    if n < 2 or len(words) != n + 10:
-        raise ValueError(f'{len(words)} values where {n} readings need {n + 10}')
-    ranges = _floats(words[1:n + 1])
-    ranges[ranges >= FLASER_RANGE_MAX] = np.inf
-    scan = _scan(words[-3], ranges, *_flaser_angles(n), FLASER_RANGE_MAX, settings, geometry)
-    return Record(scan, _pose(words[n + 1:n + 4]), _pose(words[n + 4:n + 7]))
-
-
-def _scan(stamp, ranges, start, step, range_max, settings, geometry):
-    return Scan.from_fields(nanoseconds(stamp), ranges, start, step, float(settings['laser_range_min']), range_max,
-                            float(settings['laser_time_increment']), settings['laser_frame'], geometry)
-
-
-def _set(settings, words):
-    """Take over a ``PARAM`` line that concerns the scans."""
-    if words[0] in settings:
-        if words[0] != 'laser_frame':
-            float(words[1])
-        settings[words[0]] = words[1]
-
-
-def _flaser_angles(n):
-    """First bearing and step [rad] of a ``FLASER`` with n beams."""
-    return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
-
-
-def _read_robotlaser(words, settings, geometry):
-    n = int(words[7])
-    remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
-    poses = 9 + n + remissions
-    if n < 1 or remissions < 0 or len(words) != poses + 14:
-        raise ValueError(f'{len(words)} values where {n} readings and {remissions} remissions need {poses + 14}')
-    start, view, step, limit = _floats(words[1:5])
-    if not step and n > 1:
-        step = view / (n - 1)
-    ranges = _floats(words[8:8 + n])
-    ranges[ranges == limit] = np.inf
-    scan = _scan(words[-3], ranges, start, step, _before(limit), settings, geometry)
-    return Record(scan, _pose(words[poses:poses + 3]), _pose(words[poses + 3:poses + 6]))
-
-
-_READERS = {'FLASER': _read_flaser, 'ROBOTLASER1': _read_robotlaser}
-
-
-def _before(limit):
-    """The longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
-    return np.nextafter(np.float32(limit), np.float32(0.0))
-
-
-def _after(range_max):
-    """The inverse of `_before`."""
-    return np.nextafter(np.float32(range_max), np.float32(np.inf))
-
-
-def _floats(words):
-    return np.array([float(word) for word in words])
-
-
-def _pose(words):
-    try:
-        return finite_numbers(words)
-    except ValueError as error:
-        raise ValueError(f'pose {" ".join(words)}: {error}') from None
+def _read(kind, words, settings):
+    if kind == 'ODOM':
+        return read_odometry(words)
+    line = read_line(kind, words)
+    line.geometry(settings)
+    return line
 
 
 def _is_gzip(path):

@@ -10,7 +10,7 @@ from ..core.errors import RecordingError
 from ..message_fields import header_fields, pose_fields, scan_fields
 from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
 from .bag_library import bag_library, is_ros1
-from .carmen import SETTINGS, format_line, settings_of
+from .carmen_lines import SETTINGS, format_line, settings_of
 from .recording import is_bag, open_recording
 
 SECOND = 1_000_000_000

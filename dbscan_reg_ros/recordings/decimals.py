@@ -5,17 +5,23 @@ END_OF_TIME = 2**31 * 1_000_000_000
 """The first stamp that a ROS message cannot hold [ns]."""
 
 
-def nanoseconds(text) -> int:
+def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
     """Seconds in decimal, ``'976052857.337530'``, as nanoseconds.
+
+    Parameters
+    ----------
+    text : str
+    first, end : int
+        The first that is taken and the first after those that are [ns]; what a message can hold, when not given.
 
     Raises
     ------
     ValueError
-        When `text` is not a number, or a message cannot hold it.
+        When `text` is not a number, or not from `first` to `end`.
     """
     try:
         stamp = (Decimal(text) * 1_000_000_000).to_integral_value()
-        possible = 0 <= stamp < END_OF_TIME
+        possible = first <= stamp < end
     except (ArithmeticError, ValueError):
         raise ValueError(f'stamp {text!r} is no number of seconds') from None
     if not possible:

@@ -1,0 +1,59 @@
+"""The range that a file writes for "no return", told by the file itself."""
+import math
+
+import numpy as np
+
+WIDTH = 0.001
+"""The values from this share of the greatest one below it on are one group: sensors have several codes, 81.83 to 81.91."""
+FEWEST = 20
+"""Readings that the group must hold."""
+BAND = 0.01
+"""Readings within this share of the greatest, below the group, may not be more than those of the group: walls thin out
+towards the longest ranges, and do not end in a peak."""
+JUMP = 0.1
+"""The reading beside one of the group that is nearer by more than this share lies across a jump, not on the same wall."""
+DIGITS = 5
+"""Values count as equal when so many significant digits are: so what is remembered does not grow with the file."""
+
+
+class NoReturn:
+    """Finds the range that stands for "no return" among the readings of scans, one scan at a time."""
+
+    def __init__(self):
+        self._greatest = 0.0
+        self._values = {}
+
+    def add(self, ranges, range_max=math.inf):
+        """Look at the readings ``(N,)`` [m] of a scan, in the order of the beams; those beyond `range_max` do not count."""
+        with np.errstate(invalid='ignore'):
+            usable = ranges[(ranges > 0.0) & np.isfinite(ranges) & ~(ranges > (range_max if range_max > 0.0 else math.inf))]
+        if not len(usable):
+            return
+        if (greatest := float(usable.max())) > self._greatest:
+            self._greatest = greatest
+            self._values = {value: found for value, found in self._values.items() if value >= (1.0 - BAND) * greatest}
+        beams = np.flatnonzero(usable >= (1.0 - BAND) * self._greatest)
+        if len(beams):
+            self._count(usable, beams)
+
+    def _count(self, usable, beams):
+        values = usable[beams]
+        padded = np.concatenate((usable[:1], usable, usable[-1:]))
+        apart = np.abs(np.stack((padded[beams], padded[beams + 2])) - values) / values
+        borders, jumps = (apart > WIDTH).sum(axis=0), (apart > JUMP).sum(axis=0)
+        names, which = np.unique(values.round(DIGITS - 1 - math.floor(math.log10(self._greatest))), return_inverse=True)
+        counts = (np.bincount(which, weights) for weights in (None, borders, jumps))
+        for name, *found in zip(names.tolist(), *counts, strict=True):
+            self._values[name] = [a + b for a, b in zip(self._values.get(name, (0, 0, 0)), found, strict=True)]
+
+    def limit(self):
+        """Readings of this [m] or more are no return; None where the file tells of none.
+
+        A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the group
+        have to lie across a jump.
+        """
+        least = (1.0 - WIDTH) * self._greatest
+        group = [found for value, found in self._values.items() if value >= least]
+        readings, borders, jumps = (sum(column) for column in zip(*group, strict=True)) if group else (0, 0, 0)
+        below = sum(found[0] for value, found in self._values.items() if value < least)
+        return least if readings >= max(FEWEST, below) and 2 * jumps > borders else None

@@ -1,0 +1,79 @@
+"""Which stamps of scans are of use, and what takes the place of those that are not."""
+from typing import NamedTuple
+
+import numpy as np
+
+from .decimals import END_OF_TIME
+
+SECOND = 1_000_000_000
+STEADY = SECOND
+"""Scans whose stamps are of no use are taken to be so far apart [ns]."""
+START = SECOND
+"""Where stamps start that cannot start where they did [ns]; a stamp of 0 stands for none."""
+WRAPS = {'s': 2**32 * SECOND, 'ms': 2**32 * SECOND // 1000, 'us': 2**32 * SECOND // 1_000_000}
+"""Unit of a counter of 32 bits -> after how long it starts at 0 again [ns]."""
+NEAR = 0.1
+"""A counter that starts at 0 again goes from the last share of its numbers to the first, or back."""
+
+
+class Mended(NamedTuple):
+    """Stamps that can be used.
+
+    Attributes
+    ----------
+    stamps : list of int (N,)
+        [ns], each in what a ROS message can hold.
+    note : str
+        What was done to them, in one line; empty where they are as they were.
+    """
+
+    stamps: list
+    note: str
+
+
+def mend(stamps) -> Mended:
+    """Stamps of scans that can be used, made of those in a file.
+
+    Counters of 32 bits that start at 0 again are unwrapped; stamps that are negative, or too large for a ROS message,
+    are shifted. Where fewer than half of the stamps are later than the one before, as where all are equal, they are of
+    no use, and the scans are taken to be `STEADY` apart.
+
+    Parameters
+    ----------
+    stamps : sequence of int (N,)
+        [ns], in the order of the scans; of any size.
+    """
+    given = [int(stamp) for stamp in stamps]
+    unwrapped, wraps = _unwrap(given)
+    notes = [f'stamps start at 0 again after 2^32 {unit}: unwrapped' for unit in wraps]
+    if not usable(unwrapped) or max(unwrapped, default=0) - min(unwrapped, default=0) >= END_OF_TIME - START:
+        first = given[0] if 0 < given[0] < END_OF_TIME - len(given) * STEADY else START
+        return Mended([first + number * STEADY for number in range(len(given))],
+                      f'stamps are of no use (fewer than half are later than the one before): scans are taken to be '
+                      f'{STEADY / SECOND:g} s apart')
+    first = min(unwrapped, default=0)
+    if first < 0 or max(unwrapped, default=0) >= END_OF_TIME:
+        unwrapped = [stamp - first + START for stamp in unwrapped]
+        notes.append(f'stamps from {first / SECOND:.3f} s on are shifted to start at {START / SECOND:g} s')
+    return Mended(unwrapped, '; '.join(notes))
+
+
+def usable(stamps) -> bool:
+    """Whether at least half of the stamps ``(N,)`` [ns] are later than the one before; one stamp alone is of use."""
+    later = sum(b > a for a, b in zip(stamps, stamps[1:], strict=False))
+    return 2 * later >= len(stamps) - 1
+
+
+def _unwrap(stamps):
+    """The stamps with counters of 32 bits unwrapped, and the units of those that start at 0 again."""
+    found = []
+    for unit, wrap in WRAPS.items():
+        if not stamps or not (1 - NEAR) * wrap < max(stamps) < (1 + NEAR) * wrap:
+            continue
+        share = np.array(stamps, dtype=float) / wrap
+        low, high = share < NEAR, share > 1 - NEAR
+        turns = np.cumsum(np.concatenate(([0], (high[:-1] & low[1:]).astype(int) - (low[:-1] & high[1:]).astype(int))))
+        if turns.any():
+            found.append(unit)
+            stamps = [stamp + turn * wrap for stamp, turn in zip(stamps, turns.tolist(), strict=True)]
+    return stamps, found
