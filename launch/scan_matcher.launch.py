@@ -1,27 +1,13 @@
-"""Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``."""
-import os
+"""Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``; ``--show-args`` lists what may be told.
 
-from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+What is told counts in this order, the last the most: the defaults of the node, ``sensor``, ``params_file``, the other
+arguments that are given.
+"""
+from launch.actions import OpaqueFunction
 
+from dbscan_reg_ros.node.launching import matcher_arguments, scan_matcher_actions
 from launch import LaunchDescription
 
 
 def generate_launch_description():
-    defaults = os.path.join(get_package_share_directory('dbscan_reg_ros'), 'config', 'scan_matcher.yaml')
-    return LaunchDescription([
-        DeclareLaunchArgument('namespace', default_value='', description='namespace of the node and its topics'),
-        DeclareLaunchArgument('params_file', default_value=defaults, description='parameter file'),
-        DeclareLaunchArgument('use_sim_time', default_value='false', description='take the time from /clock'),
-        Node(
-            package='dbscan_reg_ros', executable='scan_matcher', name='scan_matcher', output='screen',
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[
-                LaunchConfiguration('params_file'),
-                {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)},
-            ],
-        ),
-    ])
+    return LaunchDescription([*matcher_arguments(), OpaqueFunction(function=scan_matcher_actions)])

@@ -1,5 +1,6 @@
 """The quality of service of the node's publishers and subscriptions, as parameters tell it, seen over DDS."""
 import pytest
+import rclpy  # noqa: F401 - needs ROS
 from lifecycle_msgs.msg import State, Transition
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

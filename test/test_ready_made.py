@@ -1,11 +1,9 @@
 """Ready-made files: what they name is what the node has."""
-import ast
 import json
 
 import pytest
 import yaml
 
-from dbscan_reg_ros.commands import COMMANDS
 from dbscan_reg_ros.node.parameters import NodeParameters
 from dbscan_reg_ros.parameter_files import read_parameters
 
@@ -124,23 +122,3 @@ def test_parameters_named_in_the_documentation_exist(root):
     named = set(re.findall(r'`([a-z_]+\.[a-z_]+)`', text))
     assert named
     assert {name for name in named if name.split('.')[0] in groups} <= known
-
-
-@pytest.mark.parametrize('name', ['scan_matcher', 'play'])
-def test_launch_files_start_executables_of_ours_and_declare_what_they_use(root, name):
-    tree = ast.parse((root / 'launch' / f'{name}.launch.py').read_text())
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-    declared = {c.args[0].value for c in calls if c.func.id == 'DeclareLaunchArgument'}
-    used = {c.args[0].value for c in calls if c.func.id == 'LaunchConfiguration'}
-    assert used == declared
-    for call in (c for c in calls if c.func.id == 'Node'):
-        words = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
-        assert words['package'] == 'dbscan_reg_ros'
-        assert words['executable'] in COMMANDS
-
-
-def test_the_launch_file_that_plays_needs_no_transforms(root):
-    text = (root / 'launch' / 'play.launch.py').read_text()
-    assert "DeclareLaunchArgument('mounting', default_value='none'" in text
-    assert "'use_sim_time': True" in text
-    assert "'--clock'" in text

@@ -129,15 +129,18 @@ def complain(command, error, verbose=False) -> int:
 
 
 @contextmanager
-def interruptible(*signals):
+def interruptible(*signals, once=False):
     """Turn `signals` that are not ignored into a KeyboardInterrupt, and what libraries make of one back into one.
 
-    rclpy's C++ turns an exception that is raised while it converts a message into one of its own.
+    rclpy's C++ turns an exception that is raised while it converts a message into one of its own. With `once` all that come
+    after the first are ignored until the process ends.
     """
     came = []
 
     def interrupt(number, _frame):
         came.append(number)
+        for each in signals if once else ():
+            signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     before = {number: signal.signal(number, interrupt) for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
@@ -148,7 +151,7 @@ def interruptible(*signals):
             raise KeyboardInterrupt from error
         raise
     finally:
-        for number, handler in before.items():
+        for number, handler in before.items() if not (came and once) else ():
             signal.signal(number, handler)
 
 

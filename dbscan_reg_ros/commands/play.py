@@ -5,7 +5,7 @@ import signal
 import sys
 
 from ..node.ros_arguments import split_arguments
-from .command_line import add_recording, interruptible, make_parser, run, shortened
+from .command_line import INTERRUPTED, add_recording, interruptible, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -21,7 +21,14 @@ def main(argv=None) -> int:
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='wait at most S seconds for a node that hears the scans (default: 10)')
-    return run(parser, lambda args: play(args, ros), own)
+
+    def work(args):
+        with interruptible(signal.SIGINT, once=True):
+            play(args, ros)
+
+    status = run(parser, work, own)
+    # To be stopped is no failure of a process that launch started.
+    return 0 if status == INTERRUPTED else status
 
 
 def play(args, ros_arguments):
@@ -32,7 +39,7 @@ def play(args, ros_arguments):
     from ..recordings import find_recording, open_recording
 
     recording = open_recording(find_recording(args.file, args.data), args.topic)
-    with interruptible(signal.SIGINT), Player(ros_arguments, args.clock) as player:
+    with Player(ros_arguments, args.clock) as player:
         player.wait_for_node(args.wait, answering=args.lockstep)
         scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
         answers = player.play(scans, None if args.lockstep else args.rate)
