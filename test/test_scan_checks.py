@@ -64,7 +64,7 @@ JITTER = np.random.default_rng(4).integers(-60_000_000, 60_000_000, 30)
     {'range_max': math.inf, 'ranges': scaled(15.0)},
     {'ranges': lambda k: np.linspace(1.0, 5.0, 360 + k % 9, dtype=np.float32), 'angle_max': -math.pi + 2.0 * math.pi * 363 / 360,
      'angle_min': lambda k: -math.pi - (k % 9 - 4) * math.pi / 180},
-], ids=str)
+])
 def test_nothing_is_said_of_what_good_drivers_state(changes):
     assert not sightings(drive(**changes)), sightings(drive(**changes))
 
