@@ -107,6 +107,14 @@ def test_a_signal_is_an_interruption_whatever_a_library_makes_of_it():
         raise RuntimeError('no signal came')
 
 
+def test_a_signal_that_is_held_counts_once_the_block_is_over():
+    done = []
+    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1), command_line.held(signal.SIGUSR1):
+        signal.raise_signal(signal.SIGUSR1)
+        done.append('all')
+    assert done == ['all']
+
+
 def test_an_ignored_signal_stays_ignored():
     """As nohup wants it."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -7,13 +7,12 @@ import gc
 import os
 import time
 from collections import deque
-from concurrent.futures import ProcessPoolExecutor
 from hashlib import sha256
 from itertools import islice
-from multiprocessing import get_context
 
 import numpy as np
 
+from ..commands.workers import local_workers
 from ..core.odometry import Odometry
 from ..core.se2 import SE2
 from ..message_fields import odometry_fields
@@ -65,7 +64,7 @@ def in_a_process(work, count, hash_seed=0, threads=1):
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
-        with ProcessPoolExecutor(1, get_context('spawn')) as executor:
+        with local_workers(1) as executor:
             return executor.submit(work, count).result()
     finally:
         for name, value in before.items():

@@ -3,6 +3,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 import traceback
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
@@ -15,6 +16,8 @@ FAILED = 1
 INTERRUPTED = 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
+ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+"""The signals that ask a command to end."""
 
 
 class CommandError(DbscanRegError):
@@ -153,6 +156,24 @@ def interruptible(*signals, once=False):
     finally:
         for number, handler in before.items() if not (came and once) else ():
             signal.signal(number, handler)
+
+
+@contextmanager
+def held(*signals):
+    """Handle the `signals` that come only once the block is over, so that it is done in whole."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came = []
+    before = {number: signal.signal(number, lambda number, _frame: came.append(number))
+              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 def explain(error):

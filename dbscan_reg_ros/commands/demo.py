@@ -1,11 +1,10 @@
 """``demo [FILE]``: the whole chain, from scans over the real node to odometry, trajectory and map."""
 import os
-import signal
 import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from .command_line import FAILED, add_data, interruptible, make_parser, run, shortened
+from .command_line import ENDING, FAILED, add_data, interruptible, make_parser, run, shortened
 
 STARTING = 30
 """The node has to be up after this many seconds."""
@@ -26,7 +25,7 @@ def main(argv=None) -> int:
 
 def demo(args):
     """Play the recording to a node of our own, write the results and print the summary."""
-    with interruptible(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    with interruptible(*ENDING):
         recording = _recording(args)
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)

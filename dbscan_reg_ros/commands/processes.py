@@ -3,7 +3,10 @@ import os
 import signal
 import subprocess
 import sys
+import weakref
 from contextlib import suppress
+
+from .command_line import ENDING, held
 
 
 class Process:
@@ -21,9 +24,10 @@ class Process:
     def __init__(self, command, log, environment=None):
         self.command = [os.fspath(word) for word in command]
         self.log = log
-        with open(log, 'wb') as output:
+        with open(log, 'wb') as output, held(*ENDING):
             self._popen = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
                                            env=os.environ | (environment or {}), start_new_session=True)
+            self._end = weakref.finalize(self, _kill_group, self._popen)
         self.pid = self._popen.pid
 
     def running(self) -> bool:
@@ -59,8 +63,7 @@ class Process:
                 except subprocess.TimeoutExpired:
                     continue
         finally:
-            with suppress(ProcessLookupError):
-                os.killpg(self.pid, signal.SIGKILL)
+            self._end()
         return self._popen.wait()
 
     def __enter__(self):
@@ -68,6 +71,13 @@ class Process:
 
     def __exit__(self, *_):
         self.stop()
+
+
+def _kill_group(popen):
+    """Kill the process and all in its session."""
+    with suppress(ProcessLookupError):
+        os.killpg(popen.pid, signal.SIGKILL)
+    popen.wait()
 
 
 def package_command(*words) -> list:

@@ -1,4 +1,6 @@
 """``tune FILE...``: search the parameters that suit recordings."""
+from collections import defaultdict
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..core.errors import ParameterError
@@ -80,7 +82,7 @@ def tune(args):
     print(f'search      {search}, {study.known} of {args.trials} trials known, kept in {folder}', flush=True)
     jobs = (paths, args.topic, args.objective, args.scans)
     with workers(args.processes or processors(), args.scheduler) as executor:
-        with progress(args.trials) as watch:
+        with progress(args.trials) as watch, said_when_interrupted(study, args.trials, folder):
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, *jobs), watch)
         first = study.cost_of_start
         if cost >= HOPELESS:
@@ -105,12 +107,17 @@ def tune(args):
 def evaluated(executor, trials, start, paths, topic, objective, limit):
     """(number, cost) of the `trials`, number -> values, as they are done: the mean over the recordings."""
     from ..tuning.objective import HOPELESS, cost_of
+    from .workers import as_done
 
     candidates = {number: made for number, values in trials.items() if (made := candidate(start, values))}
     asked = [(path, topic, made, objective, limit) for made in candidates.values() for path in paths]
-    costs = executor.map(cost_of, *zip(*asked, strict=True)) if asked else iter(())
-    for number in trials:
-        yield number, sum(next(costs) for _ in paths) / len(paths) if number in candidates else HOPELESS
+    yield from ((number, HOPELESS) for number in trials if number not in candidates)
+    numbers, costs = [number for number in candidates for _ in paths], defaultdict(dict)
+    for job, cost in as_done(executor, cost_of, asked):
+        known = costs[numbers[job]]
+        known[job] = cost
+        if len(known) == len(paths):
+            yield numbers[job], sum(known[job] for job in sorted(known)) / len(paths)
 
 
 def candidate(start, values):
@@ -121,20 +128,26 @@ def candidate(start, values):
         return None
 
 
+@contextmanager
 def progress(total):
-    """A bar with the best so far: a context manager that gives ``watch(done, best)``."""
-    from contextlib import contextmanager
-
+    """A bar with the best so far: gives ``watch(done, best)``."""
     from tqdm import tqdm
 
-    @contextmanager
-    def bar():
-        with tqdm(total=total, desc='tune', unit=' trials', disable=None) as shown:
-            def watch(done, best):
-                shown.set_postfix_str(f'best {best:.5f} m', refresh=False)
-                shown.update(done - shown.n)
-            yield watch
-    return bar()
+    with tqdm(total=total, desc='tune', unit=' trials', disable=None) as shown:
+        def watch(done, best):
+            shown.set_postfix_str(f'best {best:.5f} m', refresh=False)
+            shown.update(done - shown.n)
+        yield watch
+
+
+@contextmanager
+def said_when_interrupted(study, total, folder):
+    """Print what is kept of a search that is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f'kept        {study.known} of {total} trials, in {folder}: the same command goes on from there', flush=True)
+        raise
 
 
 def gain(executor, paths, known, topic, start, best, seed):

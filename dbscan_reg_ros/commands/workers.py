@@ -3,19 +3,25 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager, nullcontext
+from multiprocessing.connection import wait
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
+from .command_line import ENDING, held, interruptible
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 """What limits the threads of numerical libraries: processes that each want all processors hinder each other."""
 EVERY = 20
-"""Items between two looks at what the parent says."""
+"""Items between two reports of progress."""
 
-_parent = None
-"""In a local worker: how it reports progress and hears that it has to stop."""
+PATIENCE = 1.0
+"""After an interruption a worker may take this long [s] to write what it has; then it is killed."""
+
+_worker = None
+"""The `_Worker` that this process is, if it is one."""
 
 
 class SchedulerError(DbscanRegError):
@@ -26,22 +32,41 @@ class SchedulerError(DbscanRegError):
 def workers(processes, scheduler=None):
     """An executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
 
-    One process is this one. What is submitted has to be importable by other processes. An interruption reaches the
-    work as a KeyboardInterrupt, and is passed on once all of it has ended.
+    One process is this one. What is submitted has to be importable by other processes. An interruption (Ctrl-C, SIGTERM
+    or SIGHUP) is passed on once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched` gets it
+    as a KeyboardInterrupt and may write what it has, other work ends where it is.
     """
     if scheduler:
         opened = _cluster(scheduler)
     elif processes == 1:
         opened = _Here()
     else:
-        opened = _local(processes)
+        opened = local_workers(processes)
     with opened as executor:
         yield executor
 
 
+def as_done(executor, function, jobs):
+    """(number of the job, result) of ``function(*job)`` for each of the `jobs`, as they are done.
+
+    Parameters
+    ----------
+    executor : Executor
+        From `workers`.
+    function : callable
+    jobs : sequence of tuple
+    """
+    if isinstance(executor, _Here):
+        yield from ((number, function(*job)) for number, job in enumerate(jobs))
+        return
+    futures = {executor.submit(function, *job): number for number, job in enumerate(jobs)}
+    for future in as_completed(futures):
+        yield futures[future], future.result()
+
+
 def watched(items, title, total):
     """The `items` with a progress bar, wherever this process shows it; an interruption is raised in between."""
-    if _parent is None:
+    if _worker is None:
         from tqdm import tqdm
         with _interruptions() as interrupted:
             for item in tqdm(items, title, total, disable=None):
@@ -51,11 +76,13 @@ def watched(items, title, total):
         return
     name = f'{title} {os.getpid()}'
     done = 0
+    _worker.end_politely()
     for done, item in enumerate(items, 1):
+        _worker.heed()
         if done % EVERY == 0:
-            _parent.report(name, title, done, total)
+            _worker.report(name, title, done, total)
         yield item
-    _parent.report(name, title, done, done)
+    _worker.report(name, title, done, done)
 
 
 @contextmanager
@@ -93,27 +120,60 @@ class _Here(Executor):
         return map(function, *iterables)
 
 
+class _Local(ProcessPoolExecutor):
+    """Local processes that no Ctrl-C in the terminal reaches: their parent ends them."""
+
+    def submit(self, function, /, *args, **kwargs):
+        with held(*ENDING):
+            # The processes that are started here take over what is blocked.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                return super().submit(_work, function, args, kwargs)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @contextmanager
-def _local(processes):
+def local_workers(processes):
+    """The same as `workers` of so many local processes, also where that is one."""
     context = multiprocessing.get_context('spawn')
-    stop, reports = context.Event(), context.SimpleQueue()
-    executor = ProcessPoolExecutor(processes, context, _begin, (stop, reports))
-    bars = threading.Thread(target=_show, args=(reports,), daemon=True)
+    reports, reporter = context.Pipe(duplex=False)
+    over, end = context.Pipe(duplex=False)
+    others = set(multiprocessing.active_children())
+    executor = _Local(processes, context, _begin, (reporter,))
+    bars = threading.Thread(target=_show, args=(reports, over), daemon=True)
     bars.start()
     limits = {name: '1' for name in THREADS if name not in os.environ}
     os.environ.update(limits)
+    in_main = threading.current_thread() is threading.main_thread()
     try:
-        yield executor
+        with interruptible(signal.SIGTERM, signal.SIGHUP) if in_main else nullcontext():
+            yield executor
     except BaseException:
-        stop.set()
-        executor.shutdown(wait=True, cancel_futures=True)
+        executor.shutdown(wait=False, cancel_futures=True)
+        _stop([child for child in multiprocessing.active_children() if child not in others])
         raise
     finally:
         executor.shutdown(wait=True)
-        reports.put(None)
+        end.send(None)
         bars.join()
+        for connection in (reports, reporter, over, end):
+            connection.close()
         for name in limits:
             del os.environ[name]
+
+
+def _stop(processes):
+    """End the processes: politely at first, by force after `PATIENCE`, or at once at a second interruption."""
+    deadline = time.monotonic() + PATIENCE
+    try:
+        for process in processes:
+            process.terminate()
+        while (running := [p.sentinel for p in processes if p.is_alive()]) and (left := deadline - time.monotonic()) > 0:
+            wait(running, left)
+    finally:
+        for process in processes:
+            process.kill()
 
 
 @contextmanager
@@ -128,37 +188,71 @@ def _cluster(address):
         try:
             yield executor
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
+            executor.shutdown(wait=False)
             raise
 
 
-def _begin(stop, reports):
-    """Start of a local worker: an interruption comes from the parent."""
-    global _parent
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _begin(reporter):
+    """Start of a local worker."""
+    global _worker
     keep_freed_memory()
-    _parent = _Parent(stop, reports)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _worker = _Worker(reporter)
 
 
-class _Parent:
-    """The parent of a local worker."""
+def _end_with_parent():
+    multiprocessing.parent_process().join()
+    os._exit(1)
 
-    def __init__(self, stop, reports):
-        self._stop, self._reports = stop, reports
+
+def _work(function, args, kwargs):
+    """What a local worker does with each job."""
+    try:
+        return function(*args, **kwargs)
+    finally:
+        _worker.end_at_once()
+
+
+class _Worker:
+    """A local worker, as it is towards its parent, which sends SIGTERM when all has to end.
+
+    No lock is shared with others: a process that is killed would hold it for ever. A report is written at once, since it is
+    shorter than what a pipe takes as one (PIPE_BUF).
+    """
+
+    def __init__(self, reporter):
+        self._stopped, self._reporter = False, reporter
+
+    def end_at_once(self):
+        """From now on the parent's signal ends this process, and it has ended if the signal came before."""
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if self._stopped:
+            os._exit(1)
+
+    def end_politely(self):
+        """From now on the parent's signal is only noted, for `heed`."""
+        signal.signal(signal.SIGTERM, self._stop)
+
+    def _stop(self, _number, _frame):
+        self._stopped = True
+
+    def heed(self):
+        """KeyboardInterrupt once all has to end."""
+        if self._stopped:
+            raise KeyboardInterrupt
 
     def report(self, name, title, done, total):
-        if self._stop.is_set():
-            raise KeyboardInterrupt
-        self._reports.put((name, title, done, total))
+        """Tell the parent how far the work is."""
+        self._reporter.send((name, title, done, total))
 
 
-def _show(reports):
-    """Show the bars of all workers until None comes."""
+def _show(reports, over):
+    """Show the bars of all workers, until something comes from `over`."""
     from tqdm import tqdm
 
     bars = {}
-    while (report := reports.get()) is not None:
-        name, title, done, total = report
+    while wait([reports, over]) != [over]:
+        name, title, done, total = reports.recv()
         if name not in bars:
             bars[name] = tqdm(None, title, total, disable=None)
         bars[name].total = total

@@ -60,7 +60,7 @@ class Study:
             costs = {number: self._known[number] for number in numbered if number in self._known}
             new = {number: values for number, values in numbered.items() if number not in costs}
             for number, cost in evaluate(new) if new else ():
-                costs[number] = cost
+                costs[number] = self._known[number] = cost
                 self._append(number, numbered[number], cost)
                 watch(done + len(costs), min([*costs.values(), *([best[0]] if best else [])]))
             search.tell([costs[number] for number in numbered][len(first):])
@@ -75,7 +75,7 @@ class Study:
 
     @property
     def known(self) -> int:
-        """Trials that were there from the start."""
+        """Trials that are kept."""
         return len(self._known)
 
     def _read(self):
