@@ -1,8 +1,18 @@
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'dbscan_reg_ros'
+COMMANDS = ('commands', ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'simulate', 'tune')), \
+           ('node', ('scan_matcher', 'scan_matcher_lifecycle'))
+
+if {'install', 'develop'} & set(sys.argv):
+    # colcon and bloom: the executables of ``ros2 run`` in lib/dbscan_reg_ros, as setup.cfg says.
+    SCRIPTS = [f'{name} = {PACKAGE}.{folder}.{name}:main' for folder, names in COMMANDS for name in names]
+else:
+    # pip: what it installs goes into bin, where names as common as these would hide those of others.
+    SCRIPTS = [f'dbscan-reg-ros = {PACKAGE}.__main__:main']
 
 setup(
     name=PACKAGE,
@@ -21,18 +31,6 @@ setup(
         (f'share/{PACKAGE}/config', glob('config/*')),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
     ],
-    entry_points={'console_scripts': [
-        f'compare = {PACKAGE}.commands.compare:main',
-        f'convert = {PACKAGE}.commands.convert:main',
-        f'demo = {PACKAGE}.commands.demo:main',
-        f'dump = {PACKAGE}.commands.dump:main',
-        f'play = {PACKAGE}.commands.play:main',
-        f'register = {PACKAGE}.commands.register:main',
-        f'replay = {PACKAGE}.commands.replay:main',
-        f'simulate = {PACKAGE}.commands.simulate:main',
-        f'scan_matcher = {PACKAGE}.node.scan_matcher:main',
-        f'scan_matcher_lifecycle = {PACKAGE}.node.scan_matcher_lifecycle:main',
-        f'tune = {PACKAGE}.commands.tune:main',
-    ]},
+    entry_points={'console_scripts': SCRIPTS},
     zip_safe=True,
 )

@@ -1,5 +1,6 @@
 """What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -83,7 +84,7 @@ def test_verbose_shows_where_an_error_comes_from(shell):
     (KeyboardInterrupt(), 130, 'work: interrupted\n'),
     (PermissionError(13, 'Permission denied', 'out/a'), 1, 'work: out/a: Permission denied\n'),
     (ModuleNotFoundError('no', name='rosbags'), 1,
-     "work: needs the Python package 'rosbags': install it, for example with pip\n"),
+     f'work: needs rosbags, not installed here: {shlex.quote(sys.executable)} -m pip install rosbags\n'),
     (BrokenProcessPool('terminated abruptly'), 1,
      'work: a worker process was killed, perhaps for want of memory: fewer --processes need less\n'),
     (ZeroDivisionError('by zero'), 1, 'work: internal error: by zero (-v shows where)\n'),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.version import version
 
 PACKAGE = 'dbscan_reg_ros'
 ROSDEP_KEYS = {'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy',
@@ -26,19 +27,63 @@ def manifest(root):
 
 
 @pytest.fixture(scope='module')
-def installed(root, tmp_path_factory):
-    """The prefix that ``colcon build`` has installed the package to."""
+def source(root, tmp_path_factory):
+    """``source(name)``: a new copy of what belongs to the package, in the workspace `name`."""
+    def copy(name):
+        folder = tmp_path_factory.mktemp(name) / 'src' / PACKAGE
+        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info'))
+        return folder
+    return copy
+
+
+@pytest.fixture(scope='module')
+def colcon_build():
+    """``colcon_build(source, *options, **environment)``: the prefix that ``colcon build`` installs the package to."""
     colcon = shutil.which('colcon', path=f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
     if colcon is None:
         pytest.skip('needs colcon')
-    scratch = tmp_path_factory.mktemp('workspace')
-    source = scratch / 'src' / PACKAGE
-    shutil.copytree(root, source, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info'))
-    result = subprocess.run([colcon, '--log-base', 'log', 'build', '--packages-select', PACKAGE], cwd=scratch,
-                            capture_output=True, text=True, timeout=300, check=False)
+
+    def build(source, *options, **environment):
+        scratch = source.parent.parent
+        words = [colcon, '--log-base', 'log', 'build', '--packages-select', PACKAGE, *options]
+        succeed(words, scratch, environment)
+        return scratch / 'install' / PACKAGE
+    return build
+
+
+def succeed(words, folder, environment=None):
+    result = subprocess.run(words, cwd=folder, env=os.environ | (environment or {}), capture_output=True, text=True, timeout=300,
+                            check=False)
     assert result.returncode == 0, result.stdout + result.stderr
-    shutil.rmtree(source)
-    return scratch / 'install' / PACKAGE
+    return result.stdout
+
+
+@pytest.fixture(scope='module')
+def installed(source, colcon_build):
+    """The prefix that ``colcon build`` has installed the package to; its source is gone."""
+    folder = source('workspace')
+    prefix = colcon_build(folder)
+    shutil.rmtree(folder)
+    return prefix
+
+
+@pytest.fixture(scope='module')
+def noble_setuptools(root, tmp_path_factory):
+    """A folder with the setuptools of Ubuntu 24.04, the last that colcon's --symlink-install knows."""
+    found = [path for path in root.glob('.venv-noble/lib/python3*/site-packages') if (path / 'setuptools').is_dir()]
+    if not found:
+        pytest.skip('needs .venv-noble, which scripts/test makes')
+    folder = tmp_path_factory.mktemp('setuptools')
+    for path in found[0].iterdir():
+        if path.name.startswith(('setuptools', 'pkg_resources', '_distutils_hack')):
+            (folder / path.name).symlink_to(path)
+    return folder
+
+
+def executables(prefix):
+    """The names in ``bin`` and in ``lib/dbscan_reg_ros``."""
+    return tuple({path.name for path in (prefix / folder).iterdir()} if (prefix / folder).exists() else set()
+                 for folder in ('bin', f'lib/{PACKAGE}'))
 
 
 @pytest.fixture
@@ -85,8 +130,42 @@ def test_the_manifest_names_every_package_that_is_imported(root, manifest):
     assert needed <= named
 
 
-def test_every_command_is_installed_as_an_executable(installed):
-    assert {path.name for path in (installed / 'lib' / PACKAGE).iterdir()} == set(COMMANDS)
+def test_colcon_installs_every_command_where_ros2_run_looks(installed):
+    assert executables(installed) == (set(), set(COMMANDS))
+
+
+def test_colcon_links_every_command_where_ros2_run_looks(source, colcon_build, noble_setuptools, tmp_path):
+    folder = source('linked')
+    prefix = colcon_build(folder, '--symlink-install', PYTHONPATH=str(noble_setuptools))
+    assert executables(prefix) == (set(), set(COMMANDS))
+    assert (prefix / 'share' / PACKAGE / 'package.xml').is_symlink()
+    said = succeed(['bash', '-c', f'source {prefix.parent}/setup.bash && {prefix}/lib/{PACKAGE}/replay --version'], tmp_path)
+    assert said == f'{PACKAGE} {version()}\n'
+
+
+def test_bloom_installs_every_command_where_ros2_run_looks(source, tmp_path):
+    """As its debian/rules do: it hands --install-scripts on only where setup.cfg does not say where."""
+    succeed([sys.executable, 'setup.py', 'install', '--root', tmp_path, '--prefix', '/opt/ros/jazzy', '--install-lib',
+             '$base/lib/python3.12/site-packages'], source('bloom'))
+    assert executables(tmp_path / 'opt/ros/jazzy') == (set(), set(COMMANDS))
+
+
+def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
+    succeed([sys.executable, '-m', 'pip', 'install', '-q', '--disable-pip-version-check', '--no-index', '--no-deps',
+             '--no-build-isolation', '--ignore-installed', '--prefix', tmp_path / 'prefix', '.'], source('pip'))
+    prefix = tmp_path / 'prefix'
+    assert executables(prefix) == ({'dbscan-reg-ros'}, set())
+    packages, = prefix.glob('lib/python*/site-packages')
+    environment = {'PYTHONPATH': str(packages)}
+    assert succeed([prefix / 'bin/dbscan-reg-ros', '--version'], tmp_path, environment) == f'{PACKAGE} {version()}\n'
+    assert succeed([prefix / 'bin/dbscan-reg-ros', 'convert', '--help'], tmp_path, environment).startswith('usage: convert ')
+    assert succeed([prefix / 'bin/dbscan-reg-ros', '--help'], tmp_path, environment).startswith('usage: dbscan-reg-ros ')
+
+
+@pytest.mark.parametrize('command', [None, *COMMANDS])
+def test_every_command_tells_the_version_of_the_manifest(root, manifest, tmp_path, command):
+    said = succeed([sys.executable, '-m', PACKAGE, *filter(None, [command]), '--version'], tmp_path, {'PYTHONPATH': str(root)})
+    assert said == f'{PACKAGE} {manifest.findtext("version")}\n'
 
 
 def test_the_package_is_known_to_the_ament_index(installed):

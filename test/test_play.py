@@ -9,6 +9,7 @@ from ros_helpers import TIMEOUT, Peer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
+from dbscan_reg_ros.command_lines import command_line
 from dbscan_reg_ros.node.messages import stamp_from_message
 from dbscan_reg_ros.node.player import Player, PlayerError
 from dbscan_reg_ros.node.ros_arguments import split_arguments
@@ -184,7 +185,7 @@ def test_without_a_node_the_command_gives_up_in_time(start_command, intel):
     command = start_command('play', intel, '--wait', '0.5')
     assert command.wait(TIMEOUT) == 2
     assert command.output().strip() == ('play: no node hears /scan after 0.5 s; start one: '
-                                        'ros2 run dbscan_reg_ros scan_matcher')
+                                        + command_line('scan_matcher'))
 
 
 def test_ros_arguments_are_told_from_own_ones():

@@ -2,14 +2,14 @@
 import itertools
 import json
 import math
+import os
 import re
-import shlex
+import subprocess
 
 import numpy as np
 import pytest
 
 from dbscan_reg_ros import Odometry, Parameters, Scan, Status
-from dbscan_reg_ros.__main__ import main as package_main
 from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features import extract_features
@@ -156,18 +156,20 @@ def test_what_is_no_snapshot_and_what_is_nowhere_is_named(tmp_path, capsys):
     assert 'a.npz: no snapshot' in first and second.endswith('b.log: cannot be read: No such file or directory')
 
 
-def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path, capsys):
-    log = tmp_path / 'with space.log'
+def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path):
+    log = tmp_path / "the robot's.log"
     log.write_bytes(b''.join(itertools.islice(unpacked(data / 'intel' / 'intel.log.gz'), 120)))
     assert replay([str(log), '--out', str(tmp_path)]) == 0
-    page = (tmp_path / 'with space' / 'latest' / 'report.html').read_text()
+    page = (tmp_path / "the robot's" / 'latest' / 'report.html').read_text()
     found = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
     spot = found['spots'][-1]
-    words = shlex.split(found['register'])
-    assert words[:4] == ['python', '-m', 'dbscan_reg_ros', 'register'] and spot['on'] < spot['scan']
-    capsys.readouterr()
-    assert package_main([*words[3:], str(spot['on']), str(spot['scan']), '--out', str(tmp_path / 'out')]) == 0
-    assert (tmp_path / 'out' / f'with space_{spot["on"]}_{spot["scan"]}' / 'latest' / 'sheet.png').exists()
+    assert spot['on'] < spot['scan']
+    elsewhere = tmp_path / 'elsewhere'
+    elsewhere.mkdir()
+    environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
+    subprocess.run(f'{found["register"]} {spot["on"]} {spot["scan"]}', shell=True, cwd=elsewhere, env=environment, check=True,
+                   timeout=120)
+    assert (elsewhere / 'results' / f"the robot's_{spot['on']}_{spot['scan']}" / 'latest' / 'sheet.png').exists()
 
 
 def unpacked(path):

@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ..commands.command_line import add_data, positive, run
+from ..version import add_version
 
 BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',
@@ -43,6 +44,7 @@ def main(argv=None) -> int:
 def make_parser():
     parser = argparse.ArgumentParser(
         prog='bench', description='Benchmarks: a table in the terminal; exit status 1 when dbscan misses a bound.')
+    add_version(parser)
     commands = parser.add_subparsers(dest='benchmark', required=True, metavar='BENCHMARK')
     for name, summary in BENCHMARKS.items():
         command = commands.add_parser(name, help=summary, description=summary)

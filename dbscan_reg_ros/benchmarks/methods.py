@@ -14,6 +14,7 @@ from ..core.parameters import Parameters
 from ..core.records import Prior, Status
 from ..core.registration import register
 from ..core.se2 import SE2
+from ..requirements import missing_line
 
 LAYERS = 0.1 * np.arange(-2, 3)
 GATE, GATE_GUESSED = 2.0, 0.5
@@ -60,8 +61,7 @@ def method(name) -> Method:
     try:
         return FACTORIES[name](name)
     except ImportError as error:
-        raise BenchmarkError(f'method {name} needs a package that is not installed ({error}): '
-                            f'pip install {error.name or name}') from error
+        raise BenchmarkError(f'method {name} {missing_line([(error.name or name).partition(".")[0]])}') from error
 
 
 def chosen(names=None) -> list:

@@ -7,15 +7,21 @@ import threading
 import traceback
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
+from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
+from ..version import add_version
 
 BAD_INPUT = 2
 FAILED = 1
 INTERRUPTED = 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
+BAGS = '.bag', '.mcap', '.db3'
+LOGS = '.log', '.log.gz'
+"""How the names of files end, of recordings that are bags and of CARMEN logs."""
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 """The signals that ask a command to end."""
 
@@ -35,6 +41,7 @@ def make_parser(command, description) -> argparse.ArgumentParser:
     """A parser with the options that every command takes."""
     parser = CommandParser(prog=command, description=description)
     parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
+    add_version(parser)
     return parser
 
 
@@ -111,6 +118,7 @@ def run(parser, work, argv=None) -> int:
     args = parser.parse_args(argv)
     keep_freed_memory()
     try:
+        check_packages(parser.prog, asked_for(args))
         code = work(args) or 0
         sys.stdout.flush()
         return code
@@ -120,6 +128,24 @@ def run(parser, work, argv=None) -> int:
         return FAILED
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
         return complain(parser.prog, error, args.verbose)
+
+
+def asked_for(args):
+    """Modules that only some arguments of a command need."""
+    given = vars(args)
+    if given.get('scheduler'):
+        yield 'distributed'
+    if given.get('search') == 'optuna':
+        yield 'optuna'
+    if given.get('live'):
+        yield ROS
+    files = [given.get('file'), given.get('source'), *given.get('files', ()), *given.get('held_out', ())]
+    bags = [Path(file) for file in files if file and (Path(file).is_dir() or Path(file).suffix in BAGS)]
+    target = given.get('target')
+    if target and not target.endswith(LOGS):
+        bags.append(Path(target))
+    if bags and (any(bag.suffix == '.bag' for bag in bags) or not is_there('rosbag2_py')):
+        yield 'rosbags'
 
 
 def complain(command, error, verbose=False) -> int:
@@ -180,10 +206,12 @@ def explain(error):
     """Exit code and one line for what went wrong; a fault of ours is told without the name of its Python exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, 'interrupted'
+    if isinstance(error, MissingPackages):
+        return FAILED, str(error)
     if isinstance(error, DbscanRegError):
         return BAD_INPUT, str(error)
-    if isinstance(error, ModuleNotFoundError):
-        return FAILED, f'needs the Python package {error.name!r}: install it, for example with pip'
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        return FAILED, missing_line([error.name.partition('.')[0]])
     if isinstance(error, BrokenExecutor):
         return FAILED, 'a worker process was killed, perhaps for want of memory: fewer --processes need less'
     if isinstance(error, OSError) and error.filename:

@@ -4,6 +4,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..command_lines import command_line
 from .command_line import add_recordings, add_workers, complain, explain, make_parser, note_unused, run, shortened
 
 
@@ -154,7 +155,5 @@ def _too_few(recording, track):
 
 def register_command(folder, recording) -> str:
     """What shows a pair of the recording with the parameters of the replay in `folder`, once the numbers are added."""
-    import shlex
     parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
-    return shlex.join(['python', '-m', 'dbscan_reg_ros', 'register', '--params-file', str(parameters),
-                       '--topic', recording.topic, str(path)])
+    return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)

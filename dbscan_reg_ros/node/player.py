@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
+from ..command_lines import command_line
 from ..core.errors import DbscanRegError
 from ..recordings.schedule import Schedule
 from .messages import scan_to_message, stamp_from_message, stamp_to_message
@@ -134,7 +135,7 @@ class Player:
             if time.monotonic() > deadline:
                 publishes = f' and publishes {self._odom.topic_name}' if answering else ''
                 raise PlayerError(f'no node hears {self._scans.topic_name}{publishes} after {timeout:g} s; start one: '
-                                  'ros2 run dbscan_reg_ros scan_matcher')
+                                  + command_line('scan_matcher'))
             self._executor.spin_once(POLL)
         for name in nodes:
             self._greet(name, deadline, required=answering)

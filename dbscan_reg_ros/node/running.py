@@ -8,9 +8,12 @@ import threading
 import time
 
 from ..allocation import keep_freed_memory
+from ..requirements import MissingPackages, check_packages
+from ..version import add_version
 from .ros_arguments import split_arguments
 
 BAD_INPUT = 2
+FAILED = 1
 IDLE = 1e-3
 """Who waits so long [s] for work has nothing else to do."""
 
@@ -31,13 +34,18 @@ def run_node(name, description, make, argv=None) -> int:
     Returns
     -------
     int
-        0 after a signal, 2 when an argument or a parameter is wrong.
+        0 after a signal, 2 when an argument or a parameter is wrong, 1 when a package is missing.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
     parser = argparse.ArgumentParser(
         prog=name, description=description,
-        usage=f'{name} [-h] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
+        usage=f'{name} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
+    add_version(parser)
     parser.parse_args(split_arguments(argv)[0])
+    try:
+        check_packages(name)
+    except MissingPackages as error:
+        return _complain(name, error, FAILED)
     stop = _StopSignals()
     for library in ('OPENBLAS', 'OMP'):
         # The matrices are small: more threads only burn time.
@@ -88,9 +96,9 @@ def _spin_once(executor):
             executor.wait_for_ready_callbacks(0.0, [])
 
 
-def _complain(name, problem):
+def _complain(name, problem, code=BAD_INPUT):
     print(f'{name}: {problem}', file=sys.stderr)
-    return BAD_INPUT
+    return code
 
 
 class _StopSignals:

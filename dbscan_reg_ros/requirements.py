@@ -1,0 +1,111 @@
+"""Python packages that a command needs, which of them are missing, and the command that installs those."""
+import shlex
+import shutil
+import sys
+import sysconfig
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+from .command_lines import PACKAGE, python_line
+from .core.errors import DbscanRegError
+
+ROS = 'rclpy'
+"""Stands for all of ROS 2."""
+ROS_SETUP = Path('/opt/ros/jazzy/setup.bash')
+ROS_WHEELS = 'ros-rclpy[fastrtps]==7.1.6', 'ros-common-interfaces==5.3.6'
+
+
+class Source(NamedTuple):
+    """Where a package comes from: its name in Ubuntu, '' where it has none, and on PyPI."""
+
+    ubuntu: str
+    pypi: str
+
+
+SOURCES = {
+    'distributed': Source('', 'distributed'),
+    'kiss_icp': Source('', 'kiss-icp'),
+    'matplotlib': Source('python3-matplotlib', 'matplotlib'),
+    'numpy': Source('python3-numpy', 'numpy'),
+    'optuna': Source('', 'optuna'),
+    'rosbags': Source('', 'rosbags'),
+    'scipy': Source('python3-scipy', 'scipy'),
+    'sklearn': Source('python3-sklearn', 'scikit-learn'),
+    'small_gicp': Source('', 'small_gicp'),
+    'tqdm': Source('python3-tqdm', 'tqdm'),
+    'yaml': Source('python3-yaml', 'PyYAML'),
+}
+"""Module -> where it comes from."""
+
+_CORE = 'numpy', 'scipy', 'sklearn', 'yaml'
+NEEDS = {
+    'scan_matcher': (*_CORE, ROS),
+    'scan_matcher_lifecycle': (*_CORE, ROS),
+    'replay': (*_CORE, 'matplotlib', 'tqdm'),
+    'register': (*_CORE, 'matplotlib'),
+    'play': (*_CORE, 'tqdm', ROS),
+    'demo': (*_CORE, 'matplotlib', 'tqdm', ROS),
+    'compare': (*_CORE, 'matplotlib', 'tqdm'),
+    'tune': (*_CORE, 'tqdm'),
+    'simulate': (*_CORE, 'matplotlib'),
+    'dump': (*_CORE, ROS),
+    'convert': (*_CORE, 'tqdm'),
+    'bench': (*_CORE, 'matplotlib', 'tqdm'),
+}
+"""Command -> modules without which it does nothing."""
+
+
+class MissingPackages(DbscanRegError):
+    """Something that has to be installed is not."""
+
+
+def is_there(module) -> bool:
+    """Whether the module can be imported, as far as can be told without doing so."""
+    return find_spec(module) is not None
+
+
+def check_packages(command, also=()):
+    """MissingPackages where not all is there that `command` needs, and `also`: modules that its arguments ask for."""
+    missing = [module for module in dict.fromkeys((*NEEDS.get(command, ()), *also)) if not is_there(module)]
+    if missing:
+        raise MissingPackages(missing_line(missing))
+
+
+def missing_line(modules) -> str:
+    """What to say where the `modules` are missing: which, and a command that installs them here."""
+    names = [SOURCES[module].pypi if module in SOURCES else f'ROS 2 ({module})' if _is_ros(module) else module
+             for module in modules]
+    remedies = ' && '.join(_remedies(modules))
+    return f'needs {" and ".join(names)}, not installed here' + (f': {remedies}' if remedies else '')
+
+
+def _is_ros(module):
+    return module == ROS or module.endswith(('_msgs', '_srvs', '_interfaces'))
+
+
+def _remedies(modules):
+    """Commands, one after the other, that make the `modules` importable."""
+    known = [SOURCES[module] for module in modules if module in SOURCES]
+    ros = any(map(_is_ros, modules))
+    system = sys.prefix == '/usr' and shutil.which('apt') is not None
+    if system and (ubuntu := [source.ubuntu for source in known if source.ubuntu]):
+        yield shlex.join(['sudo', 'apt', 'install', *ubuntu])
+    wheels = [source.pypi for source in known if not (system and source.ubuntu)]
+    if ros and ROS_SETUP.exists():
+        yield f'source {ROS_SETUP}'
+    elif ros and not system:
+        wheels += ROS_WHEELS
+    elif ros:
+        yield 'install ROS 2 Jazzy (https://docs.ros.org/en/jazzy/Installation.html)'
+    if wheels:
+        yield _pip(wheels)
+
+
+def _pip(wheels):
+    """The command that installs `wheels`; a Python that belongs to the system takes them in a virtual environment only."""
+    if sys.prefix != sys.base_prefix or not Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').exists():
+        return python_line('-m', 'pip', 'install', *wheels)
+    folder = Path.home() / '.venvs' / PACKAGE
+    python = shlex.quote(str(folder / 'bin' / 'python'))
+    return (f'{python_line("-m", "venv", "--system-site-packages", folder)} && {python} -m pip install {shlex.join(wheels)}')

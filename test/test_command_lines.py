@@ -1,0 +1,64 @@
+"""The command lines that are shown run as they are, from any folder, with what the user has."""
+import os
+import subprocess
+import sys
+
+import pytest
+
+from dbscan_reg_ros import command_lines
+from dbscan_reg_ros.command_lines import ROOT, command_line, python_line
+from dbscan_reg_ros.version import version
+
+ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines import command_line; ' \
+      'print(command_line("convert", "--version"))'
+
+
+def said(line, folder, **environment):
+    """What the line prints in a shell of somebody who has no paths set."""
+    plain = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
+    return subprocess.run(['bash', '-c', line], cwd=folder, env=plain | environment, capture_output=True, text=True, check=True,
+                          timeout=60).stdout
+
+
+def shown(started, **environment):
+    """The line that a process tells which was started as that."""
+    return subprocess.run([sys.executable, '-c', ASK.format(started=str(started))], env=os.environ | environment,
+                          cwd=ROOT, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+
+
+def test_from_a_clone_it_runs_elsewhere(tmp_path):
+    assert said(command_line('convert', '--version'), tmp_path) == f'dbscan_reg_ros {version()}\n'
+
+
+def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
+    clone = tmp_path / "robot's $HOME clone"
+    clone.mkdir()
+    (clone / 'dbscan_reg_ros').symlink_to(root / 'dbscan_reg_ros')
+    (clone / 'package.xml').symlink_to(root / 'package.xml')
+    line = subprocess.run([sys.executable, '-c', ASK.format(started='x')], cwd=clone, capture_output=True, text=True, check=True,
+                          timeout=60).stdout.strip()
+    assert said(line, tmp_path) == f'dbscan_reg_ros {version()}\n'
+
+
+def test_what_ros2_run_has_started_is_named_so():
+    assert shown('/home/me/ws/install/dbscan_reg_ros/lib/dbscan_reg_ros/replay') == 'ros2 run dbscan_reg_ros convert --version'
+
+
+@pytest.mark.parametrize('on_path', [True, False])
+def test_what_pip_has_installed_is_named_by_its_executable(tmp_path, on_path):
+    executable = tmp_path / 'my bin' / 'dbscan-reg-ros'
+    executable.parent.mkdir()
+    executable.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m dbscan_reg_ros "$@"\n')
+    executable.chmod(0o755)
+    path = f'{executable.parent}:{os.environ["PATH"]}' if on_path else os.environ['PATH']
+    line = shown(executable, PATH=path)
+    assert line == ('dbscan-reg-ros convert --version' if on_path else f"'{executable}' convert --version")
+    assert said(line, tmp_path, PATH=path) == f'dbscan_reg_ros {version()}\n'
+
+
+def test_words_are_quoted_and_the_interpreter_is_this_one(monkeypatch, tmp_path):
+    assert said(python_line('-c', 'import sys; print(sys.executable, sys.argv[1:])', "it's", '$HOME *'), tmp_path) == \
+        f'{sys.executable} {["it" + chr(39) + "s", "$HOME *"]}\n'
+    monkeypatch.setattr(sys, 'argv', ['/opt/ros/jazzy/lib/dbscan_reg_ros/play'])
+    assert command_lines.command_line('register', tmp_path / "the robot's.log") == \
+        f"ros2 run dbscan_reg_ros register '{tmp_path}/the robot'\"'\"'s.log'"
