@@ -1,17 +1,20 @@
 """Frames: where the laser sits, as transforms say; our own transform, and those of others."""
 import importlib.util
+import itertools
 import math
 import os
+import time
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_helpers import (
     LATCHED,
     TIMEOUT,
     Loudspeaker,
     Parameters,
     Peer,
+    diagnosis,
     distances,
     needs_tf2_msgs,
     played,
@@ -50,6 +53,23 @@ def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(s
 def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans):
     start_command('scan_matcher', '--ros-args', '-p', 'base_frame:=laser')
     assert played(player, scans[:5]).lost == 0
+
+
+def test_strays_do_not_end_what_is_known_of_the_mounting(start_command, player, peer, scans, tf_type):
+    """One on /tf does nothing, one on /tf_static only while its publisher is there."""
+    start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('base_link', 'laser', x=0.3)]))
+    peer.until(lambda: not player.play(scans[:1], patience=0.2).lost)
+    with Peer('stray') as other:
+        stray = Loudspeaker(other, tf_type, '/tf')
+        stray.tell(tf_type(transforms=[transform('elsewhere', 'laser', stamp=scans[1].stamp)]))
+        assert player.play(scans[1:4]).lost == 0
+        latched = Loudspeaker(other, tf_type, '/tf_static', LATCHED)
+        latched.tell(tf_type(transforms=[transform('elsewhere', 'laser')]))
+        peer.until(lambda: player.play(scans[4:5], patience=0.2).lost)
+    peer.until(lambda: not player.play(scans[5:6], patience=0.2).lost)
 
 
 def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command, player, peer, scans, truth, tf_type):
@@ -207,6 +227,158 @@ def publishers(peer):
 
 def ours(messages):
     return [t for m in messages for t in m.transforms if t.transform.translation.x != 5.0]
+
+
+def give_way(node, player, peer, scans, tf_type, message):
+    """Let ``/wheels`` send one stray transform, and wait until the node gives way to it; when it was sent last."""
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3]).lost == 0
+    with Peer('wheels') as wheels:
+        other = Loudspeaker(wheels, tf_type, '/tf')
+        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        stray = time.monotonic()
+        peer.until(lambda: '/scan_matcher' not in publishers(peer))
+    return stray
+
+
+@pytest.fixture
+def stray(tf_type, scans):
+    return tf_type(transforms=[transform('wheel_odom', 'base_link', x=5.0, stamp=scans[3].stamp)])
+
+
+def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, scans, tf_type, stray):
+    node = start_node()
+    heard, reports = peer.listen(tf_type, '/tf'), peer.listen(DiagnosticArray, '/diagnostics')
+    last = give_way(node, player, peer, scans, tf_type, stray)
+    status = diagnosis(peer, reports, lambda s: 'somebody else' in s.message)
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'on /tf there are: /wheels. A frame has one parent: ours, from \'odom\', is not sent until it was silent for 5 s' in status.message
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert 4.9 < time.monotonic() - last < 8.0
+    said(node, "nobody else has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
+    diagnosis(peer, reports, lambda s: 'somebody else' not in s.message)
+    sent = len(ours(heard))
+    with peer.spinning():
+        assert player.play(scans[3:13], rate=2.0).lost == 0
+    assert len(ours(heard)) >= sent + 5
+    assert node.output().count('somebody else') == 1
+
+
+def test_publish_tf_set_to_true_sends_at_once(start_node, player, peer, scans, tf_type, stray):
+    node = start_node()
+    heard = peer.listen(tf_type, '/tf')
+    last = give_way(node, player, peer, scans, tf_type, stray)
+    [result] = Parameters(peer).set(publish_tf=True)
+    assert result.successful
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert time.monotonic() - last < 4.0
+    sent = len(ours(heard))
+    assert player.play(scans[3:6]).lost == 0
+    peer.until(lambda: len(ours(heard)) == sent + 3)
+
+
+def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_node, player, peer, scans, tf_type):
+    """A publisher of another static transform stays when the one with ours goes: which of them it was shows when all are heard again."""
+    joints = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    joints.publish(tf_type(transforms=[transform('base_link', 'laser')]))
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    reports = peer.listen(DiagnosticArray, '/diagnostics')
+    with Peer('wheels') as wheels, Peer('arm') as arm:
+        arm.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(tf_type(transforms=[transform('base_link', 'hand')]))
+        static = wheels.node.create_publisher(tf_type, '/tf_static', LATCHED)
+        static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+        peer.until(lambda: "somebody else sends a transform to 'base_link' too, from 'map'" in node.output())
+        assert 'is not sent until it has gone' in node.output()
+        diagnosis(peer, reports, lambda s: s.level == DiagnosticStatus.ERROR)
+        arm.node.destroy_node()
+        start = time.monotonic()
+        for _ in range(8):
+            assert diagnosis(peer, reports, lambda s: True).level == DiagnosticStatus.ERROR
+        assert time.monotonic() - start > 6.0
+        assert '/scan_matcher' not in publishers(peer)
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert node.output().count('somebody else') == 1
+    assert player.play(scans[:3]).lost == 0
+
+
+def test_a_static_transform_is_given_way_to_again_when_publish_tf_is_set(start_node, player, peer, tf_type):
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+    node = start_node()
+    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    for value in (False, True):
+        assert Parameters(peer).set(publish_tf=value)[0].successful
+    peer.until(lambda: node.output().count("too, from 'map'; on /tf_static there are: /peer") == 2)
+    peer.until(lambda: '/scan_matcher' not in publishers(peer))
+
+
+def parents(messages):
+    """Who sent the transforms to the base, one after the other, and their stamps."""
+    sent = [t for m in messages for t in m.transforms if t.child_frame_id == 'base_link']
+    return [t.header.frame_id for t in sent], [stamp_from_message(t.header.stamp) for t in sent]
+
+
+def rounds(scans, count):
+    """So many scans at 10 Hz: the same ones to and fro, with stamps that go on."""
+    turn = itertools.cycle([*scans, *scans[-2:0:-1]])
+    return restamped(list(itertools.islice(turn, count)), [scans[0].stamp + k * SECOND // 10 for k in range(count)])
+
+
+def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type, size):
+    """They start at the same scan and are forced to send both; then one of them ends, and the other takes over."""
+    first, second = start_node(), start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')
+    player.wait_for_node(TIMEOUT)
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    heard = peer.listen(tf_type, '/tf')
+    peer.greet('/second')
+    run = rounds(scans[:40], size(300, 600))
+    third = len(run) // 3
+    with peer.spinning():
+        player.play(run[:third], rate=1.0)
+    for name in ('/scan_matcher', '/second'):
+        assert Parameters(peer, name).set(publish_tf=True)[0].successful
+    begun = len(heard)
+    with peer.spinning():
+        player.play(run[third:2 * third], rate=1.0)
+    who, stamps = parents(heard[:begun])
+    assert len(set(stamps)) == len(stamps) and sum(a != b for a, b in itertools.pairwise(who)) == 0
+    assert len(who) > 0.8 * third
+    {'odom': first, 'laser_odom': second}[who[-1]].stop()
+    with peer.spinning():
+        player.play(run[2 * third:], rate=1.0)
+    who, stamps = parents(heard)
+    assert len(set(stamps)) == len(stamps)
+    assert sum(a != b for a, b in itertools.pairwise(who)) == 1
+    assert stamps[-1] == run[-1].stamp
+
+
+def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_their_own(start_node, player, peer, scans, tf_type):
+    """They have started at the same scan, and what they send is the same to the last bit; both insist on sending."""
+    nodes = start_node(), start_node('-r', '__node:=second')
+    player.wait_for_node(TIMEOUT)
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    for name in ('/scan_matcher', '/second'):
+        for value in (False, True):
+            assert Parameters(peer, name).set(publish_tf=value)[0].successful
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    heard = peer.listen(tf_type, '/tf')
+    with peer.spinning():
+        player.play(scans[:20], rate=1.0)
+    peer.until(lambda: any("too, from 'odom'; on /tf there are: " in node.output() for node in nodes))
+    _, stamps = parents(heard)
+    assert len(stamps) <= len(set(stamps)) + 1
+
+
+def test_a_scan_with_a_stamp_of_the_far_future_does_not_end_the_transform(start_node, player, peer, scans, tf_type):
+    start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = peer.hear(tf_type, '/tf')
+    stamps = [scan.stamp for scan in scans[:10]]
+    stamps[4] += 3600 * SECOND
+    player.play(restamped(scans[:10], stamps), patience=0.5)
+    peer.until(lambda: stamps[9] in parents(heard)[1])
+    assert set(stamps[:4] + stamps[5:]) <= set(parents(heard)[1])
 
 
 def test_only_where_we_and_others_send_transforms_there_is_something_to_hear(start_node, player, peer, scans, tf_type):

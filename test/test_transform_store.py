@@ -52,6 +52,33 @@ def test_a_moving_frame_above_both_does_not_matter(store):
     assert matrix[0, 3] == pytest.approx(1.0)
 
 
+def test_a_stray_transform_does_not_take_the_place_of_a_static_one(store):
+    store.add(transform('base', 'laser', x=1.0), static=True)
+    store.add(transform('elsewhere', 'laser', x=9.0, stamp=10 * SECOND), static=False)
+    for stamp in (9, 10, 11, 99):
+        matrix, known = store.lookup('base', 'laser', stamp * SECOND)
+        assert known and matrix[0, 3] == pytest.approx(1.0)
+
+
+def test_a_moving_transform_that_goes_on_counts_before_a_static_one(store):
+    store.add(transform('base', 'laser', x=1.0), static=True)
+    for k in range(11):
+        store.add(transform('base', 'laser', x=2.0 + 0.1 * k, stamp=10 * SECOND + k * SECOND // 10), static=False)
+    matrix, known = store.lookup('base', 'laser', 10 * SECOND + SECOND // 2)
+    assert known and matrix[0, 3] == pytest.approx(2.5)
+
+
+def test_after_strays_the_static_transform_counts_again():
+    store = TransformStore()
+    store.add(transform('base', 'laser', x=1.0), static=True)
+    for k in range(2):
+        store.add(transform('elsewhere', 'laser', x=9.0, stamp=(10 + k) * SECOND), static=False)
+    with pytest.raises(NoTransformError):
+        store.lookup('base', 'laser', 12 * SECOND)
+    matrix, known = store.lookup('base', 'laser', 17 * SECOND)
+    assert known and matrix[0, 3] == pytest.approx(1.0)
+
+
 def test_frames_that_are_not_connected_are_named(store):
     store.add(transform('base', 'mast'), static=True)
     with pytest.raises(NoTransformError, match='laser'):
@@ -97,4 +124,4 @@ def test_the_past_is_forgotten():
     store = TransformStore()
     for k in range(1000):
         store.add(transform('base', 'laser', stamp=k * SECOND), static=False)
-    assert len(store._edges['laser']._stamps) <= 22
+    assert len(store._moving['laser']._stamps) <= 22

@@ -59,7 +59,6 @@ class Diagnostics:
 
     def publish(self):
         """Tell how the odometry has been doing since the last call, one `PERIOD` ago."""
-        self._transforms.look_at_conflict()
         now = time.monotonic()
         counts = self._counts()
         last_time, last = self._last or (now - PERIOD, (0,) * len(counts))

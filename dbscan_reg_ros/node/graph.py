@@ -22,6 +22,11 @@ def named(endpoints) -> str:
     return ', '.join(sorted({full_name(endpoint) for endpoint in endpoints}))
 
 
+def publishers(node: Node, topic) -> dict:
+    """Identity, as bytes -> TopicEndpointInfo of all publishers on `topic`."""
+    return {bytes(endpoint.endpoint_gid): endpoint for endpoint in node.get_publishers_info_by_topic(topic)}
+
+
 def other_publishers(node: Node, topic, published) -> list:
     """The TopicEndpointInfo of all publishers on `topic` but ours; `published` tells whether we have one there."""
     endpoints = node.get_publishers_info_by_topic(topic)
@@ -63,6 +68,15 @@ def _difference(node, topic, offered, asked):
 
 def _words(policy):
     return policy.short_key.replace('_', ' ')
+
+
+def may_send_odometry(node: Node, endpoint) -> bool:
+    """Whether the node that an endpoint belongs to publishes an odometry, or is not discovered yet."""
+    try:
+        topics = node.get_publisher_names_and_types_by_node(endpoint.node_name, endpoint.node_namespace)
+    except RuntimeError:
+        return True
+    return any('nav_msgs/msg/Odometry' in kinds for _, kinds in topics)
 
 
 def shared(node: Node, publisher) -> str:

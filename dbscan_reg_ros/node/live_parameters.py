@@ -27,7 +27,8 @@ class LiveParameters:
     ----------
     value : NodeParameters
     changed : callable or None
-        Takes the new `NodeParameters` after each change; several parameters set at once are one change.
+        Takes the `NodeParameters` and the names of those that were set, each time that some are, be it to what they were; several
+        set at once are one change.
 
     Raises
     ------
@@ -89,8 +90,8 @@ class LiveParameters:
                    if value != old[name]]
         if changes:
             self._node.get_logger().info(f'parameters changed: {", ".join(changes)}')
-            if self.changed:
-                self.changed(self.value)
+        if self.changed:
+            self.changed(self.value, {parameter.name for parameter in parameters})
 
     def _with(self, parameters):
         return self.value.replace({p.name: p.value for p in parameters if p.name in self._descriptions})

@@ -21,7 +21,8 @@ from .notices import Notices
 from .outputs import Outputs
 from .priors import Priors
 from .services import Services
-from .transforms import TransformListener, TransformSender, transform_type
+from .transform_sender import TransformSender, transform_type
+from .transforms import TransformListener
 
 
 class ScanMatcher:
@@ -89,12 +90,13 @@ class ScanMatcher:
         self._jumps.unregister()
         self._entities.destroy()
 
-    def _reconfigure(self, parameters):
+    def _reconfigure(self, parameters, names=()):
+        """Go by `parameters`, of which those named were set just now, be it to what they were."""
         self._odometry.parameters = parameters.for_odometry()
         for part in (self._priors, self._outputs, self._services, self._inbox):
             if part:
                 part.parameters = parameters
-        self._sender.enable(parameters.publish_tf)
+        self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
     def _ready(self, message):
         """Whether a scan need not wait for what else is to be known of its time."""
@@ -134,6 +136,8 @@ class ScanMatcher:
         self._services.keep(update, prior)
         self._report(update)
         state = base_state(update, self._origin, mounting.place, self._start)
+        if self._listener:
+            self._listener.hear()
         self._sender.send(state)
         self._outputs.publish(update, state, self._origin)
         self._health.processed(update, self._origin, mounting.place, time.perf_counter() - began)
@@ -160,7 +164,8 @@ class ScanMatcher:
     def _look_round(self):
         """What is done once in a `PERIOD`, whether there are scans or not."""
         if self._listener:
-            self._listener.hear()
+            self._listener.look()
+        self._sender.look()
         self._outputs.publish_pictures()
         self._diagnostics.publish()
 

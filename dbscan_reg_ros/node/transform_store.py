@@ -8,6 +8,8 @@ from .messages import matrix_from_pose, pose_from_message, stamp_from_message
 MAX_CHAIN = 100
 SPAN = 10_000_000_000
 """So much of the past is kept [ns], here as in tf2_ros."""
+SILENT = 5_000_000_000
+"""A moving transform that has not come for so long [ns] does not go on."""
 
 
 class NoTransformError(LookupError):
@@ -25,11 +27,13 @@ def make_store():
 class TransformStore:
     """Transforms composed along their tree and interpolated between their stamps.
 
-    Where one comes more than `SPAN` before the newest between the same frames, time has gone back.
+    Where one comes more than `SPAN` before the newest between the same frames, time has gone back. Where a frame has a static
+    transform, a moving one counts only while it goes on: a single one is a stray.
     """
 
     def __init__(self):
-        self._edges = {}
+        self._static = {}
+        self._moving = {}
 
     def add(self, message, static):
         """Keep a TransformStamped message; one whose numbers make no rotation is passed over."""
@@ -37,17 +41,18 @@ class TransformStore:
         if pose is None:
             return
         parent, child, stamp = message.header.frame_id, message.child_frame_id, stamp_from_message(message.header.stamp)
-        edge = self._edges.get(child)
-        if edge is None or edge.parent != parent or edge.static != static:
-            edge = self._edges[child] = _Edge(parent, static)
+        edges = self._static if static else self._moving
+        edge = edges.get(child)
+        if edge is None or edge.parent != parent:
+            edge = edges[child] = _Edge(parent, static)
         elif edge.starts_again(stamp):
             self.clear()
-            edge = self._edges[child] = _Edge(parent, static)
+            edge = edges[child] = _Edge(parent, static)
         edge.add(stamp, pose)
 
     def clear(self):
         """Forget what moves: time has gone back."""
-        self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
+        self._moving.clear()
 
     def lookup(self, target, source, stamp):
         """How to get from one frame to another.
@@ -70,7 +75,7 @@ class TransformStore:
         NoTransformError
             When the frames are not connected.
         """
-        up, down = self._ancestors(source), self._ancestors(target)
+        up, down = self._ancestors(source, stamp), self._ancestors(target, stamp)
         common = next((frame for frame in up if frame in down), None)
         if common is None:
             raise NoTransformError(f'{source!r} and {target!r} are not connected')
@@ -78,11 +83,16 @@ class TransformStore:
         from_target, known_target = self._matrix(down[:down.index(common)], stamp)
         return np.linalg.inv(from_target) @ from_source, known_source and known_target
 
-    def _ancestors(self, frame):
+    def _edge(self, frame, stamp):
+        """What counts for `frame` at `stamp`: an _Edge to its parent, or None."""
+        static, moving = self._static.get(frame), self._moving.get(frame)
+        return moving if static is None or moving and moving.goes_on(stamp) else static
+
+    def _ancestors(self, frame, stamp):
         """`frame`, its parent, the parent of that, ..."""
         frames = [frame]
-        while frame in self._edges and len(frames) < MAX_CHAIN:
-            frame = self._edges[frame].parent
+        while (edge := self._edge(frame, stamp)) and len(frames) < MAX_CHAIN:
+            frame = edge.parent
             frames.append(frame)
         return frames
 
@@ -90,7 +100,7 @@ class TransformStore:
         """The product of the transforms from each of `frames` to its parent, and whether all are known at `stamp`."""
         matrix, known = np.eye(4), True
         for frame in frames:
-            step, exact = self._edges[frame].at(stamp)
+            step, exact = self._edge(frame, stamp).at(stamp)
             matrix, known = step @ matrix, known and exact
         return matrix, known
 
@@ -107,6 +117,10 @@ class _Edge:
     def starts_again(self, stamp):
         """Whether a transform at `stamp` belongs to another run than those before it."""
         return not self.static and stamp < self._stamps[-1] - SPAN
+
+    def goes_on(self, stamp):
+        """Whether several transforms have come, and `stamp` is not far from them."""
+        return len(self._stamps) > 1 and self._stamps[0] - SILENT <= stamp <= self._stamps[-1] + SILENT
 
     def add(self, stamp, pose):
         if self.static:
@@ -151,17 +165,23 @@ class Tf2Store:
         self._tf2 = tf2_ros
         self._buffer = tf2_ros.Buffer()
         self._newest = {}
+        self._static = set()
 
     def add(self, message, static):
         """As in `TransformStore`; the buffer by itself takes none that is so much older than the newest."""
+        child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
         if static:
+            self._static.add(child)
             self._buffer.set_transform_static(message, 'scan_matcher')
             return
-        child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
-        if stamp < self._newest.get(child, stamp) - SPAN:
+        newest = self._newest.get(child)
+        if newest is not None and stamp < newest - SPAN:
             self.clear()
-        self._newest[child] = max(stamp, self._newest.get(child, stamp))
-        self._buffer.set_transform(message, 'scan_matcher')
+            newest = None
+        self._newest[child] = stamp if newest is None else max(stamp, newest)
+        # In the buffer one transform, though a stray, takes the place of a static one for good.
+        if child not in self._static or newest is not None and abs(stamp - newest) <= SILENT:
+            self._buffer.set_transform(message, 'scan_matcher')
 
     def clear(self):
         """As in `TransformStore`."""
