@@ -391,8 +391,8 @@ def test_two_robots_have_transforms_of_their_own(launched, start_launched, ros_e
             player.wait_for_node(TIMEOUT)
             assert player.play(scans[:count]).lost == 0
     peer.until(lambda: [len(messages) for messages in heard] == [12, 7])
-    assert peer.node.count_publishers('/tf') == peer.node.count_subscribers('/tf_static') == 0
-    assert [peer.node.count_subscribers(f'/{name}/tf_static') for name in names] == [1, 1]
+    peer.until(lambda: [transforms_of(peer, name) for name in names] == [
+        {f'/{name}/tf', f'/{name}/tf_static'} for name in names])
     for process in processes:
         assert process.stop() == 0
         assert 'parent' not in process.output()
@@ -402,7 +402,16 @@ def test_without_remapped_transforms_two_robots_share_them(launched, start_launc
     pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
     for name in ('robot1', 'robot2'):
         start_launched(launched('scan_matcher', namespace=name, mounting='none', remap_tf='false')[0])
-    peer.until(lambda: peer.node.count_publishers('/tf') == 2)
+    peer.until(lambda: [transforms_of(peer, name) for name in ('robot1', 'robot2')] == [{'/tf', '/tf_static'}] * 2)
+
+
+def transforms_of(peer, namespace):
+    """The topics of transforms that the node in a namespace publishes and hears; none while it is not discovered."""
+    node = 'scan_matcher', f'/{namespace}'
+    if node not in peer.node.get_node_names_and_namespaces():
+        return set()
+    topics = (*peer.node.get_publisher_names_and_types_by_node(*node), *peer.node.get_subscriber_names_and_types_by_node(*node))
+    return {name for name, kinds in topics if kinds == ['tf2_msgs/msg/TFMessage']}
 
 
 def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_launched, tmp_path):
