@@ -86,9 +86,9 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
-        """Those of a `Scan` from where nobody states `angle_max`."""
+        """Those of a `Scan` from where nobody states `angle_max`, and a stamp of 0 is a time: it becomes 1 ns."""
         g = scan.geometry
-        return cls(scan.stamp, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
+        return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
                    g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
 
 

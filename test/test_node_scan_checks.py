@@ -73,6 +73,16 @@ def test_the_node_says_of_a_recording_that_is_played_what_is_said_of_it(cases, n
     assert warnings(node) == list(offline.values())
 
 
+@pytest.mark.parametrize('words', [('play', '--rate', '5'), ('demo',)], ids=lambda words: words[0])
+def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_command, peer, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if words[0] == 'play':
+        start_node()
+    command = start_command(*words, str(cases / 'millimetres' / 'ranges_and_range_max'))
+    peer.until(lambda: not command.running(), 60.0)
+    assert command.output().count('the ranges look like millimetres') == 1
+
+
 def test_where_no_scan_comes_the_log_says_so_ever_more_rarely(start_node, peer):
     node = start_node()
     peer.until(lambda: 'ready' in node.output())

@@ -156,6 +156,9 @@ def kinds_of(path):
     ('millimetres/ranges_and_range_max', ['millimetres']),
     ('replay_starts_in_motion/one_stamp_in_the_future', ['stamp_back']),
     ('replay_starts_in_motion/four_seconds', []),
+    ('unclear_bag_messages/rlaser.log', []),
+    ('carmen/equal_stamps.log', []),
+    ('carmen/no_return_32.767_and_zero_stamps.log', []),
     ('covariance_explodes/kinect_55deg_25s', []),
 ])
 def test_recordings_that_go_wrong_are_told_by_kind(cases, name, kinds):
