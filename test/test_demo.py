@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from bags import scan_bag
 
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.recordings import open_recording, read_tum
@@ -38,6 +39,16 @@ def alive(pid):
     except ProcessLookupError:
         return False
     return True
+
+
+def test_a_map_that_cannot_be_drawn_costs_no_result(demo, scans, tmp_path):
+    (tmp_path / 'out' / 'map.png').mkdir(parents=True)
+    process = demo(scan_bag(tmp_path / 'drive', scans[:20]))
+    assert process.wait(120) == 0, process.output()
+    assert len(read_tum(tmp_path / 'out' / 'trajectory.tum')[0]) == 20
+    said = process.output().splitlines()
+    assert said[-1] == 'scans 20 skipped 0'
+    assert len([line for line in said if line.startswith('demo: map.png not written: ') and 'Is a directory' in line]) == 1
 
 
 def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path):

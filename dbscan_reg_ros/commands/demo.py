@@ -4,7 +4,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-from .command_line import ENDING, FAILED, add_data, interruptible, make_parser, run, shortened
+from .command_line import ENDING, FAILED, add_data, explain, interruptible, make_parser, run, shortened
 
 STARTING = 30
 """The node has to be up after this many seconds."""
@@ -25,12 +25,14 @@ def main(argv=None) -> int:
 
 def demo(args):
     """Play the recording to a node of our own, write the results and print the summary."""
+    from ..replays.faults import Faults
+
     with interruptible(*ENDING):
         recording = _recording(args)
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)
         answers = _play(recording, out, args.params_file)
-        return _report(recording, answers, out)
+        return _report(recording, answers, out, Faults(lambda error: explain(error)[1], args.verbose))
 
 
 def _recording(args):
@@ -79,7 +81,7 @@ def _wait_for(node, player):
                 raise
 
 
-def _report(recording, answers, out):
+def _report(recording, answers, out, faults):
     """Write what was answered, print where it is and how good; the exit status."""
     import numpy as np
 
@@ -93,25 +95,30 @@ def _report(recording, answers, out):
     scans = (scan for scan, kept in zip(recording.scans(), answered, strict=True) if kept)
     write_tum(out / 'trajectory.tum', stamps, poses)
     print(f'trajectory   {out / "trajectory.tum"}')
-    truth = recording.truth()
-    plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
-             relative(truth[1][:1], truth[1]) if truth else None)
-    print(f'map          {out / "map.png"}')
+    with faults.noted('map.png'):
+        truth = recording.truth()
+        plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
+                 relative(truth[1][:1], truth[1]) if truth else None)
+        print(f'map          {out / "map.png"}')
     for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
         print(line)
     if answers.unexpected:
         print(f'{answers.unexpected} odometry messages belong to no scan')
-    print(' '.join([f'scans {len(answered)} skipped {answers.lost}', *_errors(recording, stamps, poses)]))
+    errors = faults.attempt('errors against the truth', _errors, recording, stamps, poses) or []
+    for fault in faults.lines:
+        print(f'demo: {fault}', file=sys.stderr)
+    print(' '.join([f'scans {len(answered)} skipped {answers.lost}', *errors]))
     return FAILED if answers.lost or answers.unexpected else 0
 
 
-def _errors(recording, stamps, poses):
+def _errors(recording, stamps, poses) -> list:
     """What is known of the error, in words."""
     from ..recordings import errors_of
 
     errors = errors_of(recording, stamps, poses)
     if 'relations_neighbour_mean_m' in errors:
-        yield f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m {errors["relations_neighbour_mean_deg"]:.2f} deg'
-    elif 'final_m' in errors:
+        return [f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m {errors["relations_neighbour_mean_deg"]:.2f} deg']
+    if 'final_m' in errors:
         share = 100.0 * errors['final_m'] / errors['path_m']
-        yield f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) {errors["final_deg"]:.2f} deg'
+        return [f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) {errors["final_deg"]:.2f} deg']
+    return []
