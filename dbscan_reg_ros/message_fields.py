@@ -94,6 +94,11 @@ def scan_fields(scan) -> dict:
             'range_min': geometry.range_min, 'range_max': geometry.range_max, 'ranges': scan.ranges}
 
 
+def pose_only_fields(stamp, child, pose, frame='odom') -> dict:
+    """Odometry of nothing but a pose (x, y [m], theta [rad]) in `frame`."""
+    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
+
+
 def odometry_fields(state, odom_frame, base_frame) -> dict:
     """Odometry of the pose (in `odom_frame`) and the twist (in `base_frame`) of a `BaseState`."""
     vx, vy, omega = (float(value) for value in state.twist)

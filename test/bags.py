@@ -4,15 +4,18 @@ import numpy as np
 SECOND = 1_000_000_000
 
 
-def write_bag(path, messages, storage='mcap'):
-    """A ROS 2 bag of (topic, record time [ns], message or raw bytes); a raw message passes for a LaserScan."""
+def write_bag(path, messages, storage='mcap', kinds=None, store=None):
+    """A ROS 2 bag of (topic, record time [ns], message or raw bytes).
+
+    A raw message passes for a LaserScan, unless `kinds` (topic -> type) says otherwise.
+    """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = store or get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         connections = {}
         for topic, time, message in messages:
-            kind = getattr(message, '__msgtype__', 'sensor_msgs/msg/LaserScan')
+            kind = getattr(message, '__msgtype__', (kinds or {}).get(topic, 'sensor_msgs/msg/LaserScan'))
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             raw = message if isinstance(message, bytes) else store.serialize_cdr(message, kind)

@@ -10,14 +10,18 @@ from .command_line import INTERRUPTED, add_recording, interruptible, make_parser
 
 def main(argv=None) -> int:
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
-    parser = make_parser('play', 'Publish a recording on scan to a running node, by default with its original timing. '
-                         'The messages keep their own stamps. ROS arguments may follow, such as '
-                         '--ros-args -r scan:=laser.')
+    parser = make_parser('play', 'Publish a recording to a running node, by default with its original timing: the scans on scan, '
+                         'and what else the node can use, where it was recorded: /tf, /tf_static, the wheels on wheel_odom, the '
+                         'IMU on imu. The messages keep their own stamps. Ctrl-C ends it. ROS arguments may follow, such as '
+                         '--ros-args -r scan:=laser, or -r /tf:=/tf_recorded where the recorded transforms are not wanted.')
     add_recording(parser)
+    more = parser.add_mutually_exclusive_group()
+    more.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='publish these recorded topics as well')
+    more.add_argument('--all', action='store_true', help='publish every recorded topic')
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='R times as fast (default: 1)')
     speed.add_argument('--lockstep', action='store_true',
-                       help='as fast as the node answers on odom, so that no scan is lost')
+                       help='as fast as the node answers on odom, so that no scan is skipped')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='wait at most S seconds for a node that hears the scans (default: 10)')
@@ -32,22 +36,42 @@ def main(argv=None) -> int:
 
 
 def play(args, ros_arguments):
-    """Play the recording and print how much of it was answered."""
+    """Play the recording and print how much of it was answered, also where it is stopped."""
     from tqdm import tqdm
 
     from ..node.player import Player
     from ..recordings import find_recording, open_recording
+    from ..recordings.playback import choose
 
     recording = open_recording(find_recording(args.file, args.data), args.topic)
+    channels = choose(recording.channels(), args.topics, args.all)
     with Player(ros_arguments, args.clock) as player:
+        problems = player.announce(channels)
         player.wait_for_node(args.wait, answering=args.lockstep)
-        scans = tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None)
-        answers = player.play(scans, None if args.lockstep else args.rate)
-    for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
+        try:
+            with tqdm(desc=recording.name, total=recording.count, unit=' scans', disable=None) as bar:
+                player.play(counted(recording.play(channels), bar), None if args.lockstep else args.rate)
+        finally:
+            report(recording, player.answers, problems)
+
+
+def counted(items, bar):
+    """The items, and a progress bar that counts the scans among them."""
+    for item in items:
+        bar.update(item.channel is None)
+        yield item
+
+
+def report(recording, answers, problems):
+    """Print what was played and what became of it."""
+    problems = [*problems, *(f'{topic}: {count} damaged messages skipped' for topic, count in answers.damaged.items())]
+    for line in [*recording.notes, *problems, *shortened(recording.problems), *recording.watch.lines()]:
         print(line, file=sys.stderr)
     if answers.stamps and not any(answers.messages):
         print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",
               file=sys.stderr)
+    if answers.passed:
+        print('messages', *(f'{topic} {count}' for topic, count in answers.passed.items()))
     print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} skipped {answers.lost}')
 
 

@@ -1,23 +1,27 @@
-"""Plays scans to a running node over ROS, and collects what it answers."""
+"""Plays recordings to a running node over ROS, and collects what it answers."""
 import math
 import time
 from collections import deque
-from dataclasses import dataclass, field
 
-import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
 from ..command_lines import command_line
 from ..core.errors import DbscanRegError
-from ..recordings.schedule import Schedule
+from ..message_fields import filled, message_class
+from ..recordings.playback import Played
+from ..recordings.schedule import Timeline
+from .answers import Answers
 from .messages import scan_to_message, stamp_from_message, stamp_to_message
 
 DEPTH = 100
@@ -33,42 +37,6 @@ class PlayerError(DbscanRegError):
     """There is no node to play to, or it does not answer."""
 
 
-@dataclass
-class Answers:
-    """What a node said to the scans played to it.
-
-    Attributes
-    ----------
-    stamps : list of int
-        Of all scans published [ns], in order.
-    messages : list of nav_msgs.msg.Odometry or None
-        The odometry for each of them; None where there was none.
-    delays : list of float
-        From publishing each scan to its odometry [s]; nan where there was none.
-    unexpected : int
-        Odometry messages that belong to no scan that was waiting for one.
-    """
-
-    stamps: list = field(default_factory=list)
-    messages: list = field(default_factory=list)
-    delays: list = field(default_factory=list)
-    unexpected: int = 0
-
-    @property
-    def lost(self) -> int:
-        """How many scans were published and not answered."""
-        return sum(message is None for message in self.messages)
-
-    def poses(self):
-        """``(N, 3)`` x [m], y [m] and yaw [rad] for each scan, nan where it was lost."""
-        poses = np.full((len(self.messages), 3), math.nan)
-        for row, message in zip(poses, self.messages, strict=True):
-            if message is not None:
-                pose = message.pose.pose
-                row[:] = pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-        return poses
-
-
 class Player:
     """A ROS node that publishes scans on ``scan`` and listens to ``odom``; use it in a ``with`` statement.
 
@@ -78,6 +46,11 @@ class Player:
         ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``.
     clock : bool
         Publish ``/clock`` as well.
+
+    Attributes
+    ----------
+    answers : Answers
+        Of what is being played.
     """
 
     def __init__(self, arguments=(), clock=False):
@@ -88,14 +61,15 @@ class Player:
         self._executor.add_node(self._node)
         self._scans = self._node.create_publisher(LaserScan, 'scan', DEPTH)
         self._odom = self._node.create_subscription(Odometry, 'odom', self._on_odometry, DEPTH)
-        self._clock = None
+        self._channels = {}
+        self._clock, self._now = None, 0
         if clock:
             quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._clock = self._node.create_publisher(Clock, '/clock', quality)
         self._begin()
 
     def _begin(self):
-        self._answers = Answers()
+        self.answers = Answers()
         self._waiting = deque(maxlen=DEPTH)
         self._published = []
         self._last_answer = time.monotonic()
@@ -111,6 +85,22 @@ class Player:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
+
+    def announce(self, channels) -> list:
+        """Get ready to publish what the `channels` of a recording carry; one line for each that cannot be."""
+        problems = []
+        for channel in channels:
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if channel.latched else DurabilityPolicy.VOLATILE
+            try:
+                kind = message_class(channel.kind)
+                publisher = self._node.create_publisher(kind, channel.topic, QoSProfile(depth=DEPTH, durability=durability))
+            except (ImportError, AttributeError):
+                problems.append(f'{channel.recorded} is not played: its type {channel.kind} is not installed here')
+            except InvalidTopicNameException:
+                problems.append(f'{channel.recorded} is not played: no ROS 2 topic has such a name')
+            else:
+                self._channels[channel] = kind, publisher
+        return problems
 
     def wait_for_node(self, timeout=10.0, answering=True):
         """Wait until a node is there and certain to receive the first scan.
@@ -163,12 +153,13 @@ class Player:
         if required:
             raise PlayerError(f'the node {name} hears {self._scans.topic_name}, but does not answer; is it blocked?')
 
-    def play(self, scans, rate=None, window=WINDOW, patience=2.0) -> Answers:
-        """Publish `scans` in their order, with their own stamps.
+    def play(self, items, rate=None, window=WINDOW, patience=2.0) -> Answers:
+        """Publish scans in their order, with their own stamps, and between them what else was recorded.
 
         Parameters
         ----------
-        scans : iterable of Scan
+        items : iterable of Scan or Played
+            What was recorded on a topic that was not announced is left out.
         rate : float, optional
             Times the speed of their stamps; without it each scan is published as soon as the node has answered
             enough of those before.
@@ -183,27 +174,45 @@ class Player:
             When an answer is missing and nobody hears the scans any more.
         """
         self._begin()
-        schedule = Schedule()
-        start = began = None
-        for scan in scans:
-            due = schedule.time(scan.stamp)
-            if rate is None:
+        timeline, start = Timeline(), None
+        for item in items:
+            played = item if isinstance(item, Played) else Played(item)
+            due = timeline.due(played)
+            if rate is None and not played.channel:
                 self._wait_for_answers(window - 1, patience)
+            elif rate is not None and due is not None:
+                start = start or (due, time.monotonic())
+                self._wait_until(start[1] + (due - start[0]) * 1e-9 / rate, due, rate)
+            if played.channel:
+                self._pass(played)
             else:
-                if start is None:
-                    start, began = due, time.monotonic()
-                self._wait_until(began + (due - start) * 1e-9 / rate, due, rate)
-            self._tick(due)
-            self._publish(scan)
-        if rate is None or any(self._answers.messages):
+                self._tick(due)
+                self._publish(played.content)
+        if rate is None or any(self.answers.messages):
             self._wait_for_answers(0, patience)
-        return self._answers
+        for publisher in (self._scans, *(publisher for _, publisher in self._channels.values())):
+            publisher.wait_for_all_acked(Duration(seconds=patience))
+        return self.answers
+
+    def _pass(self, played):
+        """Publish what a channel carries, where it is a message that a node can take."""
+        if played.channel not in self._channels:
+            return
+        kind, publisher = self._channels[played.channel]
+        content, topic = played.content, played.channel.topic
+        try:
+            message = filled(kind(), content) if isinstance(content, dict) else deserialize_message(content, kind)
+        except Exception:  # noqa: BLE001 - damaged bytes make rclpy raise nearly anything
+            self.answers.damaged[topic] += 1
+            return
+        publisher.publish(message)
+        self.answers.passed[topic] += 1
 
     def _publish(self, scan):
-        self._waiting.append(len(self._answers.stamps))
-        self._answers.stamps.append(scan.stamp)
-        self._answers.messages.append(None)
-        self._answers.delays.append(math.nan)
+        self._waiting.append(len(self.answers.stamps))
+        self.answers.stamps.append(scan.stamp)
+        self.answers.messages.append(None)
+        self.answers.delays.append(math.nan)
         if len(self._waiting) == 1:
             self._last_answer = time.monotonic()
         message = scan_to_message(scan)
@@ -216,9 +225,9 @@ class Player:
             remaining = self._last_answer + patience - time.monotonic()
             if remaining <= 0.0:
                 if not self._scans.get_subscription_count():
-                    answered = sum(message is not None for message in self._answers.messages)
+                    answered = sum(message is not None for message in self.answers.messages)
                     raise PlayerError(f'the node that heard {self._scans.topic_name} has gone; it answered {answered} of '
-                                      f'{len(self._answers.stamps)} scans')
+                                      f'{len(self.answers.stamps)} scans')
                 self._waiting.popleft()
                 self._last_answer = time.monotonic()
             else:
@@ -233,11 +242,12 @@ class Player:
 
     def _tick(self, now):
         if self._clock:
-            self._clock.publish(Clock(clock=stamp_to_message(now)))
+            self._now = max(self._now, now)
+            self._clock.publish(Clock(clock=stamp_to_message(self._now)))
 
     def _on_odometry(self, message):
         stamp = stamp_from_message(message.header.stamp)
-        answers = self._answers
+        answers = self.answers
         if not any(answers.stamps[index] == stamp for index in self._waiting):
             answers.unexpected += 1
             return

@@ -11,12 +11,12 @@ from ..paths import check_file
 from ..scan_checks import ScanFields, ScanWatch
 from .bag_faults import fault_of, other_contents
 from .bag_library import bag_library, is_ros1
+from .playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from .poses import FARTHEST, corrected, possible
 from .recording import Record, Recording
 from .truth import interpolate
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
-ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 class Bag(Recording):
@@ -37,10 +37,10 @@ class Bag(Recording):
             if not counts[LASER_SCAN]:
                 raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
         self._choose(counts[LASER_SCAN], topic)
-        self._truth_topic = _only(name for name in counts[ODOMETRY] if 'truth' in name)
-        self._laser_topic = _only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
+        self._truth_topic = only(name for name in counts[ODOMETRY] if 'truth' in name)
+        self._laser_topic = only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
         others = [name for name in counts[ODOMETRY] if 'truth' not in name and 'laser_pose' not in name]
-        self._wheel_topic = _only(others) or _only(name for name in others if 'wheel' in name)
+        self._wheel_topic = only(others) or only(name for name in others if 'wheel' in name)
         first = next(self.scans(), None)
         if first is None:
             problem = self.problems[0] if self.problems else 'there is no message'
@@ -48,16 +48,30 @@ class Bag(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
+        return (played.content for played in self.play(()))
+
+    def channels(self):
+        with open_reader(self.path) as reader:
+            held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections if c.topic != self.topic}
+        inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
+        return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static', inputs.get(topic, ''))
+                for topic, (kind, latched) in held.items()]
+
+    def play(self, channels):
         geometry, watch = None, ScanWatch()
-        for number, message in self._messages(self.topic):
+        wanted = {channel.recorded: channel for channel in channels}
+        for number, topic, time, message in self._messages([self.topic], wanted):
+            if topic in wanted:
+                yield Played(message, time, wanted[topic])
+                continue
             self._look(watch, ScanFields.from_message(message))
             try:
                 scan = Scan.from_message(message, geometry)
             except ScanError as error:
-                self._report(f'{self.path.name}: scan {number} on {self.topic} skipped: {error}')
+                self._report(f'{self.path.name}: scan {number} on {topic} skipped: {error}')
                 continue
             geometry = scan.geometry
-            yield scan
+            yield Played(scan, time)
 
     def records(self):
         stamps = np.array(self.stamps(), dtype=np.int64)
@@ -81,7 +95,7 @@ class Bag(Recording):
         if topic is None:
             return None
         rows = []
-        for number, message in self._messages(topic):
+        for number, _, _, message in self._messages([topic]):
             pose = _planar(message.pose.pose)
             if possible(pose):
                 rows.append((_stamp(message), *pose))
@@ -92,18 +106,20 @@ class Bag(Recording):
             return None
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
-    def _messages(self, topic):
-        """Number in the topic, counted from 1, and message."""
+    def _messages(self, topics, passed=()):
+        """Number in the topic, counted from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
+        numbers = Counter()
         with open_reader(self.path) as reader:
-            deserialize = reader.deserialize
-            connections = [connection for connection in reader.connections if connection.topic == topic]
-            for number, (connection, _, raw) in enumerate(safely(reader, connections, self._report), 1):
+            connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
+            for connection, time, raw in safely(reader, connections, self._report):
+                topic, kind = connection.topic, connection.msgtype
+                numbers[topic] += 1
                 try:
-                    message = deserialize(raw, connection.msgtype)
+                    message = (reader.to_ros2 if topic in passed else reader.deserialize)(raw, RENAMED.get(kind, kind))
                 except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
-                    self._report(f'{self.path.name}: damaged message {number} on {topic} skipped: {describe(error)}')
+                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped: {describe(error)}')
                     continue
-                yield number, message
+                yield numbers[topic], topic, time, message
 
 
 @contextmanager
@@ -149,11 +165,6 @@ def safely(reader, connections, report, **window):
 def describe(error):
     """What an exception says, in one line."""
     return ' '.join(str(error).split()) or 'no reason given'
-
-
-def _only(names):
-    names = list(names)
-    return names[0] if len(names) == 1 else None
 
 
 def _at(stamps, trajectory):

@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from ..core.errors import RecordingError
-from ..message_fields import header_fields, pose_fields, scan_fields
+from ..message_fields import pose_only_fields, scan_fields
 from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
 from .bag_library import bag_library, is_ros1
 from .carmen_lines import SETTINGS, format_line, settings_of
@@ -195,13 +195,9 @@ def _none_when_failed(target):
 
 def _messages(record):
     """Topic -> fields of the message of a log's record."""
-    return {'/wheel_odom': _odometry(record.scan.stamp, 'base_link', record.robot_pose),
-            '/laser_pose': _odometry(record.scan.stamp, record.scan.frame_id, record.laser_pose),
+    return {'/wheel_odom': pose_only_fields(record.scan.stamp, 'base_link', record.robot_pose),
+            '/laser_pose': pose_only_fields(record.scan.stamp, record.scan.frame_id, record.laser_pose),
             '/scan': scan_fields(record.scan)}
-
-
-def _odometry(stamp, child, pose):
-    return {'header': header_fields(stamp, 'odom'), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
 
 
 def _check_topics(wanted, held, where):

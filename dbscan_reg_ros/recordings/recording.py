@@ -8,9 +8,12 @@ from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.scan import Scan
+from ..message_fields import pose_only_fields
 from ..paths import check_file
 from ..scan_checks import ScanWatch
 from .bag_faults import kind_of, unpacking_advice
+from .playback import ODOMETRY, Channel, Played
+from .schedule import Schedule
 
 MOST_PROBLEMS = 1000
 """So many damaged parts of a recording are named."""
@@ -151,6 +154,21 @@ class Recording:
     def truth(self):
         """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
+    def channels(self) -> list:
+        """The `Channel` of every topic besides that of the scans."""
+        return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []
+
+    def play(self, channels):
+        """Iterator of `Played`: the scans as from `scans`, and between them what the channels carry."""
+        wheels = _wheels(*self.wheel_odometry(), channels[0]) if channels else iter(())
+        schedule, ahead = Schedule(), next(wheels, None)
+        for scan in self.scans():
+            now = schedule.time(scan.stamp)
+            while ahead and ahead.time <= now:
+                yield ahead
+                ahead = next(wheels, None)
+            yield Played(scan, now)
+
     def _note(self, assumption):
         self._notes[assumption] = None
 
@@ -189,3 +207,10 @@ def _starts_of(path, size=512):
         with gzip.open(path) as file:
             return start, file.read1(size)
     return start, start
+
+
+def _wheels(stamps, poses, channel):
+    """The odometry of the wheels as `Played`, in the order of the file."""
+    schedule = Schedule()
+    for stamp, pose in zip(map(int, stamps), poses, strict=True):
+        yield Played(pose_only_fields(stamp, 'base_link', pose), schedule.time(stamp), channel)

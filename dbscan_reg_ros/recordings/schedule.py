@@ -21,3 +21,19 @@ class Schedule:
         time = stamp + self._offset
         self._last = time if self._last is None else max(time, self._last)
         return self._last
+
+
+class Timeline:
+    """When what is played of a recording is due: scans by their stamps, all else as long after a scan as it was recorded."""
+
+    def __init__(self):
+        self._schedule = Schedule()
+        self._due = self._recorded = None
+
+    def due(self, played):
+        """The time [ns] for the next `Played`; None, at once, before the first scan."""
+        if played.channel is None:
+            self._due, self._recorded = self._schedule.time(played.content.stamp), played.time
+        elif self._recorded is not None:
+            return self._due + max(0, played.time - self._recorded)
+        return self._due

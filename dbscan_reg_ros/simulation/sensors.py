@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.errors import RecordingError
 from ..core.se2 import SE2
-from ..message_fields import header_fields, pose_fields, scan_fields
+from ..message_fields import header_fields, pose_fields, pose_only_fields, scan_fields
 from ..recordings import interpolate
 from ..recordings.conversion import bag_writer, check_target, write_log
 from ..recordings.recording import Record
@@ -76,9 +76,9 @@ class RobotRecording:
         return heapq.merge(
             [(first, '/tf_static', {'transforms': [_mounting(first, simulation.lidar)]})],
             ((scan.stamp, '/scan', scan_fields(scan)) for scan in scans),
-            ((scan.stamp, '/truth', _odometry(scan.stamp, 'world', scan.frame_id, pose))
+            ((scan.stamp, '/truth', pose_only_fields(scan.stamp, scan.frame_id, pose, 'world'))
              for scan, pose in zip(scans, simulation.truth, strict=True)),
-            ((int(stamp), '/wheel_odom', _odometry(stamp, 'odom', 'base_link', pose))
+            ((int(stamp), '/wheel_odom', pose_only_fields(stamp, 'base_link', pose))
              for stamp, pose in zip(*self.wheels, strict=True)),
             ((int(stamp), '/imu', _turning(stamp, rate)) for stamp, rate in zip(*self.turning, strict=True)),
             key=lambda message: message[0])
@@ -90,10 +90,6 @@ def check_simulated(target):
     if target.suffix == '.bag':
         raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without ending; '
                              'convert makes a ROS 1 bag of it')
-
-
-def _odometry(stamp, frame, child, pose):
-    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
 
 
 def _turning(stamp, rate):
