@@ -215,7 +215,8 @@ class ScanChecks:
         return self._ranges
 
     def _judge_ranges(self, fields):
-        values = np.asarray(fields.ranges[::max(len(fields.ranges) // SAMPLE, 1)], dtype=float)
+        with np.errstate(invalid='ignore'):
+            values = np.asarray(fields.ranges[::max(len(fields.ranges) // SAMPLE, 1)], dtype=float)
         values = np.sort(values[(values > NEAREST) & (values < math.inf)])
         missing = len(values) - np.searchsorted(values, SAME * values[-1]) if len(values) else 0
         if missing > 1:

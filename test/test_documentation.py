@@ -47,7 +47,7 @@ def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
 
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_modules_and_tests_that_are_named_exist(root, name):
-    files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'test') for path in (root / folder).rglob('*.py')}
+    files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test') for path in (root / folder).rglob('*.py')}
     named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.py)`', (root / name).read_text())}
     assert named - files <= {'setup.py'}
 

@@ -135,6 +135,11 @@ def test_an_angle_increment_of_0_or_no_beams_are_the_matter_of_others():
     assert not ScanChecks().look(fields._replace(ranges=np.zeros(0, dtype=np.float32)))
 
 
+def test_damaged_numbers_are_looked_at_without_a_warning():
+    bits = np.array([0x7f800001, 0xffa00000, 0x7fc00000, 0x7f7fffff, 0x00000001, 0x80000000], dtype=np.uint32)
+    assert sightings(drive(ranges=lambda _k: np.resize(bits, 360).view(np.float32))).keys() <= {Kind.MILLIMETRES}
+
+
 def test_a_scan_costs_next_to_nothing():
     scans, checks = list(drive(1000, beams=1440)), ScanChecks()
 
