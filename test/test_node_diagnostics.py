@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from ros_helpers import TIMEOUT, Loudspeaker, Peer, changed, diagnosis, played, said, transform
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import Imu, LaserScan
 from std_srvs.srv import SetBool
 
 from dbscan_reg_ros import Scan, ScanGeometry
@@ -174,6 +174,18 @@ def test_a_pose_that_is_published_best_effort_is_said_not_to_get_here(node, play
     status = diagnosis(peer, heard, lambda s: level(s) == 'warn')
     assert told in status.message
     assert node.output().count(told) == 1
+
+
+@pytest.mark.parametrize('source, topic, kind', [('odometry', 'wheel_odom', Odometry), ('imu', 'imu', Imu)])
+def test_a_source_whose_quality_of_service_cannot_match_is_said_not_to_get_here(start_node, peer, reports, source, topic, kind):
+    override = f'qos_overrides./{topic}.subscription.reliability'
+    node = start_node('-p', f'prior.source:={source}', '-p', f'{override}:=reliable')
+    heard = reports()
+    peer.node.create_publisher(kind, topic, BEST_EFFORT)
+    told = f'the quality of service of /peer on /{topic} does not suit ours, not one message of it gets here: its reliability is ' \
+           f'best effort, ours reliable; let it publish with ours, or start this node with {override}:=best_effort'
+    diagnosis(peer, heard, lambda s: told in s.message)
+    said(node, told, peer)
 
 
 def test_static_transforms_that_are_volatile_are_said_not_to_get_here(node, peer, reports):

@@ -326,7 +326,8 @@ def rounds(scans, count):
 
 
 def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type, size):
-    """They start at the same scan and are forced to send both; then one of them ends, and the other takes over."""
+    """They start at the same scan; then both are told to send, and may collide once; then one of them ends, and the other takes
+    over."""
     first, second = start_node(), start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')
     player.wait_for_node(TIMEOUT)
     peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
@@ -336,21 +337,25 @@ def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(s
     third = len(run) // 3
     with peer.spinning():
         player.play(run[:third], rate=1.0)
+    who, stamps = parents(heard)
+    assert len(set(stamps)) == len(stamps) and changes(who) == 0
+    assert len(who) > 0.8 * third
     for name in ('/scan_matcher', '/second'):
         assert Parameters(peer, name).set(publish_tf=True)[0].successful
-    begun = len(heard)
     with peer.spinning():
         player.play(run[third:2 * third], rate=1.0)
-    who, stamps = parents(heard[:begun])
-    assert len(set(stamps)) == len(stamps) and sum(a != b for a, b in itertools.pairwise(who)) == 0
-    assert len(who) > 0.8 * third
+    who, _ = parents(heard)
     {'odom': first, 'laser_odom': second}[who[-1]].stop()
     with peer.spinning():
         player.play(run[2 * third:], rate=1.0)
-    who, stamps = parents(heard)
-    assert len(set(stamps)) == len(stamps)
-    assert sum(a != b for a, b in itertools.pairwise(who)) == 1
-    assert stamps[-1] == run[-1].stamp
+    left, stamps = parents(heard)
+    assert len(stamps) <= len(set(stamps)) + 1
+    assert changes(left) <= 3
+    assert left[-1] != who[-1] and stamps[-1] == run[-1].stamp
+
+
+def changes(senders):
+    return sum(before != after for before, after in itertools.pairwise(senders))
 
 
 def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_their_own(start_node, player, peer, scans, tf_type):
