@@ -28,6 +28,7 @@ CAMERAS = {
 """Depth cameras as lidars."""
 NARROW_SECONDS = 25.0
 PASSING_SECONDS = 20.0
+PASSERS = 4
 SPINUP_SECONDS = 8.0
 SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)), 'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
 """Name -> how long the robot stands [s], and how many beams of the first scans return."""
@@ -98,27 +99,30 @@ def _begun(world, lidar, seconds, seed, pauses=None):
 
 
 def passers(folder=None, seeds=SEEDS) -> list:
-    """People who cross 0.5 to 1 m in front of a lidar of 180 deg while it stands or turns slowly on the spot in a room."""
+    """People who pass within half a metre of a lidar of 180 deg that stands or turns slowly on the spot, in a room or a corridor."""
     return [_passed(seed) for seed in seeds]
 
 
 def _passed(seed):
     rng = np.random.default_rng(seed)
-    world = rooms(seed)
-    x, y = world.tour[2]
-    times = np.arange(0.0, PASSING_SECONDS + 0.05, 0.1)
-    # Stands for 6 s, turns to and fro by up to 60 deg, stands again.
+    world = corridor(seed=seed) if seed % 2 else rooms(seed)
+    x, y, along = follow(world.tour).poses_at(np.array([rng.uniform(8.0, 25.0)]))[0]
+    times = np.arange(0.0, PASSING_SECONDS + 0.05, 0.05)
+    # Stands for 6 s, turns to and fro, stands again.
     turn = math.radians(60.0) * np.sin(np.clip(times - 6.0, 0.0, 8.0) * 2.0 * math.pi / 8.0)
-    heading = rng.uniform(-math.pi, math.pi)
-    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), heading + turn)))
-    people = []
-    for _ in range(3):
-        away, across = rng.uniform(0.75, 1.25), heading + rng.uniform(-0.6, 0.6)
-        middle = np.array([x + away * math.cos(across), y + away * math.sin(across)])
-        sideways = rng.uniform(1.5, 3.0) * np.array([-math.sin(across), math.cos(across)])
-        people.append(Person(np.array([middle - sideways, middle + sideways]), rng.uniform(0.6, 1.4), 0.25))
-    result = simulate(dataclasses.replace(world, people=tuple(people)), path, LIDARS['sick_lms200'], seed)
+    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), along + turn)))
+    people = [_passer(rng, x, y, along) for _ in range(PASSERS)]
+    lidar = dataclasses.replace(LIDARS['sick_lms200'], rate=5.0)
+    result = simulate(dataclasses.replace(world, people=tuple(people)), path, lidar, seed)
     return Course(result.scans, reference=result.truth)
+
+
+def _passer(rng, x, y, heading):
+    """Somebody who walks to and fro past (x, y) [m], in any direction, before a sensor that looks along `heading` [rad]."""
+    away, bearing = rng.uniform(0.45, 0.8), heading + rng.uniform(-1.2, 1.2)
+    nearest = np.array([x + away * math.cos(bearing), y + away * math.sin(bearing)])
+    way = rng.uniform(1.5, 4.0) * np.array([-math.sin(bearing), math.cos(bearing)])
+    return Person(np.array([nearest - way, nearest + way]), rng.uniform(0.8, 1.6), rng.uniform(0.2, 0.3))
 
 
 def spinup(folder=None, seeds=SEEDS) -> list:

@@ -19,6 +19,7 @@ from ..requirements import missing_line
 LAYERS = 0.1 * np.arange(-2, 3)
 GATE, GATE_GUESSED = 2.0, 0.5
 """How far apart GICP's pairs may be [m], without and with a guess: each does best with its own."""
+LEAST_RETURNS = 5
 GUESS_COVARIANCE = np.diag((0.1, 0.1, 0.05)) ** 2
 
 
@@ -126,9 +127,12 @@ def _small_gicp(name):
     import small_gicp
 
     def prepare(scan):
-        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1)
+        # Without points it ends the process.
+        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1) if scan.valid.sum() >= LEAST_RETURNS else None
 
     def align(reference, current, guess=None):
+        if reference is None or current is None:
+            return Result(guess or SE2(), Status.FAILED)
         (target, tree), (source, _) = reference, current
         gate = GATE if guess is None else GATE_GUESSED
         result = small_gicp.align(target, source, tree, spatial(guess or SE2()), 'GICP', gate, 1)

@@ -80,7 +80,7 @@ def _cell(name, value):
         return '-'
     if name.endswith('_count'):
         return str(value)
-    if name.endswith(('_m', '_mb', '_deg', 'nees', '_spread', '_kl')) or name.startswith(('ms', 'ratio')):
+    if name.endswith(('_m', '_mb', '_s', '_deg', 'nees', '_spread', '_kl')) or name.startswith(('ms', 'ratio')):
         return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
     return f'{100.0 * value:.1f}'
 

@@ -93,6 +93,8 @@ class Kiss:
         self._pipeline = KissICP(kiss_config())
 
     def process(self, scan, told=None) -> Step:
+        if not scan.valid.any():
+            return Step(planar(self._pipeline.last_pose), Status.FAILED)
         self._pipeline.register_frame(lifted(scan, [0.0]), np.empty(0))
         return Step(planar(self._pipeline.last_pose))
 
