@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import Parameters, RecordingError
+from dbscan_reg_ros.commands.compare import main as compare
+from dbscan_reg_ros.commands.convert import main as convert_command
+from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.records import Status
 from dbscan_reg_ros.recordings import open_recording
@@ -136,6 +139,16 @@ def test_a_corrected_log_keeps_its_truth_and_wheels_when_it_is_converted(cases, 
             assert (ours[0] == theirs[0]).all() and np.abs(relative(ours[1], theirs[1])).max() < 1e-8
 
 
+def test_the_truth_of_a_log_without_wheels_is_kept_when_it_is_converted(cases, tmp_path):
+    original = open_recording(cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log')
+    counts, remarks = convert(original.path, tmp_path / 'bag')
+    assert counts == {'/truth': 40, '/scan': 40} and remarks == original.notes
+    convert(original.path, tmp_path / 'a.log')
+    for recording in (open_recording(tmp_path / 'bag'), open_recording(tmp_path / 'a.log')):
+        assert recording.wheel_odometry() is None
+        assert np.abs(recording.truth()[1] - original.truth()[1]).max() < 1e-8
+
+
 def test_a_damaged_odom_line_is_named_and_skipped(tmp_path):
     recording = open_recording(write_log(tmp_path / 'a.log', flaser(1.0), 'ODOM 1 2', odom(1.5, (0, 0, 0)), flaser(2.0)))
     assert recording.stamps() == [10**9, 2 * 10**9]
@@ -233,6 +246,18 @@ def test_negative_stamps_of_a_log_are_shifted(tmp_path):
 
 
 # What is said
+
+def test_register_convert_and_compare_tell_once_what_was_assumed(cases, tmp_path, capsys):
+    path = cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log'
+    notes = open_recording(path).notes
+    assert len(notes) == 3
+    for command, arguments in ((register, [str(path), '0', '1', '--out', str(tmp_path / 'pair')]),
+                               (convert_command, [str(path), str(tmp_path / 'copy.log')]),
+                               (compare, ['defaults', 'defaults', str(path), '--processes', '1', '--out', str(tmp_path / 'c')])):
+        assert command(arguments) in (0, 1)
+        said = ''.join(capsys.readouterr())
+        assert [said.count(note) for note in notes] == [1, 1, 1]
+
 
 @pytest.mark.parametrize('name', FILES)
 def test_replay_tells_once_what_was_assumed(cases, tmp_path, capsys, name):

@@ -96,8 +96,8 @@ def note_unused(command, path, parameters, used):
 
 
 def note_warnings(command, recording, most=None):
-    """Say what is odd about the scans of a recording, or about the first `most`."""
-    for line in recording.look_through(most).lines():
+    """Say what was assumed to read a recording, and what is odd about its scans, or about the first `most`."""
+    for line in [*recording.notes, *recording.look_through(most).lines()]:
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 

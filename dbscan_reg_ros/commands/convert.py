@@ -23,15 +23,15 @@ def main(argv=None) -> int:
 
 
 def convert(args):
-    """Convert, and print what was written and what was skipped."""
+    """Convert, and print what was written, assumed and skipped."""
     from tqdm import tqdm
 
     from ..recordings import find_recording
     from ..recordings.conversion import convert
 
     source = find_recording(args.source, args.data)
-    counts, problems = convert(source, args.target, args.topic, args.topics, args.start, args.end, args.storage,
-                               lambda items, total: tqdm(items, source.name, total, disable=None))
-    for problem in shortened(problems):
-        print(problem)
+    counts, remarks = convert(source, args.target, args.topic, args.topics, args.start, args.end, args.storage,
+                              lambda items, total: tqdm(items, source.name, total, disable=None))
+    for remark in shortened(remarks):
+        print(remark)
     print(f'{args.target}  ' + (', '.join(f'{count} {name}' for name, count in counts.items()) or 'no message'))

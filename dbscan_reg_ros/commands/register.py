@@ -4,7 +4,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from .command_line import CommandError, add_data, make_parser, note_unused, run
+from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.window', 'decision.vague'
 """How the names of the parameters begin that do not count for a pair of scans."""
@@ -100,6 +100,7 @@ def _of_recording(path, topic, numbers, parameters):
             scans[count - 1] = scan
     if last >= count:
         raise CommandError(f'{path}: no scan {last}; it holds {count}, numbered from 0')
+    note_warnings('register', recording, last + 1)
     reference, current = numbers
     return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current], parameters or Parameters())
 

@@ -17,8 +17,8 @@ SECOND = 1_000_000_000
 LONGEST = 4e9
 """No recording goes on for so long [s]."""
 STORAGES = ('mcap', 'sqlite3')
-LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/scan': LASER_SCAN}
-"""What a CARMEN log becomes in a bag; one without odometry only has scans."""
+LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/truth': ODOMETRY, '/scan': LASER_SCAN}
+"""What a CARMEN log becomes in a bag, in this order; see `_topics_of`."""
 
 
 def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, storage='mcap', progress=None):
@@ -48,8 +48,8 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     -------
     counts : Counter
         Topic -> messages written.
-    problems : list of str
-        Damaged parts that were skipped.
+    remarks : list of str
+        What was assumed to read `source`, and its damaged parts, which were skipped.
 
     Raises
     ------
@@ -73,9 +73,14 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     if to_log:
         counts = write_log(target, (record for _, record in records))
     else:
-        held = LOG_TOPICS if recording.wheel_odometry() else {'/scan': LASER_SCAN}
-        counts = _log_to_bag(records, target, topics, storage, held)
-    return counts, recording.problems
+        counts = _log_to_bag(records, target, topics, storage, _topics_of(recording))
+    return counts, [*recording.notes, *recording.problems]
+
+
+def _topics_of(recording):
+    """Topic -> message type of what a log becomes: beside the scans the wheels and the laser's poses, or its truth alone."""
+    poses = ('/wheel_odom', '/laser_pose') if recording.wheel_odometry() else ('/truth',) if recording.truth() else ()
+    return {topic: kind for topic, kind in LOG_TOPICS.items() if topic in (*poses, '/scan')}
 
 
 def check_target(target):
@@ -196,7 +201,8 @@ def _none_when_failed(target):
 def _messages(record):
     """Topic -> fields of the message of a log's record."""
     return {'/wheel_odom': pose_only_fields(record.scan.stamp, 'base_link', record.robot_pose),
-            '/laser_pose': pose_only_fields(record.scan.stamp, record.scan.frame_id, record.laser_pose),
+            **{topic: pose_only_fields(record.scan.stamp, record.scan.frame_id, record.laser_pose)
+               for topic in ('/laser_pose', '/truth')},
             '/scan': scan_fields(record.scan)}
 
 
