@@ -1,7 +1,12 @@
 """Small bags for tests."""
+import importlib.util
+
 import numpy as np
+import pytest
 
 SECOND = 1_000_000_000
+
+needs_rosbags = pytest.mark.skipif(importlib.util.find_spec('rosbags') is None, reason='needs the Python package rosbags')
 
 
 def write_bag(path, messages, storage='mcap', kinds=None, store=None):

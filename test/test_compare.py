@@ -23,6 +23,7 @@ def related_errors(rng, count=800, reach=20):
 
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory):
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
     folder = tmp_path_factory.mktemp('recording')
     assert simulate([str(folder / 'hall'), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
     return folder / 'hall'

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from bags import SECOND, laser_scan, write_bag
+from bags import SECOND, laser_scan, needs_rosbags, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
@@ -173,7 +173,7 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
     assert not (tmp_path / 'none.bag').exists()
 
 
-@pytest.mark.parametrize('target', ['bag', 'a.bag', 'a.log.gz'])
+@pytest.mark.parametrize('target', [pytest.param('bag', marks=needs_rosbags), pytest.param('a.bag', marks=needs_rosbags), 'a.log.gz'])
 def test_ctrl_c_leaves_a_valid_recording(data, tmp_path, monkeypatch, capsys, target):
     with monkeypatch.context() as patch:
         break_off(patch, 100, KeyboardInterrupt())
@@ -224,6 +224,7 @@ def test_what_cannot_be_converted_is_refused_and_nothing_is_written(data, tmp_pa
     assert [file.name for file in tmp_path.iterdir()] == ['there']
 
 
+@needs_rosbags
 def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
     target = tmp_path / 'bag'
     assert main(['aces/aces.log.gz', str(target), '--data', str(data), '--topics', '/scan', '--end', '60']) == 0

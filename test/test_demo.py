@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from bags import scan_bag
+from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.recordings import open_recording, read_tum
@@ -66,6 +66,7 @@ def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path
     assert not alive(node)
 
 
+@needs_rosbags
 def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, data, tmp_path):
     process = demo('urg04lx/exp1', '--data', data)
     assert process.wait(120.0) == 0, process.output()
@@ -129,6 +130,7 @@ def test_a_command_of_the_package_runs_in_this_interpreter(tmp_path):
     assert process.output().startswith('usage: ')
 
 
+@needs_rosbags
 def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     """They say that the laser's place is read from transforms, of which a recording has none."""
     process = demo('urg04lx/exp1', '--data', data, '--params-file', root / 'config' / 'scan_matcher.yaml')

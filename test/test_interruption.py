@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
 
@@ -106,6 +107,7 @@ def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
     assert not (tmp_path / 'results' / 'compare').exists() or not list((tmp_path / 'results/compare').iterdir())
 
 
+@needs_rosbags
 def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, tmp_path):
     def replaying():
         return len([bag for bag in tmp_path.glob('results/*/*/bag/*.mcap') if bag.stat().st_size]) == 2
