@@ -1,9 +1,11 @@
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -163,6 +165,68 @@ def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
                             capture_output=True, text=True, check=False, timeout=120)
     assert (result.returncode, result.stderr) == (0, '')
     assert [*(tmp_path / 'venv').glob('lib/python*/site-packages/tool-1.0.dist-info')]
+
+
+FAKE_BUILD = '''#!/bin/sh
+case "$1" in
+    -c) case "$2" in *Python.h*) echo "$HEADER";; esac;;
+    */build.py) echo tried >> "$0.tries"; echo "no compiler here"; exit 1;;
+esac
+'''
+
+
+@pytest.fixture
+def add_tf2_msgs(shell, root, tmp_path):
+    """``add_tf2_msgs(variables)``: what the set-up says when its build of tf2_msgs fails, and how often it was tried so far."""
+    venv = tmp_path / "robot's venv"
+    (venv / 'bin').mkdir(parents=True)
+    (venv / 'bin' / 'python').write_text(FAKE_BUILD)
+    (venv / 'bin' / 'python').chmod(0o755)
+    (venv / 'stamps').mkdir()
+    (venv / 'stamps' / 'base').write_text('whole')
+
+    def add_tf2_msgs(variables='HEADER=False', scripts=None):
+        result = shell(f'export {variables}; add_tf2_msgs "{venv}"', scripts or {})
+        assert (result.returncode, result.stdout) == (0, '') and (venv / 'stamps' / 'base').exists(), result.stderr
+        return result.stderr, (venv / 'bin' / 'python.tries').read_text().count('tried')
+    add_tf2_msgs.failed = venv / 'stamps' / 'tf2_msgs_failed'
+    return add_tf2_msgs
+
+
+def test_a_failed_build_is_tried_again_when_asked_for_or_when_something_has_changed(add_tf2_msgs):
+    said, tries = add_tf2_msgs()
+    assert said.startswith('Going on without /tf: no compiler here (to try again: rm ') and tries == 1
+    assert add_tf2_msgs() == (said, 1) and add_tf2_msgs() == (said, 1)
+    subprocess.run(['bash', '-c', said.rpartition('to try again: ')[2].rstrip(')\n')], check=True)
+    assert add_tf2_msgs() == (said, 2)
+    assert add_tf2_msgs('HEADER=True') == (said, 3) and add_tf2_msgs('HEADER=True') == (said, 3)
+    assert add_tf2_msgs('HEADER=True', {'c++': '#!/bin/sh\necho one\n'}) == (said, 4)
+    assert add_tf2_msgs('HEADER=True', {'c++': '#!/bin/sh\necho newer\n'}) == (said, 5)
+
+
+def test_tf2_msgs_is_built_below_a_path_with_an_apostrophe(root, tmp_path):
+    """In a tree of links to the files of the environment that runs the tests."""
+    if not (Path(sys.prefix) / 'share' / 'rosidl_generator_py').is_dir() or shutil.which('c++') is None:
+        pytest.skip('needs the wheels of ROS 2 and a C++ compiler')
+    venv = tmp_path / "robot's" / 'venv'
+    venv.parent.mkdir()
+    subprocess.run(['cp', '-rs', sys.prefix, venv], check=True)
+    for path in (*venv.rglob('*tf2_msgs*'), venv / 'pyvenv.cfg'):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    shutil.copy(Path(sys.prefix) / 'pyvenv.cfg', venv)
+    environment = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
+    built = subprocess.run([venv / 'bin' / 'python', root / 'scripts' / 'tf2_msgs' / 'build.py'], capture_output=True, text=True,
+                           env=environment, timeout=300, check=False)
+    assert built.returncode == 0, (venv / 'tf2_msgs.log').read_text()[-2000:]
+    code = ('from tf2_msgs import msg; from rclpy.serialization import serialize_message; print(msg.__file__);'
+            'print(len(serialize_message(msg.TFMessage())))')
+    said = subprocess.run([venv / 'bin' / 'python', '-c', code], capture_output=True, text=True, env=environment, check=True,
+                          timeout=60).stdout.splitlines()
+    assert said[0].startswith(str(venv)) and said[1] == '8'
+    assert not any('/prefix' in path.read_text() for path in (venv / 'share' / 'tf2_msgs').rglob('*.*sh'))
 
 
 @pytest.fixture
