@@ -158,6 +158,68 @@ def test_recordings_import_no_reader_before_it_is_needed(root):
     assert result.stdout == '[]\n'
 
 
+@pytest.mark.parametrize(('words', 'same'), [
+    (['--list', 'a.b', 'FILE'], ['FILE', '--list', 'a.b']),
+    (['--list', 'a.b', 'c.d=1:2', 'FILE', 'FILE2', '--other', '1', 'FILE3'],
+     ['FILE', 'FILE2', '--list', 'a.b', 'c.d=1:2', '--other', '1', 'FILE3']),
+    (['FILE', '--list', 'anything', '--other', '1'], ['FILE', '--list', 'anything', '--other', '1']),
+])
+def test_a_list_ends_where_something_else_begins(words, same):
+    def parsed(words):
+        parser = command_line.make_parser('work', 'Tests.')
+        parser.add_argument('files', nargs='+')
+        parser.add_argument('--other')
+        parser.add_argument('--list', nargs='+')
+        if words is not same:
+            parser.end_list('--list', lambda word: '.' in word)
+        return parser.parse_args(words)
+    assert parsed(words) == parsed(same) and parsed(words).files[0] == 'FILE'
+
+
+@pytest.mark.parametrize('words', [['tune', '--parameters', 'refinement.damping', 'absent.log'],
+                                   ['tune', '--parameters', 'refinement.damping=0.1:1', 'density.reach', 'absent.log'],
+                                   ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
+                                   ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', '/tmp/b.log'],
+                                   ['play', '--topics', '/cmd_vel', 'absent.log']])
+def test_a_list_before_the_file_does_not_swallow_it(shell, words):
+    result = shell(*words)
+    assert result.returncode == 2 and result.stderr.count('\n') == 1
+    assert result.stderr.endswith('absent.log: cannot be read: No such file or directory\n')
+
+
+def test_a_slip_in_the_name_of_a_parameter_is_no_file(shell):
+    result = shell('tune', '--parameters', 'refinement.damping', 'refinement.windowscale', 'absent.log')
+    assert "did you mean 'refinement.window_scale'" in result.stderr
+
+
+def test_the_help_of_compare_lists_all_that_it_takes(shell, root):
+    from dbscan_reg_ros.benchmarks.methods import FACTORIES
+    said = ' '.join(shell('compare', '--help').stdout.split())
+    sets = {path.stem for path in (root / 'config').glob('*.yaml')} - {'ekf', 'scan_matcher'}
+    assert len(sets) >= 7 and all(f'{name},' in said or f'{name};' in said or f'{name} (' in said
+                                  for name in ('defaults', *sets, *FACTORIES))
+
+
+@pytest.mark.parametrize('words', [
+    ['replay', 'a.log', '--out'], ['compare', 'defaults', 'icp', 'a.log', '--out'], ['tune', 'a.log', '--out'], ['demo', '--out'],
+    ['register', 'a.log', '0', '1', '--out'], ['dump', '--out'], ['simulate'], ['convert', 'a.log'],
+], ids=lambda words: words[0])
+@pytest.mark.parametrize('place', ['/proc/out', 'file/out', 'file/deep/out'])
+def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, words, place):
+    (tmp_path / 'file').write_text('')
+    (tmp_path / 'a.log').write_text('FLASER 2 1.0 1.0 0 0 0 0 0 0 1.0 host 1.0\n')
+    result = shell(*words, place)
+    assert (result.returncode, result.stdout) == (2, '') and result.stderr.count('\n') == 1
+    assert place in result.stderr or str(os.path.dirname(place)) in result.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {'file', 'a.log'}
+
+
+def test_a_benchmark_whose_result_cannot_be_written_is_refused_before_any_work(root, tmp_path):
+    result = subprocess.run([sys.executable, '-m', 'dbscan_reg_ros.benchmarks', 'node', '--json', '/proc/a.json'], cwd=tmp_path,
+                            env=os.environ | {'PYTHONPATH': str(root)}, capture_output=True, text=True, check=False, timeout=60)
+    assert (result.returncode, result.stdout) == (2, '') and '/proc/a.json: cannot be written' in result.stderr
+
+
 def test_an_unknown_name_of_the_package_is_an_attribute_error():
     import dbscan_reg_ros
     assert 'register' in dir(dbscan_reg_ros)

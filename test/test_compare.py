@@ -127,12 +127,13 @@ def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording,
 
 def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
     assert main(['defaults', 'absent', str(recording)]) == 2
-    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, "defaults", or a method: '
+    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: defaults, '
+                                       'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, sick_lms5xx; or a method: '
                                        'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity\n')
 
 
-def test_a_table_that_cannot_be_written_is_printed(recording, tmp_path, capsys):
+def test_results_that_cannot_be_written_are_refused_before_any_work(recording, tmp_path, capsys):
     (tmp_path / 'file').write_text('')
-    assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 1
+    assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
     printed = capsys.readouterr()
-    assert 'B is neither better nor worse.' in printed.out and printed.err.endswith('file/compare: Not a directory\n')
+    assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another place\n')

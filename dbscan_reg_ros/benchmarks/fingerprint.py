@@ -116,7 +116,8 @@ def unpacked(commit, scratch) -> Path:
     folder = scratch / commit
     with tarfile.open(fileobj=io.BytesIO(_git('archive', '--format=tar', commit))) as archive:
         # The archive is that of git itself; older Pythons know no filter.
-        archive.extractall(folder, **({'filter': 'data'} if hasattr(tarfile, 'data_filter') else {}))
+        options: dict = {'filter': 'data'} if hasattr(tarfile, 'data_filter') else {}
+        archive.extractall(folder, **options)
     return folder
 
 

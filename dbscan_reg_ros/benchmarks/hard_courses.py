@@ -1,6 +1,7 @@
 """Courses that are hard for a gate: key frames far apart, narrow fields of view, people who cross in front, lidars that spin up."""
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -72,8 +73,9 @@ def sparse_aces(folder) -> dict:
 
 def sparse_buildings(folder=None) -> dict:
     """Name -> tours through buildings, thinned to key frames."""
-    courses = {}
-    for kind, make in {'rooms': rooms, 'corridor': corridor, 'hall': hall}.items():
+    courses: dict[str, Course] = {}
+    kinds: dict[str, Callable] = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
+    for kind, make in kinds.items():
         for seed in SEEDS:
             course = simulated(make(seed=seed), LIDARS['sick_lms200'], seed)
             courses |= {f'{kind}_{seed}_{distance}m': thinned(course, distance) for distance in SIMULATED_DISTANCES}

@@ -3,7 +3,6 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ..core.parameters import Parameters
 from ..core.records import Prior, Status
 from ..core.registration import register
 from ..core.se2 import SE2
+from ..paths import config_folder
 from ..requirements import missing_line
 
 LAYERS = 0.1 * np.arange(-2, 3)
@@ -108,7 +108,7 @@ def _paper(name):
 def paper_parameters() -> Parameters:
     """The method to the letter, from ``config/paper.yaml``."""
     from ..parameter_files import read_parameters
-    return read_parameters(Path(__file__).resolve().parents[2] / 'config' / 'paper.yaml')
+    return read_parameters(config_folder() / 'paper.yaml')
 
 
 def _baseline(module):

@@ -4,6 +4,7 @@ import itertools
 import math
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from .views import two_views
 LIDARS_BY_VIEW = {'180': 'sick_lms200', '270': 'hokuyo_utm30lx', '360': 'rplidar_a'}
 NOISES = {'low': 1.0, 'high': 3.0}
 """Times that of the lidar's data sheet."""
-KINDS = {'corridors': corridor, 'halls': hall, 'rooms': rooms}
+KINDS: dict[str, Callable] = {'corridors': corridor, 'halls': hall, 'rooms': rooms}
 WORLDS = (*KINDS, *(f'busy_{kind}' for kind in KINDS))
 SEEDS = 5
 """Worlds of each kind."""

@@ -55,7 +55,7 @@ def summary(rows) -> dict:
     """Median and worst of the errors, counts added up, means of the shares."""
     def values(name):
         return np.array([row[name] for row in rows])
-    result = {}
+    result: dict[str, float] = {}
     for name in rows[0]:
         if name.endswith('_count'):
             result[name] = int(values(name).sum())

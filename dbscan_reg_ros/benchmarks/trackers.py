@@ -35,12 +35,18 @@ class Step:
         Along which the translation is not determined [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Of `pose`, in the frame of the first scan.
+    registration : None
+        It says nothing of single registrations.
+    restarted : bool
+        It never starts again by itself.
     """
 
     pose: SE2
     status: Status = Status.OK
     free_direction: float | None = None
     covariance: np.ndarray | None = None
+    registration: None = None
+    restarted: bool = False
 
 
 class Ours:

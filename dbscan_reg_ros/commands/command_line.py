@@ -1,5 +1,6 @@
 """What all commands share: the way they take arguments, fail and end."""
 import argparse
+import itertools
 import os
 import signal
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
+from ..paths import check_writable
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
 from ..version import add_version
 
@@ -31,13 +33,37 @@ class CommandError(DbscanRegError):
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Options may stand between the positional arguments."""
+    """Options may stand between the positional arguments, and those that take a list before them."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self._lists = {}
+
+    def end_list(self, option, belongs):
+        """Have the list of the `option` hold one word, and of those that follow it the ones that pass ``belongs(word)``."""
+        self._lists[option] = belongs
 
     def parse_args(self, args=None, namespace=None):
-        return self.parse_intermixed_args(args, namespace)
+        args = list(sys.argv[1:] if args is None else args)
+        return self.parse_intermixed_args(self._ended_lists(args), namespace)
+
+    def _ended_lists(self, args):
+        """The arguments, with what follows a list and does not belong to it in front of its option."""
+        ordered = []
+        while args:
+            option = args.pop(0)
+            words = list(itertools.takewhile(lambda word: not word.startswith('-'), args))
+            belongs = self._lists.get(option)
+            if option == '--' or not belongs:
+                ordered.append(option)
+                continue
+            count = 1 + sum(1 for _ in itertools.takewhile(belongs, words[1:]))
+            ordered += [*words[count:], option, *words[:count]]
+            del args[:len(words)]
+        return ordered
 
 
-def make_parser(command, description) -> argparse.ArgumentParser:
+def make_parser(command, description) -> CommandParser:
     """A parser with the options that every command takes."""
     parser = CommandParser(prog=command, description=description)
     parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
@@ -119,6 +145,7 @@ def run(parser, work, argv=None) -> int:
     keep_freed_memory()
     try:
         check_packages(parser.prog, asked_for(args))
+        check_outputs(args)
         code = work(args) or 0
         sys.stdout.flush()
         return code
@@ -146,6 +173,26 @@ def asked_for(args):
         bags.append(Path(target))
     if bags and (any(bag.suffix == '.bag' for bag in bags) or not is_there('rosbag2_py')):
         yield 'rosbags'
+
+
+def check_outputs(args):
+    """CommandError where what the arguments name cannot be written."""
+    given = vars(args)
+    if 'out' in given and not isinstance(given['out'], Path):
+        check_writable(given['out'] or 'results', CommandError)
+        if os.path.isfile(given['out'] or 'results'):
+            raise CommandError(f'{given["out"] or "results"}: expected a folder, and it is a file; choose another place')
+    files = [given[name] for name in ('out', 'json', 'poses') if isinstance(given.get(name), Path)]
+    for file in files:
+        if file.is_dir() or not file.parent.is_dir():
+            raise CommandError(f'{file}: expected the name of a file in a folder that is there')
+        check_writable(file, CommandError)
+
+
+def is_topic(word) -> bool:
+    """Whether the word of a command line is the name of a topic, and no path."""
+    path = Path(word)
+    return word.startswith('/') and not path.exists() and (path.parent == Path('/') or not path.parent.exists())
 
 
 def complain(command, error, verbose=False) -> int:

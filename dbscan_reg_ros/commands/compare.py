@@ -2,6 +2,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..benchmarks.__main__ import METHODS
+from ..paths import config_folder, ready_made
 from .command_line import (
     FAILED,
     CommandError,
@@ -22,8 +24,8 @@ def main(argv=None) -> int:
                          'worse: paired differences of the errors over 1 m with confidence intervals (95 % for both '
                          'measures together), as a table and a picture. Exit status 0: B is not worse; 1: B is worse.')
     for name in 'ab':
-        parser.add_argument(name, metavar=name.upper(), help='parameter file, or "defaults", or a method: '
-                            'icp, idc, icl, small_gicp, kiss-icp, identity')
+        parser.add_argument(name, metavar=name.upper(), help=f'parameter file; or a parameter set, one of defaults, '
+                            f'{", ".join(ready_made())}; or a method, one of {", ".join(METHODS)} (dbscan: the defaults)')
     add_recordings(parser)
     parser.add_argument('--seed', type=seed, default=0, help='of the resampling (default: 0)')
     parser.add_argument('--out', metavar='DIR', default='results', help='the table and the picture go to '
@@ -86,8 +88,11 @@ class Competitor:
         if name in FACTORIES and not Path(name).exists():
             method(name)
             return cls(method=name)
+        if name in ready_made() and not Path(name).exists():
+            return cls(read_parameters(config_folder() / f'{name}.yaml'))
         if not Path(name).exists():
-            raise CommandError(f'{name}: no such file; expected a parameter file, "defaults", or a method: {", ".join(FACTORIES)}')
+            raise CommandError(f'{name}: no such file; expected a parameter file, a parameter set: defaults, '
+                               f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}')
         return cls(read_parameters(name))
 
     def tracker(self):

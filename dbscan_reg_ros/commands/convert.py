@@ -1,5 +1,5 @@
 """``convert SOURCE TARGET``: CARMEN logs, ROS 1 bags and ROS 2 bags into one another."""
-from .command_line import add_data, make_parser, run, shortened
+from .command_line import add_data, is_topic, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -18,6 +18,7 @@ def main(argv=None) -> int:
     parser.add_argument('--end', type=float, default=float('inf'), metavar='S', help='keep what comes up to S seconds '
                         'after the first message')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of a ROS 2 bag (default: mcap)')
+    parser.end_list('--topics', is_topic)
     add_data(parser)
     return run(parser, convert, argv)
 

@@ -5,7 +5,7 @@ import signal
 import sys
 
 from ..node.ros_arguments import split_arguments
-from .command_line import INTERRUPTED, add_recording, interruptible, make_parser, run, shortened
+from .command_line import INTERRUPTED, add_recording, interruptible, is_topic, make_parser, run, shortened
 
 
 def main(argv=None) -> int:
@@ -17,6 +17,7 @@ def main(argv=None) -> int:
     add_recording(parser)
     more = parser.add_mutually_exclusive_group()
     more.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='publish these recorded topics as well')
+    parser.end_list('--topics', is_topic)
     more.add_argument('--all', action='store_true', help='publish every recorded topic')
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='R times as fast (default: 1)')

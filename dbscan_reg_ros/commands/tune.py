@@ -31,6 +31,7 @@ def main(argv=None) -> int:
                         'measure the gain on, not used by the search')
     parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='what to search '
                         f'(default: {" ".join(SEARCHED)}); a range not given is a fifth to five times the default')
+    parser.end_list('--parameters', is_parameter)
     parser.add_argument('--params-file', metavar='YAML', help='where to start, and what the other parameters are '
                         '(default: the defaults)')
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='(default: 100)')
@@ -46,6 +47,17 @@ def main(argv=None) -> int:
                         '(default: results/tune/NAME, after the first recording)')
     add_workers(parser)
     return run(parser, tune, argv)
+
+
+def is_parameter(word) -> bool:
+    """Whether the word of a command line says what to search, perhaps with a slip in it, and no file."""
+    try:
+        from ..node.parameters import NodeParameters
+    except ModuleNotFoundError:
+        return True
+    name, names = word.partition('=')[0], [d.name for d in NodeParameters().describe()]
+    groups = {known.partition('.')[0] for known in names if '.' in known}
+    return name in names or name.partition('.')[0] in groups and '.' in name and not Path(word).exists()
 
 
 def tune(args):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..core.errors import RecordingError
 from ..message_fields import pose_only_fields, scan_fields
+from ..paths import check_writable
 from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
 from .bag_library import bag_library, is_ros1
 from .carmen_lines import SETTINGS, format_line, settings_of
@@ -91,6 +92,7 @@ def check_target(target):
         raise RecordingError(f'{target.parent}: no such folder to write to')
     if target.suffix in ('.mcap', '.db3'):
         raise RecordingError(f'{target}: a ROS 2 bag is a folder; name it without ending and choose its storage')
+    check_writable(target, RecordingError)
 
 
 def _timed(records, start, end):
