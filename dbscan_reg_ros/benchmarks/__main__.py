@@ -94,7 +94,8 @@ def add_overlap(command):
 def add_fingerprint(command):
     """The options of ``bench fingerprint``."""
     command.add_argument('--against', metavar='COMMIT', required=True, help='the commit that this source tree is compared with')
-    command.add_argument('--quick', action='store_true', help='only the first 500 scans of each drive, and 50 pairs')
+    command.add_argument('--quick', action='store_true', help='only the first 500 scans of each recording, 200 of three drives of each '
+                         'course, and 50 pairs')
     command.add_argument('--only', nargs='+', metavar='NAME', help='only these drives: the recordings and simulated courses by '
                          'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and pairs')
     command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and what the other commit says of them, '

@@ -16,14 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from ..recordings import data_folder
-from .fingerprint_inputs import GROUPS, inputs
+from .fingerprint_inputs import GROUPS, SIMULATED, inputs
 from .methods import BenchmarkError
 from .report import Report, machine
 
 PACKAGE = 'dbscan_reg_ros'
 RECORDER = 'scripts/benchmarks/fingerprint_recorder.py'
 """A script of its own, for it runs with the package of the other commit, and speaks ROS to its node."""
-QUICK_SCANS, QUICK_PAIRS = 500, 50
+QUICK_SCANS, QUICK_COURSE_SCANS, QUICK_PAIRS = 500, 200, 50
+QUICK_DRIVES = 3
+"""Of each course, in as many worlds or by as many lidars."""
 WORKERS = 2
 LONG = ('outages', 'intel', 'intel_wheels', 'trees', 'rooms', 'halls')
 """Begun first, so that nothing long is left over at the end."""
@@ -123,14 +125,19 @@ def unpacked(commit, scratch) -> Path:
 
 def made_inputs(groups, folder, size, cache) -> list:
     """(drive, file) of all drives; what was made before is taken from `cache`, for both trees are given the same."""
-    limit, quick = size
-    words = f'{"quick" if quick else "whole"}-{limit or "all"}'
-    scans, pairs = (min(limit or most, most) for most in (QUICK_SCANS, QUICK_PAIRS)) if quick else (limit, limit)
-    target = cache / words
+    target = cache / '-'.join(str(limit_of(name, *size) or 'all') for name in ('intel', 'rooms', 'pairs'))
     target.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(WORKERS) as executor:
-        jobs = [executor.submit(_made, group, folder, pairs if group == 'pairs' else scans, target) for group in groups]
-        return list(itertools.chain.from_iterable(job.result() for job in jobs))
+        jobs = [executor.submit(_made, group, folder, limit_of(group, *size), target) for group in groups]
+        return list(itertools.chain.from_iterable(job.result()[:QUICK_DRIVES if size[1] else None] for job in jobs))
+
+
+def limit_of(group, limit, quick):
+    """How many scans or pairs of a group count; None: all."""
+    if not quick:
+        return limit
+    most = QUICK_PAIRS if group == 'pairs' else QUICK_COURSE_SCANS if group in SIMULATED else QUICK_SCANS
+    return min(limit or most, most)
 
 
 def _made(group, folder, limit, target):
