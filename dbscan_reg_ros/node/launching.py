@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 
 from ..core.errors import DbscanRegError, ParameterError
+from ..paths import NO_SENSORS
 from .parameters import MOUNTINGS, SOURCES
 
 PACKAGE = 'dbscan_reg_ros'
-NO_SENSORS = 'ekf', 'scan_matcher'
-"""Files in config that describe no sensor."""
 SHOWN = 'odom', 'segments', 'path', 'local_map'
 """Topics of ours in config/scan_matcher.rviz, beside the scans."""
 PARAMETERS = {'base_frame': 'base_frame', 'mounting': 'mounting', 'odom_frame': 'odom_frame', 'prior': 'prior.source',
