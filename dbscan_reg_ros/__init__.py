@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """2D lidar scan registration by DBSCAN clustering, and laser odometry (Liu et al. 2023)."""
 from importlib import import_module
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``dbscan-reg-ros COMMAND ...``, ``python -m dbscan_reg_ros COMMAND ...``: as ``ros2 run dbscan_reg_ros COMMAND ...``."""
 import argparse
 import sys

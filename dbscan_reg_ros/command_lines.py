@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command lines that users are shown: they run as they are printed, in a shell and from any folder."""
 import os
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans and results as the plain fields of ROS messages: nested dictionaries, whoever makes the messages of them.
 
 Fields that are not named keep the defaults of their type. The node and `rosbag2_py` take messages of ROS made

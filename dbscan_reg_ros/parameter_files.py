@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files in the form that ROS 2 takes with ``--params-file``, and the parameter reference.
 
 ``python -m dbscan_reg_ros.parameter_files`` prints the defaults as such a file, ``--write`` renews

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What lies at a path that a user names, what can be written there, and the folder of ready-made parameter files."""
 import os
 import stat

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures: metres on both axes to the same scale, legible without colour."""
 from pathlib import Path
 from typing import NamedTuple

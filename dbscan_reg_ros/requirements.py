@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Python packages that a command needs, which of them are missing, and the command that installs those."""
 import shlex
 import shutil

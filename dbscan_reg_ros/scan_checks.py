@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is odd about scans as a driver states them: decided here for the node and for recordings alike."""
 import math
 import operator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which version of the package this is."""
 import argparse
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Play a recording to scan_matcher: ``ros2 launch dbscan_reg_ros play.launch.py recording:=FILE``.
 
 The arguments of scan_matcher.launch.py count here as well. The time is that of the recording, and where it holds no static

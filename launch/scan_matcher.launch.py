@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``; ``--show-args`` lists what may be told.
 
 What is told counts in this order, the last the most: the defaults of the node, ``sensor``, ``params_file``, the other

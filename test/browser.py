@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A real browser without a window, driven over its debugging pipe."""
 import base64
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Functions run in a process of their own, where time and memory can be measured and a hang can be ended."""
 import warnings
 from multiprocessing import get_context

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every test may use: the recordings, a ROS graph of its own, processes that never outlive the test."""
 import contextlib
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs that a fuzzer makes to reach every branch: ``coverage_guided.py TARGET RUNS SEED FOLDER`` (needs atheris).
 
 It starts from the inputs in the folder and adds those that reach something new. It ends with status 0 after so many

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bytes and lines of recordings damaged in every way."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """As much of ``launch`` and ``launch_ros`` as our launch files use: the same names and keywords, and the same command lines.
 
 The names, keywords, order of arguments and files of parameters are those of Jazzy. What is not here raises a TypeError or an

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A peer of the node under test: publishes, listens, calls services, and waits with a deadline."""
 import contextlib
 import importlib.util

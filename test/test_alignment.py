@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Point-to-line equations of one scan with another, and with all key frames of the window."""
 import dataclasses
 import math

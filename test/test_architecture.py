@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The floors of the house: who may import whom, read from the source."""
 import ast
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags that cannot be read: what they are and what helps, in one line and in our own words."""
 import os
 import shutil

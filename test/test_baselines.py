@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ICP, IDC and ICL on simulated scans with exact truth."""
 import math
 

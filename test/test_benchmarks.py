@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The benchmarks: known facts about the recordings, moved scans, measures and bounds."""
 import dataclasses
 import json

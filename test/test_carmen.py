@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CARMEN logs of other people: which lines are read, which poses are the truth, and what is said of it."""
 import gzip
 import json

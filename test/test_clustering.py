@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """DBSCAN and its k-dist graph, sample for sample against scikit-learn."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command lines that are shown run as they are, from any folder, with what the user has."""
 import os
 import subprocess

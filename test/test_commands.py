@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
 import os
 import shlex

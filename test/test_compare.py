@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparing two parameter sets or methods: no false alarms, and what is worse is found."""
 import json
 

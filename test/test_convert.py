@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion: every format into every other and back, and what must survive."""
 import gzip
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A coverage-guided fuzzer on the readers and the core, in the long form only."""
 import importlib.util
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Status and covariance of a registration."""
 import math
 

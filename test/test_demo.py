@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo: the whole chain in processes of its own, and nothing left of it afterwards."""
 import os
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernel densities and K-L divergence (Eq. 16-21), and the paper's method from end to end."""
 import math
 from types import SimpleNamespace

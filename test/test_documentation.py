@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The documents agree with the source and with each other."""
 import re
 

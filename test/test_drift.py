@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Covariances that are carried from scan to scan, against the errors of many simulated drives."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted anew."""
 import numpy as np
 import pytest

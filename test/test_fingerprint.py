@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fingerprint: two source trees are given the same scans, and compared to the last bit."""
 import subprocess
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged and hostile recordings: a named error or fewer scans, in bounded memory."""
 import bz2
 import gzip

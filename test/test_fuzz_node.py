@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The running node under bad input: scans with every field at its worst, parameters with every wrong type and value."""
 import array
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files with every wrong type and value: a named error, or parameters within their bounds."""
 import datetime
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans with every field at its worst: named errors, finite answers, and bounded time and memory."""
 import time
 from collections import Counter

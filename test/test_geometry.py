@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Properties of the registration and the odometry that follow from geometry, each with its tolerance."""
 import math
 import os

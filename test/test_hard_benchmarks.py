@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Copies with noise, courses that are hard for a gate, and registrations by the share of the view in common."""
 import dataclasses
 import json

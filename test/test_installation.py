@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the manifest, the installation and an installed executable have to agree on."""
 import ast
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C, and other ends from outside, of commands that start processes: all have ended soon, and what was done is kept."""
 import json
 import os

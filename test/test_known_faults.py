@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults that other laser odometries were reported to have, each tried on the real node in a process of its own."""
 import array
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two small things that stand free tell the whole motion: scans of a wood are registered without a guess."""
 import math
 

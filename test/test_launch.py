@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The launch files: what they start for which arguments, and that this is what the real processes make of it.
 
 ``launch`` and ``launch_ros`` are part of a ROS installation only. Everywhere a stand-in with their keywords and command lines takes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The local map: what it takes of older key frames, and what that is good for."""
 import dataclasses
 import math

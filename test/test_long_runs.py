@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the benchmarks soak, silent and node measure: a long drive, equal bits, wrong answers, a running node."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Places seen again: relations found, and poses that suit them."""
 import dataclasses
 import math

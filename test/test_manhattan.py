@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The heading by the walls of a building."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages made without ROS are those that ROS makes."""
 import numpy as np
 import pytest

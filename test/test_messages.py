@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of the node: what goes in comes out, and covariances follow the mounting."""
 import array
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectory files, truth, and the measures: in agreement with the yardstick to the last digits."""
 import json
 import math

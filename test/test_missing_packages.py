@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tests themselves, with only what the manifest names: all are found, and those that need more are skipped with a reason."""
 import os
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands in space that key frames saw to be free is left out; what was hidden, or behind, is not."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The range that stands for "no return", told by the readings themselves."""
 import tracemalloc
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time: simulated, in a loop, going back, at zero, in the future."""
 import itertools
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """/diagnostics: what the node says of itself once a second."""
 import math
 import time

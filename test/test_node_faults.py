@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes wrong on a robot, done to the real node while it drives: it goes on at once, and nothing jumps.
 
 Each fault strikes at one moment, with ``scripts/test --long`` at twenty.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames: where the laser sits, as transforms say; our own transform, and those of others."""
 import importlib.util
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which scans are used, and which of their beams."""
 import array
 import math

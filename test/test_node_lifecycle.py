@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The managed node: the same odometry, brought up and down step by step."""
 import signal
 

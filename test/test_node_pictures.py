@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is published for people to look at."""
 import numpy as np
 import rclpy  # noqa: F401 - needs ROS

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the node believes of the motion before it looks at the scans."""
 import itertools
 import math

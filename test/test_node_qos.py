@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The quality of service of the node's publishers and subscriptions, as parameters tell it, seen over DDS."""
 import pytest
 import rclpy  # noqa: F401 - needs ROS

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the node says of scans that a driver states wrongly, and of no scans: what is said of a recording of the same."""
 import array
 import math

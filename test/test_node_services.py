@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be asked of the running node: reset, pause, set_pose, snapshot, dump."""
 import math
 

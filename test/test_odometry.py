@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The odometry: tracking, priors, time, faults."""
 import contextlib
 import dataclasses

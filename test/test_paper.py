@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the paper reports, measured: its tables and its example."""
 import math
 from dataclasses import replace

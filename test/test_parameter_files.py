@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files: what ROS takes is what the commands take, and the file of defaults is current."""
 import math
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a scan lies among several key frames, and how firmly."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Playing to the real node in a process of its own, or to a subscriber of the test's."""
 import itertools
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `play` publishes besides the scans, heard over DDS by a node of the test's or used by scan_matcher."""
 import numpy as np
 import pytest

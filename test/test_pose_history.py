@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses between poses, and transforms between transforms."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small things without normals that stand free count as round posts; among chairs and trees they hold the odometry."""
 import math
 

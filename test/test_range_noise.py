@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How noisy the ranges of a scan are, and what noisy points count."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of every format: what is read, what is skipped, what is refused."""
 import gzip
 import math

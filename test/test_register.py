@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Register: one pair of scans, in numbers and in the figures of the paper."""
 import itertools
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The registration as a whole: what it finds, and what it says of it."""
 import math
 

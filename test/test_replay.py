@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replay: recordings in, a folder of results each."""
 import gzip
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every recording at hand, and random pieces of them with a clock that jumps: a replay ends with a result or one clear line."""
 import builtins
 import dataclasses

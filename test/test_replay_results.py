@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay writes whatever goes wrong with its reports, and what it says of scans, distance and restarts."""
 import dataclasses
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of a replay: it opens in a real browser, shows everything, and asks nobody."""
 import dataclasses
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a command needs that is not installed: all of it in one line, with a command that installs it."""
 import os
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rest: the mean of what the scans say, once the sensor has stood for a second."""
 import math
 

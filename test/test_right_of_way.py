@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a transform is sent that others may send, too."""
 import itertools
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ring band filter: the panels of Figure 1, the regions of Figure 2, and what the paper leaves open."""
 import math
 

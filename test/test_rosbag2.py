@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags without `rosbags`, by ROS's own `rosbag2_py`: the real one where it is installed, and a stand-in for it.
 
 Each command runs in a process of its own in which `rosbags` is hidden.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotation: clusters of angle differences (Eq. 9)."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans: bearings, points, which beams have a return, and scans made from points."""
 import math
 from types import SimpleNamespace

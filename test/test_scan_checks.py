@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is said of scans that a driver states wrongly: the same for a recording and in the node."""
 import json
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What could run code of a file, or write where it should not: in the source, and tried."""
 import ast
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Line segments: breakpoints (Eq. 5), corners (Eq. 6), line fits (Eq. 7), ends."""
 import math
 

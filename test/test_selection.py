@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From many hypotheses to few: how well each fits, how far it is from what was expected, which are one."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
 import hashlib
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command that simulates: what was asked for is measured back from the files."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulator: exact ranges, exact truth, the noise that was asked for."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Snapshots: all that was thought of the last scans survives the file."""
 import math
 

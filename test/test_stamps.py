@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamps that are of no use, negative or wrapped."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What reads the source before it runs: the same tools in the same versions wherever they are called."""
 import re
 import shutil
@@ -43,3 +44,23 @@ def test_what_ruff_or_mypy_finds_fails_the_tests(checks):
     assert checks(ruff=1) == (1, ['ruff check'])
     assert checks(mypy=1) == (1, ['ruff check', 'mypy'])
     assert checks() == (0, ['ruff check', 'mypy', 'python -m'])
+
+
+def sources(root):
+    """What the licence stands in: Python, shell and CMake."""
+    for folder in ('.ci', 'dbscan_reg_ros', 'launch', 'scripts', 'test'):
+        for path in (root / folder).rglob('*'):
+            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py') or path.name == 'CMakeLists.txt'):
+                yield path
+    yield root / 'setup.py'
+
+
+def test_every_source_file_begins_with_its_licence(root):
+    """On the first line, or on the second after that of the interpreter."""
+    files = list(sources(root))
+    assert len(files) > 300
+
+    def begins(path):
+        lines = path.read_text().splitlines()
+        return lines[lines[0].startswith('#!'):][:1] == ['# SPDX-License-Identifier: Apache-2.0']
+    assert sorted(str(path.relative_to(root)) for path in files if not begins(path)) == []

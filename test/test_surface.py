@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a scan knows of the space around it: surfaces by place, free space by bearing."""
 import math
 import tracemalloc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Symmetric 3 x 3 matrices against numpy's linear algebra."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with told motions time and again."""
 import numpy as np
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Transforms by frames and times."""
 import importlib.util
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Translation: pairs of line equations (Eq. 10-15), signed and squared."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tuning: reproducible, resumable, the same on one process, several, or a cluster; and honest about its gain."""
 import json
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Work for several processes: local ones and those of a Dask cluster do the same."""
 import pytest
 

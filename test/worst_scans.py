@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """LaserScan messages at their worst: any field may be impossible, and any sequence of ranges may come."""
 import math
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small classic registrations that the method is set against (Table 1 of the paper).
 
 Every module is one of them behind the same interface: ``prepare(scan)`` computes what is kept of a scan, and

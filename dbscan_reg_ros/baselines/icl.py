@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Iterative closest line (Alshawa, 2007): pairs of line segments instead of pairs of points."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Iterative closest point, point to point (Besl and McKay, 1992)."""
 from scipy.spatial import cKDTree
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Iterative dual correspondence (Lu and Milios, 1994): one pairing for the translation, another for the rotation."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a baseline says of two scans."""
 from dataclasses import dataclass
 

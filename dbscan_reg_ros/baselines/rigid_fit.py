@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion between paired points."""
 import math
 

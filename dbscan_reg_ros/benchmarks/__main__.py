@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``python -m dbscan_reg_ros.benchmarks``: what ``scripts/bench`` runs."""
 import argparse
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What must hold of a figure."""
 import math
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Copies of a course that differ by noise: how far a figure scatters by chance."""
 import dataclasses
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One course: scans in order, with the truth that odometry is judged by."""
 import dataclasses
 from dataclasses import dataclass

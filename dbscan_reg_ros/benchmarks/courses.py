@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings and simulated worlds with the truth that odometry is judged by, and Intel made harder."""
 import dataclasses
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Do the covariances tell the truth? Registrations in simulated worlds, where the error is known exactly."""
 import dataclasses
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure 4 of the paper: real scans and the same points moved, recovered to 1 mm and 0.001 rad."""
 import numpy as np
 

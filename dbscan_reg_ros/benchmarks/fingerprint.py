@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Does another commit give the same numbers? Both source trees get the same scans on the same machine, and are compared bit for bit."""
 import contextlib
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scans that ``bench fingerprint`` gives to both source trees, as plain arrays."""
 import dataclasses
 import math

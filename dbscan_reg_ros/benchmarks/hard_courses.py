@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Courses that are hard for a gate: key frames far apart, narrow fields of view, people who cross in front, lidars that spin up."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Intel Research Lab log with its references, as the benchmarks need it."""
 from dataclasses import dataclass
 from functools import cached_property

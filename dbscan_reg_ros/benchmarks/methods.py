@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ours, its rivals and the floor, all as ``method(reference_scan, current_scan) -> record``."""
 import math
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node in a process of its own: latency, share of a core, memory and the time it takes to start."""
 import os
 import tempfile

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
 import os
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registration without a guess for any motion, by the share of the view in common: how often it is right, and what `OK` is worth."""
 import dataclasses
 import itertools

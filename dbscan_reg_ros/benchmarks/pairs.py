@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pairs k, k+s of the Intel log without an initial guess."""
 from .bounds import at_least, at_most
 from .intel import Intel

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the paper reports, measured: Table 1, Table 3, and its example of Figures 4 to 12."""
 from . import steps, table1, table3
 from .methods import method

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """People who cross close in front of a robot that stands or turns on the spot, ten seeds."""
 from . import seeds
 from .hard_courses import passers

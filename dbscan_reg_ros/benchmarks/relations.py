@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Freiburg relations of the Intel log without an initial guess."""
 import itertools
 import math

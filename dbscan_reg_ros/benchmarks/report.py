@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables for the terminal, and what was run on what."""
 import importlib.metadata
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Odometry of one course for each of several seeds: medians, the worst, and what was called OK and was wrong."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Silent failures: motions that the odometry calls OK and that are wrong, wherever the truth is known.
 
 Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it is

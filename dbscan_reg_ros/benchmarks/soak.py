@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hours of driving: memory, time a scan and containers stay as they are, and the same scans give the same odometry.
 
 A drive to and fro through a furnished building, by the odometry in a process of its own and by the running node, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Key frames far apart: does the odometry know at least what a registration of each one onto the one before it finds?"""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time of one scan's features and its registration: ours and GICP take turns on the same pairs."""
 import numpy as np
 

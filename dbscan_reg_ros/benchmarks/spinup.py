@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lidar that spins up: how long until the odometry tracks after a first scan that holds little."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures 4 to 12 of the paper: its example step by step, on a scan that its own parameters solve."""
 import math
 

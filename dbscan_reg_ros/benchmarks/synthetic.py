@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real scans with noise and outliers, moved by a known motion (section 3 of the paper, and harder)."""
 import math
 

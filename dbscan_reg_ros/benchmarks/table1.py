@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table 1 of the paper, measured: what overlap and structure do to ICP, IDC, ICL and to ours."""
 import itertools
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table 3 of the paper: its four motions, in simulated rooms with exact truth, and where the Intel log holds them."""
 import itertools
 import math

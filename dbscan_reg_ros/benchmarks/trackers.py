@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Odometry by ours, by its rivals and by the baselines: ``process(scan, told) -> Step``.
 
 ``told(expected)`` is the `Prior` of the motion since the last scan that somebody tells, where `expected` is the `Prior`

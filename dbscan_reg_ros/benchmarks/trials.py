@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registrations with known truth: run, judged and summed up."""
 import math
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two views of a simulated world from places that a robot can drive between."""
 import math
 

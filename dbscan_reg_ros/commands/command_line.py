@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all commands share: the way they take arguments, fail and end."""
 import argparse
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``compare A B FILE...``: two parameter sets or methods on the same recordings."""
 from dataclasses import dataclass
 from pathlib import Path

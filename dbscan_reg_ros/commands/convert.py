@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``convert SOURCE TARGET``: CARMEN logs, ROS 1 bags and ROS 2 bags into one another."""
 from .command_line import add_data, is_topic, make_parser, run, shortened
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``demo [FILE]``: the whole chain, from scans over the real node to odometry, trajectory and map."""
 import os
 import sys

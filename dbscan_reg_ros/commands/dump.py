@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``dump``: the parameters of a running node as a file."""
 import sys
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``play FILE``: publish a recording to a running node."""
 import argparse
 import math

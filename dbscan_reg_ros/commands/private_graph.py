@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ROS graph that nobody else takes part in."""
 import fcntl
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: one scan onto another, in numbers and in figures."""
 import math
 from itertools import islice

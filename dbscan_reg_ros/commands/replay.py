@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``replay FILE...``: the odometry of recordings, offline, through the same `Odometry` as the node."""
 import sys
 from contextlib import ExitStack

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``simulate TARGET``: a seeded recording of any lidar with exact truth."""
 from .command_line import CommandError, make_parser, run, seed
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``tune FILE...``: search the parameters that suit recordings."""
 from collections import defaultdict
 from contextlib import contextmanager

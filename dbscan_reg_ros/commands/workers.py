@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Work for several processes: local ones, or those of a Dask cluster, behind one `concurrent.futures.Executor`."""
 import multiprocessing
 import os

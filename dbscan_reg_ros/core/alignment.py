@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kernels over many candidate motions at once: how well a scan fits a surface, and how to move it closer.
 
 Pure functions, arrays in and arrays out. Candidates are rows ``(x, y, theta)`` of an ``(H, 3)`` array; every kernel

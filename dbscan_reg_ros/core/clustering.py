@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """DBSCAN, faster than scikit-learn's on small sets and equal to it sample for sample; the k-dist graph.
 
 Ester, Kriegel, Sander, Xu: "A density-based algorithm for discovering clusters in large spatial databases with noise",

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corners where the slope of the ranges jumps, above a threshold that is searched by fitting error (Eq. 6-7)."""
 import numpy as np
 

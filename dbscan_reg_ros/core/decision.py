@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the best hypothesis is worth: status, covariance and the segments that it lays onto one another."""
 import cmath
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion within a scan: every beam as it would have been measured at the scan's stamp."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Selection within the key clusters: kernel densities of x and y, K-L divergence (section 2.3, Eq. 16-21)."""
 import math
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the odometry may be off: what the scans hold is known by them, all else by a motion that goes on as before."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The exceptions of the package: every one names the value, what was expected and what to do."""
 
 

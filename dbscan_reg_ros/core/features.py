@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything that is kept of one scan, computed once."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direction that walls leave free, and the search along it (corridors)."""
 import math
 

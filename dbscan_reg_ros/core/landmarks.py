@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hypotheses from landmarks, small things that stand free: two of them as far apart in both scans.
 
 A trunk has no line that says how the sensor has turned: what it shows always faces the sensor. The line through two of them

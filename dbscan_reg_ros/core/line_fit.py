@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lines through many stretches of points at once, by total least squares (Eq. 7)."""
 import numpy as np
 

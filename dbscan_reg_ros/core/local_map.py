@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The local map: the latest key frame, and around it what older ones saw."""
 import cmath
 

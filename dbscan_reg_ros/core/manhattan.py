@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The walls of a building as a compass: most of them face two directions at right angles, and show how far a heading has drifted."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion that goes on: what is expected of the next scan when nobody tells of it."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What moves: points of a scan in space that key frames saw to be free (people, doors, other robots); and what may move."""
 import cmath
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laser odometry: keeps key frames, registers every scan to them and integrates the pose."""
 import copy
 import dataclasses

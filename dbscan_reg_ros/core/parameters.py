@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every parameter of the method: default, unit, bounds and one line of help, in one place.
 
 ROS descriptors, YAML files, the command-line help and the parameter reference are made from these

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a scan lies among the key frames: aligned with all of them at once, and how well they hold it there."""
 import cmath
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Posts: small things that stand free and have no normals, such as the legs of chairs and the trunks of trees."""
 import dataclasses
 from typing import NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How noisy the ranges of a scan are, and whether far ones are noisier than near ones."""
 import math
 from dataclasses import dataclass

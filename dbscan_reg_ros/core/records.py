@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The records that flow through the registration, each made by one step and read by the next."""
 import dataclasses
 import math

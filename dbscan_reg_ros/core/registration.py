@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The registration of one scan onto another (Figure 13)."""
 import dataclasses
 import math

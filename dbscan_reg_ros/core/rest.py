@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sensor that stands: its place is the mean of what the scans say, not the last one's noise."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ring band filter: judges each beam by the slopes in the ring of beams around it (section 2.1, Eq. 3-4)."""
 from enum import IntEnum
 from typing import NamedTuple

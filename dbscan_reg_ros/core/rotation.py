@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotation hypotheses: clusters of the angle differences between two sets of segments (section 2.2.1, Eq. 9)."""
 import math
 from dataclasses import dataclass

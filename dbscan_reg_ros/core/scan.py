@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
 import array
 import math

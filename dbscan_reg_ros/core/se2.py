@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid motions of the plane: the only place that knows how poses compose (Eq. 8)."""
 import math
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Line segments of a scan: breakpoints (Eq. 5), corners (Eq. 6) and line fits (Eq. 7) (section 2.2)."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From many hypotheses to few: how well each lays the current scan onto the reference (section 2.3).
 
 The current scan's points are looked up in the density of the reference, the cross term of the K-L divergence (Eq. 19) as

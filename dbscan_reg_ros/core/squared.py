@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Translations from squared line equations, which leave the sign open (section 2.2.2, Eq. 12-15)."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a scan knows of the space around it: its surfaces, for look-up by place, and its free space, by bearing."""
 import math
 from dataclasses import dataclass

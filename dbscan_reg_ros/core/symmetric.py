@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Symmetric positive definite 3 x 3 matrices in plain numbers: for so small ones an array library costs more than they do."""
 import numpy as np
 

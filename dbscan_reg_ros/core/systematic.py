@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motions that wheels tell: what is wrong with them time and again is learned from what the scans have found."""
 import math
 

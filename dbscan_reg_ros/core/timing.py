@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intervals between scans, from stamps that jitter, repeat and jump."""
 from collections import deque
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Translation hypotheses: clusters of the solutions of pairs of line equations (section 2.2.2, Eq. 10-15)."""
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The window: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
 import cmath
 from dataclasses import dataclass, replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is clustered: angle differences (Figure 6) and translations (Figure 8)."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The densities of x and y, before and after, and how far apart they are (Figures 9 to 12)."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two scans on one another, before and after, and how sure the result is (Figures 14 to 16)."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a scan is made of: its points (Figure 2), its segments, breakpoints and ends (Figures 3 and 5)."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of a pair: one picture each, and one sheet with all of them."""
 from ..plots import save
 from .clusters import draw_rotation, draw_translation

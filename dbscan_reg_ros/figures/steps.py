@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The registration of two scans, step by step, with what each step hands on."""
 from dataclasses import dataclass
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all figures share. Things differ in marker or line style, never in colour alone."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What came of the scans that were played to a node."""
 import math
 from collections import Counter

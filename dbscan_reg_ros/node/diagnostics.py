@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``/diagnostics``, once a second."""
 import math
 import statistics

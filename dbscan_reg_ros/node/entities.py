@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a node has in the graph, to be taken away as one."""
 from rclpy.node import Node
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No events of publishers and subscriptions: each is one more thing that a node looks at for every scan.
 
 What they would tell is known without them: the diagnostics compare the quality of service of all that we hear with that of

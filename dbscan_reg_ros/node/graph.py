@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who else is in the ROS graph, in words, and what of theirs never gets here or gets in our way."""
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos_check_compatible

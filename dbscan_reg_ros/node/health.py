@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the odometry is doing: counted scan by scan, told once a second."""
 import math
 from collections import Counter, deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scans that come in: which are used, in which order, and which of their beams."""
 import math
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the launch files of the package have in common.
 
 ``launch`` and ``launch_ros`` are imported where they are used: only a ROS installation has them.

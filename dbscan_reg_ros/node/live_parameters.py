@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's parameters on the ROS side: declared with descriptors, checked and applied as one."""
 import math
 from collections.abc import Callable

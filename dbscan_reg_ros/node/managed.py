@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The managed node."""
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 

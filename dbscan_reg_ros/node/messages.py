@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans and results as messages; `Scan.from_message` is the way back."""
 import math
 

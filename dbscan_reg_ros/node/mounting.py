@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the laser sits on the base, and what its motion means for the base."""
 import math
 from dataclasses import dataclass, field

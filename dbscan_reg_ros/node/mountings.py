@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the laser sits, for each scan."""
 from ..core.errors import ParameterError
 from ..core.se2 import SE2

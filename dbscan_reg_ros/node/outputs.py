@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the node publishes; what is costly only while somebody listens."""
 import array
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's parameters: its own, and those of the method."""
 import dataclasses
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plays recordings to a running node over ROS, and collects what it answers."""
 import math
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses at any moment, interpolated between those that were told."""
 import bisect
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is believed of the sensor's motion before the scans are looked at."""
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When to send what others may send, too: nobody may hear two of them."""
 from enum import Enum
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a command line to a running node, and back to its exit status."""
 import argparse
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``scan_matcher``: laser odometry as a ROS 2 node."""
 import sys
 

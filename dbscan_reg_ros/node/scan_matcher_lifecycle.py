@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``scan_matcher_lifecycle``: the same as a managed node, for bring-up managers."""
 import sys
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subscriptions that are asked for what has come."""
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 

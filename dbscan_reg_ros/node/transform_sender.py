@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Our transform on /tf, while nobody else sends one to the same frame."""
 import time
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Transforms by their frames and times: with tf2_ros where it is installed, else with a small store of our own."""
 import bisect
 

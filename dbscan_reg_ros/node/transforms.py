@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is heard on /tf and /tf_static."""
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings on disk: scans, odometry and truth, whatever the format."""
 from .recording import Recording, open_recording
 from .trajectories import read_csv, read_tum, write_csv, write_tum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Why a bag cannot be opened and what helps, found in its own bytes and not in what a library says of them."""
 import shlex
 from pathlib import Path

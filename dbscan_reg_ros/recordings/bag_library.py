@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which library reads and writes bags: `rosbags`, or `rosbag2_py`, which every ROS 2 Jazzy has.
 
 The modules `with_rosbags` and `with_rosbag2_py` hold the same: `BagReader`, `BagWriter` and `serializer`.

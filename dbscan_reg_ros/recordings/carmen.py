@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CARMEN logs: one message a line."""
 import gzip
 import re

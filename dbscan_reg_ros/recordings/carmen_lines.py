@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lines of a CARMEN log that are read and written."""
 import math
 from typing import NamedTuple

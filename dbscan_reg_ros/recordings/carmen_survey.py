@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What has to be known of a whole CARMEN log before its first scan can be given."""
 import math
 from array import array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings from one format into another: CARMEN logs, ROS 1 bags and ROS 2 bags."""
 import contextlib
 import gzip

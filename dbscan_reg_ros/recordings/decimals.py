@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamps between decimal text and whole nanoseconds, without the detour through binary fractions."""
 from decimal import Decimal
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compressed parts of bags up to a limit; `rosbags` by itself unpacks all that a file claims to hold."""
 from ..core.errors import RecordingError
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 messages from plain fields, without ROS: by `rosbags`."""
 from functools import cache
 

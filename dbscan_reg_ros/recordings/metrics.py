@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How good a trajectory is: the measures of the public benchmarks, on arrays of poses ``(N, 3)`` [m, m, rad]."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The range that a file writes for "no return", told by the file itself."""
 import math
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is played of a recording besides its scans."""
 from typing import Any, NamedTuple
 

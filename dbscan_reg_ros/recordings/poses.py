@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses by the thousand: the plane's motions on arrays ``(N, 3)`` of x [m], y [m], theta [rad]."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One interface to recorded scans, and the function that finds out what a file holds."""
 import gzip
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times that never go back, from stamps that may."""
 
 RESTART = 10_000_000_000

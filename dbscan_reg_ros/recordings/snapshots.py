@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Snapshots: the last scans of a running odometry with all that was thought of them, in one file.
 
 The file is an ``.npz`` archive of plain numpy arrays, read without pickle:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which stamps of scans are of use, and what takes the place of those that are not."""
 from typing import NamedTuple
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories as files: TUM (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
 import math
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of a recording's true motion, and where the recordings are."""
 import os
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 bags, read and written with `rosbag2_py`, which every ROS 2 Jazzy has; holds the same as `with_rosbags`."""
 from typing import NamedTuple
 

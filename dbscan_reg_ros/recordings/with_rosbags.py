@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 1 and ROS 2 bags, read and written with `rosbags`."""
 import contextlib
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the node would have published on a recording, as a ROS 2 bag."""
 from contextlib import contextmanager
 

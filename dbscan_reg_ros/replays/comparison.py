@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two ways to find the same motion, compared scan by scan."""
 from dataclasses import dataclass
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of the reporting: noted and passed over, so that they never cost the result of a replay."""
 import traceback
 from contextlib import contextmanager

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dated folder for the results of each run, and ``latest``."""
 import os
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses of a whole drive that agree wherever the sensor came back to a place.
 
 The odometry looks no farther back than its window, and must not: its pose may not leap. A map that is drawn when all is

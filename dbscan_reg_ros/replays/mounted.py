@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The laser of a recording on the base, taken as the node takes it."""
 from ..core.errors import ParameterError
 from ..core.scan import Scan

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A replay as one page that opens in any browser, without a network."""
 import base64
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a finished replay, each written as far as it can be."""
 from dataclasses import dataclass
 from pathlib import Path

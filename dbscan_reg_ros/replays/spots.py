@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scans of a replay that deserve a look, each with the scan that it was registered to."""
 from dataclasses import dataclass
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The measures of a replay, as a file and in words."""
 import json
 import math

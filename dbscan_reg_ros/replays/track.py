@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The way of a recording's sensor, as the odometry sees it."""
 from collections import Counter
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated lidar recordings with exact truth: a world, a path and a lidar in, scans and poses out."""
 from .dead_reckoning import wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What wheels and a gyroscope say of a path: small errors at every step, scale, bias and slip."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a 2D lidar measures of true distances."""
 import math
 from dataclasses import dataclass, field

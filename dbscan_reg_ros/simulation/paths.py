@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Smooth robot paths through way points: rounded corners, limited speed, turns on the spot, pauses."""
 import itertools
 import math

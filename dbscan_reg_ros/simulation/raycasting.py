@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distances along rays, all beams against all surfaces at once."""
 import numpy as np
 

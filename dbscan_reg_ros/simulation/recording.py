@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulation behind the interface of the recordings on disk."""
 from ..recordings import Recording
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot's recording: what its lidar, its wheels and its gyroscope say of one path, with the truth."""
 import heapq
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scans along a path through a world, with the exact truth."""
 from dataclasses import dataclass
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Floor plans made of boxes, columns and people, each with a tour that a robot can drive."""
 import dataclasses
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How bad a set of parameters is on a recording: less is better."""
 import dataclasses
 import itertools

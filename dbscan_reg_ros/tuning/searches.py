@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ways to choose what is tried next: ``ask(count)``, then ``tell(costs)`` in the same order."""
 import numpy as np
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is searched: parameters and the values that they may take."""
 import math
 from dataclasses import dataclass

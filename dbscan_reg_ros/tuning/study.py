@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A search that can be killed at any time and goes on where it was."""
 import json
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records what the package found in one source tree says of drives and pairs of scans: run by ``bench fingerprint``.
 
     python fingerprint_recorder.py ROOT

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Build tf2_msgs into the virtual environment that runs this file.
 
 The ROS 2 wheels hold no tf2_msgs, but every header and generator that is needed to make it. Where that fails, the

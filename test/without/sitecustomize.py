@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hides packages from Python and its children while this folder is on PYTHONPATH.
 
 ``WITHOUT_PACKAGES`` names them, with a space between two; they are as if they were not installed.

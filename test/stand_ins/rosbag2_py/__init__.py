@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests use of `rosbag2_py`, which is not on PyPI; real sqlite3 bags, by Python's own sqlite3.
 
 Names, arguments and results are those of ROS 2 Jazzy; `test_rosbag2.py` has their list. Whatever the storage that is asked

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options and metadata of bags, with the signatures of `rosbag2_py` in ROS 2 Jazzy."""
 from pathlib import Path
 
