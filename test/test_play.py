@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 import rclpy.qos
+from bags import needs_rosbags
 from ros_helpers import TIMEOUT, Peer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -154,6 +155,7 @@ def test_scans_keep_the_timing_of_their_stamps_and_the_clock_never_goes_back(nod
 # Command
 
 
+@needs_rosbags
 def test_the_command_plays_a_recording_and_counts_the_answers(node, start_command, data):
     command = start_command('play', data / 'urg04lx' / 'exp1', '--lockstep', '--clock')
     assert command.wait(120.0) == 0, command.output()
@@ -161,6 +163,7 @@ def test_the_command_plays_a_recording_and_counts_the_answers(node, start_comman
     assert command.output().splitlines()[-1].startswith(f'scans {count} answered ')
 
 
+@needs_rosbags
 def test_the_command_takes_remappings(start_command, ros_environment, data):
     start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-r', 'scan:=laser', '-r', 'odom:=laser_odom')
     command = start_command('play', data / 'lms511' / 'static', '--lockstep',

@@ -14,7 +14,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from bags import scan_bag
+from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.replay import main
@@ -31,6 +31,8 @@ def picture(path):
     from matplotlib.image import imread
     return 1.0 - imread(path)[..., :3].mean(axis=2)
 
+
+pytestmark = needs_rosbags
 
 FILES = {'bag', 'map.png', 'metrics.json', 'parameters.yaml', 'report.html', 'trajectory.tum'}
 
