@@ -4,10 +4,10 @@ from importlib import import_module
 
 _HOME = {
     'DbscanRegError': 'errors', 'ParameterError': 'errors', 'RecordingError': 'errors', 'ScanError': 'errors',
-    'Odometry': 'odometry', 'Parameters': 'parameters',
-    'EndKind': 'records', 'Features': 'records', 'Hypothesis': 'records', 'OdometryUpdate': 'records',
-    'Prior': 'records', 'Registration': 'records', 'Segments': 'records', 'Status': 'records',
-    'register': 'registration', 'Scan': 'scan', 'ScanGeometry': 'scan', 'SE2': 'se2',
+    'Odometry': 'odometry.pipeline', 'Parameters': 'parameters.tree',
+    'EndKind': 'features.records', 'Features': 'features.records', 'Hypothesis': 'registration.records', 'OdometryUpdate': 'odometry.records',
+    'Prior': 'registration.records', 'Registration': 'registration.records', 'Segments': 'features.records', 'Status': 'registration.records',
+    'register': 'registration.pipeline', 'Scan': 'scan', 'ScanGeometry': 'scan', 'SE2': 'geometry.se2',
 }
 __all__ = list(_HOME)
 

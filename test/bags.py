@@ -31,8 +31,8 @@ def write_bag(path, messages, storage='mcap', kinds=None, store=None):
 
 def scan_bag(path, scans):
     """A ROS 2 bag of `scans` on /scan, each recorded at its stamp."""
-    from dbscan_reg_ros.message_fields import scan_fields
-    from dbscan_reg_ros.recordings.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.message_fields import scan_fields
     maker = MessageMaker()
     return write_bag(path, [('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
                             for scan in scans])

@@ -158,7 +158,7 @@ def node(start_node):
 
 @pytest.fixture
 def player(ros_environment):
-    from dbscan_reg_ros.node.player import Player
+    from dbscan_reg_ros.node.playback.player import Player
     with Player() as player:
         yield player
 

@@ -15,8 +15,8 @@ import atheris
 
 with atheris.instrument_imports(include=['dbscan_reg_ros']):
     from dbscan_reg_ros import Odometry, ParameterError, RecordingError, Scan, ScanError
-    from dbscan_reg_ros.parameter_files import read_parameters
     from dbscan_reg_ros.recordings import open_recording
+    from dbscan_reg_ros.robot.parameter_files import read_parameters
 
 FOLDER = Path(tempfile.mkdtemp())
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
-from dbscan_reg_ros.core.se2 import SE2
 from dbscan_reg_ros.simulation.raycasting import cast
 
 DEGREE = math.radians(1.0)

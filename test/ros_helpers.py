@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dbscan_reg_ros import SE2, Scan
-from dbscan_reg_ros.node.messages import scan_to_message, stamp_to_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
 
 TIMEOUT = 20.0
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 from rooms import FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros.core.se2 import SE2
+from dbscan_reg_ros.core.geometry.se2 import SE2
 
 ROOM = outline(L_ROOM)
 LARGEST = 3.4e38

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..benchmarks.__main__ import METHODS
+from ..evaluation.method_names import METHODS
 from ..paths import config_folder, ready_made
 from .command_line import (
     FAILED,
@@ -37,10 +37,10 @@ def main(argv=None) -> int:
 
 def compare(args):
     """Track every recording twice, print and write the comparison; the exit status says whether B is worse."""
-    from ..node.parameters import METHOD
+    from ..evaluation.comparison import known_motion, paired
     from ..recordings import find_recording, open_recording
-    from ..replays.comparison import known_motion, paired
     from ..replays.folder import new_folder, point_latest
+    from ..robot.parameters import METHOD
     from .workers import processors, workers
 
     competitors = [Competitor.named(name) for name in (args.a, args.b)]
@@ -80,9 +80,9 @@ class Competitor:
     @classmethod
     def named(cls, name) -> 'Competitor':
         """The competitor that an argument names: a method, ``defaults`` or a parameter file."""
-        from ..benchmarks.methods import FACTORIES, method
-        from ..node.parameters import NodeParameters
-        from ..parameter_files import read_parameters
+        from ..evaluation.methods import FACTORIES, method
+        from ..robot.parameter_files import read_parameters
+        from ..robot.parameters import NodeParameters
 
         if name in ('defaults', 'dbscan'):
             return cls(NodeParameters())
@@ -98,8 +98,8 @@ class Competitor:
 
     def tracker(self):
         """What has ``process(scan)``, at its start."""
-        from ..benchmarks.trackers import tracker
-        from ..core.odometry import Odometry
+        from ..core.odometry.pipeline import Odometry
+        from ..evaluation.trackers import tracker
         return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
 
 
@@ -123,7 +123,7 @@ def unique(names):
 
 def differences(pairs, seed):
     """Name of the recording, or ``all`` -> `Difference` of translation and of rotation."""
-    from ..replays.comparison import MEASURES, difference
+    from ..evaluation.comparison import MEASURES, difference
 
     if not pairs:
         raise CommandError('no recording to compare on')
@@ -136,7 +136,7 @@ def write_comparison(folder, table, text, a, b):
     import dataclasses
     import json
 
-    from ..plots import plot_differences
+    from ..figures.plots import plot_differences
 
     (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
     content = {name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in table.items()}

@@ -50,8 +50,8 @@ def _play(recording, out, params_file):
     """The `Answers` of a node of our own to all scans of the recording."""
     from tqdm import tqdm
 
-    from ..node.player import Player
-    from ..parameter_files import read_parameters
+    from ..node.playback.player import Player
+    from ..robot.parameter_files import read_parameters
     from .private_graph import private_graph
     from .processes import Process, package_command
 
@@ -69,7 +69,7 @@ def _play(recording, out, params_file):
 
 def _wait_for(node, player):
     """Until the node listens; an error as soon as it has ended."""
-    from ..node.player import PlayerError
+    from ..node.playback.player import PlayerError
 
     for seconds_left in reversed(range(STARTING)):
         try:
@@ -86,7 +86,7 @@ def _report(recording, answers, out, faults):
     """Write what was answered, print where it is and how good; the exit status."""
     import numpy as np
 
-    from ..plots import plot_map
+    from ..figures.plots import plot_map
     from ..recordings import write_tum
     from ..recordings.poses import relative
 
@@ -114,7 +114,7 @@ def _report(recording, answers, out, faults):
 
 def _errors(recording, stamps, poses) -> list:
     """What is known of the error, in words."""
-    from ..recordings import errors_of
+    from ..evaluation.known_motion import errors_of
 
     errors = errors_of(recording, stamps, poses)
     if 'relations_neighbour_mean_m' in errors:

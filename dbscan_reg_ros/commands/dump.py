@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from ..node.ros_arguments import split_arguments
+from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import make_parser, run
 
 
@@ -21,8 +21,8 @@ def main(argv=None) -> int:
 
 def dump(args, ros_arguments):
     """Ask the node and write what it says."""
-    from ..node.remote_parameters import read_remote
-    from ..parameter_files import format_parameters
+    from ..node.interfaces.remote_parameters import read_remote
+    from ..robot.parameter_files import format_parameters
 
     values = read_remote(args.node, args.wait, ros_arguments)
     text = format_parameters(values, f'The parameters of {args.node}.')

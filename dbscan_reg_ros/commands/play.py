@@ -5,7 +5,7 @@ import math
 import signal
 import sys
 
-from ..node.ros_arguments import split_arguments
+from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import INTERRUPTED, add_recording, interruptible, is_topic, make_parser, run, shortened
 
 
@@ -41,9 +41,9 @@ def play(args, ros_arguments):
     """Play the recording and print how much of it was answered, also where it is stopped."""
     from tqdm import tqdm
 
-    from ..node.player import Player
+    from ..node.playback.player import Player
     from ..recordings import find_recording, open_recording
-    from ..recordings.playback import choose
+    from ..recordings.bags.playback import choose
 
     recording = open_recording(find_recording(args.file, args.data), args.topic)
     channels = choose(recording.channels(), args.topics, args.all)

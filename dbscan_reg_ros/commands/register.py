@@ -42,10 +42,10 @@ def register(args):
     """Register the pair, print what came of it and draw how."""
     from ..figures.sheet import draw_figures
     from ..figures.steps import Steps
-    from ..node.parameters import METHOD
-    from ..parameter_files import read_parameters
     from ..recordings import find_recording
     from ..replays.folder import new_folder, point_latest
+    from ..robot.parameter_files import read_parameters
+    from ..robot.parameters import METHOD
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
     if parameters:
@@ -89,7 +89,7 @@ def _motion(transform):
 
 
 def _of_recording(path, topic, numbers, parameters):
-    from ..core.parameters import Parameters
+    from ..core.parameters.tree import Parameters
     from ..recordings import open_recording
 
     if len(numbers) != 2 or min(numbers) < 0:
@@ -107,8 +107,8 @@ def _of_recording(path, topic, numbers, parameters):
 
 
 def _of_snapshot(path, numbers, parameters):
-    from ..node.parameters import NodeParameters
     from ..recordings.snapshots import read_snapshot
+    from ..robot.parameters import NodeParameters
 
     if len(numbers) > 1:
         raise CommandError(f'{path}: expected the number of one scan of the snapshot; got {numbers}')

@@ -25,9 +25,9 @@ def main(argv=None) -> int:
 
 def replay(args):
     """Replay every recording, and print what came of each; the exit status is that of the first that failed."""
-    from ..node.parameters import REPLAYED, NodeParameters
-    from ..parameter_files import read_parameters
     from ..recordings import find_recording
+    from ..robot.parameter_files import read_parameters
+    from ..robot.parameters import REPLAYED, NodeParameters
     from .workers import processors, workers
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
@@ -83,7 +83,6 @@ def replay_one(job) -> Replayed:
     DbscanRegError
         When it cannot be read, or fewer than two of its scans can be used.
     """
-    from ..parameter_files import write_parameters
     from ..recordings import open_recording, write_tum
     from ..replays.faults import Faults
     from ..replays.folder import new_folder, point_latest
@@ -92,6 +91,7 @@ def replay_one(job) -> Replayed:
     from ..replays.results import Results
     from ..replays.spots import Spots
     from ..replays.track import Track
+    from ..robot.parameter_files import write_parameters
 
     mounting = mounting_of(job.parameters)
     recording = open_recording(job.path, job.topic)
@@ -121,7 +121,7 @@ def replay_one(job) -> Replayed:
 
 def _follow(results, mounting):
     """Feed the scans to an `Odometry`, and what it says to the track, the bag and what is reported later."""
-    from ..core.odometry import Odometry
+    from ..core.odometry.pipeline import Odometry
     from ..replays.bag import odometry_bag
     from ..replays.mounted import turned
     from .workers import watched

@@ -63,7 +63,7 @@ def simulate(args):
     """Simulate, write the recording and its picture, and print what is in it."""
     from pathlib import Path
 
-    from ..plots import plot_world
+    from ..figures.plots import plot_world
     from ..recordings.conversion import check_target
     from ..simulation import simulate as record
     from ..simulation import wheel_odometry, yaw_rates
@@ -99,7 +99,7 @@ def chosen_lidar(args):
     import dataclasses
     import math
 
-    from ..core.se2 import SE2
+    from ..core.geometry.se2 import SE2
     from ..simulation import LIDARS
 
     changes = {}

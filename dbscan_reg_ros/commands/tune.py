@@ -53,7 +53,7 @@ def main(argv=None) -> int:
 def is_parameter(word) -> bool:
     """Whether the word of a command line says what to search, perhaps with a slip in it, and no file."""
     try:
-        from ..node.parameters import NodeParameters
+        from ..robot.parameters import NodeParameters
     except ModuleNotFoundError:
         return True
     name, names = word.partition('=')[0], [d.name for d in NodeParameters().describe()]
@@ -63,10 +63,10 @@ def is_parameter(word) -> bool:
 
 def tune(args):
     """Search, write the best and print what it is worth."""
-    from ..node.parameters import METHOD, NodeParameters
-    from ..parameter_files import read_parameters, write_parameters
+    from ..evaluation.comparison import known_motion
     from ..recordings import find_recording, open_recording
-    from ..replays.comparison import known_motion
+    from ..robot.parameter_files import read_parameters, write_parameters
+    from ..robot.parameters import METHOD, NodeParameters
     from ..tuning.objective import HOPELESS
     from ..tuning.searches import has_optuna
     from ..tuning.space import read_axis
@@ -112,7 +112,7 @@ def tune(args):
     print('\n'.join(changed or ['No other values were better: the best are those of the start.']))
     print(f'parameters  {folder / "best.yaml"}')
     if args.live:
-        from ..node.remote_parameters import write_remote
+        from ..node.interfaces.remote_parameters import write_remote
         write_remote(args.live, values, 10.0)
         print(f'live        set on {args.live}')
 
@@ -165,7 +165,7 @@ def said_when_interrupted(study, total, folder):
 
 def gain(executor, paths, known, topic, start, best, seed):
     """Lines that say what `best` is worth against `start` on recordings that the search has not seen."""
-    from ..replays.comparison import difference, paired
+    from ..evaluation.comparison import difference, paired
     from .compare import Competitor, track_one
 
     if not paths:

@@ -2,8 +2,8 @@
 """The densities of x and y, before and after, and how far apart they are (Figures 9 to 12)."""
 import numpy as np
 
-from ..core.divergence import log_density, shifted_divergences, silverman
-from ..core.se2 import SE2
+from ..core.geometry.se2 import SE2
+from ..core.registration.paper.divergence import log_density, shifted_divergences, silverman
 from .style import BLUE, GREY, grid, legend, panels
 
 PLACES = 400

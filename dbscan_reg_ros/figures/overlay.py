@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..core.se2 import SE2
+from ..core.geometry.se2 import SE2
 from .style import (
     CURRENT,
     CURRENT_LANDMARKS,

@@ -2,8 +2,8 @@
 """What a scan is made of: its points (Figure 2), its segments, breakpoints and ends (Figures 3 and 5)."""
 import numpy as np
 
-from ..core.records import EndKind
-from ..core.ring_band import Outcome
+from ..core.features.records import EndKind
+from ..core.features.ring_band import Outcome
 from .style import BLUE, POINTS, REST, alike, draw_segments, legend, panels, plane
 
 OUTCOMES = {

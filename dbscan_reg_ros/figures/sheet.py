@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of a pair: one picture each, and one sheet with all of them."""
-from ..plots import save
 from .clusters import draw_rotation, draw_translation
 from .densities import draw_densities
 from .overlay import draw_overlay
+from .plots import save
 from .scans import draw_points, draw_scan_segments
 
 FIGURES = {

@@ -4,17 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.clustering import k_distances
-from ..core.features import extract_features, filtered_points, usable_points
-from ..core.landmarks import landmarks
-from ..core.parameters import Parameters
-from ..core.records import Features, Registration
-from ..core.registration import register
-from ..core.rotation import Rotations, estimate_rotations, pair_weights
+from ..core.features.extraction import extract_features, filtered_points, usable_points
+from ..core.features.records import Features
+from ..core.features.segments import find_breaks
+from ..core.geometry.se2 import as_complex, as_vectors, wrap
+from ..core.parameters.tree import Parameters
+from ..core.registration.dbscan import k_distances
+from ..core.registration.landmarks import landmarks
+from ..core.registration.pipeline import register
+from ..core.registration.records import Registration
+from ..core.registration.rotation import Rotations, estimate_rotations, pair_weights
+from ..core.registration.translation import Translations, estimate_translations
 from ..core.scan import Scan
-from ..core.se2 import as_complex, as_vectors, wrap
-from ..core.segments import find_breaks
-from ..core.translation import Translations, estimate_translations
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 """What all figures share. Things differ in marker or line style, never in colour alone."""
 import numpy as np
 
-from ..core.se2 import SE2
+from ..core.geometry.se2 import SE2
 
 GREY, BLUE = '#999999', '#0b3d66'
 REFERENCE = {'color': GREY, 'linewidth': 5.0, 'alpha': 0.6, 'solid_capstyle': 'butt'}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..core.errors import DbscanRegError, ParameterError
 from ..paths import NO_SENSORS
-from .parameters import MOUNTINGS, SOURCES
+from ..robot.parameters import MOUNTINGS, SOURCES
 
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'
@@ -190,8 +190,8 @@ def _rviz(given, defaults):
 
 def _tells_mounting(recording) -> bool:
     """Whether it holds static transforms; a file that cannot be read does not, and the player says what is wrong with it."""
-    from ..recordings.bag import open_reader
-    from ..recordings.recording import is_bag
+    from ..recordings.bags.bag import open_reader
+    from ..recordings.opening import is_bag
     from ..recordings.truth import find_recording
 
     try:

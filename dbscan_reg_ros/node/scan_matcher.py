@@ -2,7 +2,7 @@
 """``scan_matcher``: laser odometry as a ROS 2 node."""
 import sys
 
-from .running import run_node
+from .lifecycle.spin import run_node
 
 
 def main(argv=None) -> int:
@@ -14,8 +14,8 @@ def main(argv=None) -> int:
 def _make(name):
     from rclpy.node import Node
 
-    from .live_parameters import LiveParameters
-    from .matcher import ScanMatcher
+    from .interfaces.live_parameters import LiveParameters
+    from .node_core import ScanMatcher
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
     ScanMatcher(node, LiveParameters(node)).activate()

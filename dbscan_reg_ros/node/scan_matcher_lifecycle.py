@@ -2,7 +2,7 @@
 """``scan_matcher_lifecycle``: the same as a managed node, for bring-up managers."""
 import sys
 
-from .running import run_node
+from .lifecycle.spin import run_node
 
 
 def main(argv=None) -> int:
@@ -12,7 +12,7 @@ def main(argv=None) -> int:
 
 
 def _make(_name):
-    from .managed import ManagedScanMatcher
+    from .lifecycle.lifecycle_node import ManagedScanMatcher
     return ManagedScanMatcher()
 
 

@@ -8,12 +8,12 @@ from collections import Counter
 from pathlib import Path
 
 from ..core.errors import RecordingError
-from ..message_fields import pose_only_fields, scan_fields
 from ..paths import check_writable
-from .bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
-from .bag_library import bag_library, is_ros1
-from .carmen_lines import SETTINGS, format_line, settings_of
-from .recording import is_bag, open_recording
+from .bags.bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
+from .bags.bag_library import bag_library, is_ros1
+from .carmen.lines import SETTINGS, format_line, settings_of
+from .message_fields import pose_only_fields, scan_fields
+from .opening import is_bag, open_recording
 
 SECOND = 1_000_000_000
 LONGEST = 4e9

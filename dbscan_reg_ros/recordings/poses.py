@@ -2,7 +2,7 @@
 """Poses by the thousand: the plane's motions on arrays ``(N, 3)`` of x [m], y [m], theta [rad]."""
 import numpy as np
 
-from ..core.se2 import wrap
+from ..core.geometry.se2 import wrap
 
 FARTHEST = 1e9
 """No pose has a number beyond this [m, rad]."""

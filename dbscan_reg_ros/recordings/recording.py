@@ -1,78 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One interface to recorded scans, and the function that finds out what a file holds."""
-import gzip
-import shlex
-import zlib
+"""The interface of a recording of scans."""
+
+
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.scan import Scan
-from ..message_fields import pose_only_fields
-from ..paths import check_file
-from ..scan_checks import ScanWatch
-from .bag_faults import kind_of, unpacking_advice
-from .playback import ODOMETRY, Channel, Played
+from .bags.playback import ODOMETRY, Channel, Played
+from .message_fields import pose_only_fields
+from .scan_checks import ScanWatch
 from .schedule import Schedule
 
 MOST_PROBLEMS = 1000
 """So many damaged parts of a recording are named."""
+
+
 LONGEST_PROBLEM = 300
 """In so many characters each: damaged parts may be large."""
-
-
-def open_recording(path, topic=None) -> 'Recording':
-    """The recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
-
-    Parameters
-    ----------
-    path : str or Path
-    topic : str, optional
-        The topic of the scans; for a CARMEN log the name of its message. Needed where there are several.
-
-    Raises
-    ------
-    RecordingError
-        When `path` cannot be read, is empty or of no known format, holds no scan, or several topics
-        of scans and none was chosen.
-    """
-    path = Path(path)
-    if is_bag(path):
-        from .bag import Bag
-        return Bag(path, topic)
-    from .carmen import CarmenLog
-    return CarmenLog(path, topic)
-
-
-def is_bag(path) -> bool:
-    """Whether `path` is a bag; otherwise it may be a CARMEN log.
-
-    Raises
-    ------
-    RecordingError
-        When it cannot be read, is empty, or can be neither.
-    """
-    if path.is_dir():
-        if not (path / 'metadata.yaml').exists():
-            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have its '
-                                 f'metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
-        return True
-    check_file(path, RecordingError)
-    try:
-        packed, start = _starts_of(path)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
-    if not start:
-        raise RecordingError(f'{path}: the file is empty')
-    kind = kind_of(start)
-    if kind and packed == start:
-        return True
-    if kind or (advice := unpacking_advice(path, start)):
-        raise RecordingError(unpacking_advice(path, packed) if kind else advice)
-    if b'\0' in start:
-        raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
-    return False
 
 
 class Record(NamedTuple):
@@ -198,16 +144,6 @@ class Recording:
         if topic is None and len(counts) > 1:
             self._note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')
         self.count = counts[self.topic]
-
-
-def _starts_of(path, size=512):
-    """The first bytes of a file as they are, and unpacked where it is gzip."""
-    with open(path, 'rb') as file:
-        start = file.read(size)
-    if start.startswith(b'\x1f\x8b'):
-        with gzip.open(path) as file:
-            return start, file.read1(size)
-    return start, start
 
 
 def _wheels(stamps, poses, channel):

@@ -40,9 +40,9 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..core.records import Hypothesis, Prior, Registration, Status
+from ..core.geometry.se2 import SE2
+from ..core.registration.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan, ScanGeometry
-from ..core.se2 import SE2
 from ..paths import check_file
 from .trajectories import finite_numbers
 

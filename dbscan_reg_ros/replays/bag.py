@@ -2,9 +2,9 @@
 """What the node would have published on a recording, as a ROS 2 bag."""
 from contextlib import contextmanager
 
-from ..message_fields import odometry_fields, segments_fields, transform_fields
-from ..node.mounting import base_state
 from ..recordings.conversion import bag_writer
+from ..recordings.message_fields import odometry_fields, segments_fields, transform_fields
+from ..robot.mounting import base_state
 
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}

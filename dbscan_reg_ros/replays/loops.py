@@ -10,10 +10,11 @@ import numpy as np
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from ..core.records import Features, Status
-from ..core.registration import register
-from ..core.se2 import SE2, turned, wrap
-from ..recordings.metrics import path_lengths
+from ..core.features.records import Features
+from ..core.geometry.se2 import SE2, turned, wrap
+from ..core.registration.pipeline import register
+from ..core.registration.records import Status
+from ..evaluation.metrics import path_lengths
 from ..recordings.poses import compose, relative
 
 AWAY = 10.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The laser of a recording on the base, taken as the node takes it."""
 from ..core.errors import ParameterError
+from ..core.geometry.se2 import SE2
 from ..core.scan import Scan
-from ..core.se2 import SE2
-from ..node.mounting import Mounting
+from ..robot.mounting import Mounting
 
 
 def mounting_of(parameters) -> Mounting:

@@ -7,11 +7,12 @@ from importlib import resources
 
 import numpy as np
 
-from ..core.records import Status
-from ..plots import DensityMap
-from ..recordings import KnownMotion, interpolate
+from ..core.registration.records import Status
+from ..evaluation.known_motion import KnownMotion
+from ..evaluation.metrics import align, apart, errors, path_lengths, related
+from ..figures.plots import DensityMap
+from ..recordings import interpolate
 from ..recordings.files import replacing
-from ..recordings.metrics import align, apart, errors, path_lengths, related
 from ..recordings.poses import compose, relative
 
 BARS = 40

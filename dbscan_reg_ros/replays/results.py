@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..node.parameters import NodeParameters
-from ..plots import density_map, draw_map
-from ..recordings import KnownMotion, interpolate, write_tum
-from ..recordings.metrics import align
+from ..evaluation.known_motion import KnownMotion
+from ..evaluation.metrics import align
+from ..figures.plots import density_map, draw_map
+from ..recordings import interpolate, write_tum
 from ..recordings.recording import Recording
+from ..robot.parameters import NodeParameters
 from .faults import Faults
 from .loops import Loops
 from .report import write_report

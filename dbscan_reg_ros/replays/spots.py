@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.records import Status
+from ..core.registration.records import Status
 
 MOST_BAD = 100
 LEAST_SURE = 12

@@ -3,7 +3,7 @@
 import json
 import math
 
-from ..core.records import Status
+from ..core.registration.records import Status
 from ..recordings.files import replacing
 
 

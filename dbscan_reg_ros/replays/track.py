@@ -7,10 +7,10 @@ from time import perf_counter
 import numpy as np
 
 from ..core.errors import ScanError
-from ..core.odometry import Odometry
-from ..core.records import Status
-from ..core.se2 import SE2
-from ..recordings.metrics import duration, errors, path_lengths
+from ..core.geometry.se2 import SE2
+from ..core.odometry.pipeline import Odometry
+from ..core.registration.records import Status
+from ..evaluation.metrics import duration, errors, path_lengths
 
 
 @dataclass(eq=False)

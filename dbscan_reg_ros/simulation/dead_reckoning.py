@@ -2,7 +2,7 @@
 """What wheels and a gyroscope say of a path: small errors at every step, scale, bias and slip."""
 import numpy as np
 
-from ..core.se2 import wrap
+from ..core.geometry.se2 import wrap
 from .simulate import START
 
 

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ..core.geometry.se2 import SE2
 from ..core.scan import ScanGeometry
-from ..core.se2 import SE2
 
 OUTLIER_RANGE = 10.0
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.se2 import wrap
+from ..core.geometry.se2 import wrap
 
 STEP = 0.01
 """Distance [m] and time [s] between the points that a path is made of."""

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..core.se2 import SE2
-from ..message_fields import header_fields, pose_fields, pose_only_fields, scan_fields
+from ..core.geometry.se2 import SE2
 from ..recordings import interpolate
 from ..recordings.conversion import bag_writer, check_target, write_log
+from ..recordings.message_fields import header_fields, pose_fields, pose_only_fields, scan_fields
 from ..recordings.recording import Record
 from .simulate import Simulation
 

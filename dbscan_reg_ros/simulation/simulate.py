@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.geometry.se2 import SE2
 from ..core.scan import Scan
-from ..core.se2 import SE2
 from .lidar import Lidar
 from .paths import Path, follow
 from .raycasting import cast

@@ -7,14 +7,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.odometry import Odometry
-from ..core.records import Status
-from ..core.registration import register
-from ..core.se2 import SE2
-from ..recordings import KnownMotion, open_recording
-from ..recordings.metrics import apart, errors, path_lengths
+from ..core.geometry.se2 import SE2
+from ..core.odometry.pipeline import Odometry
+from ..core.registration.pipeline import register
+from ..core.registration.records import Status
+from ..evaluation.comparison import METRES, TooShort, paired
+from ..evaluation.known_motion import KnownMotion
+from ..evaluation.metrics import apart, errors, path_lengths
+from ..recordings import open_recording
 from ..recordings.poses import relative
-from ..replays.comparison import METRES, TooShort, paired
 from ..replays.track import Track, track_of
 
 OBJECTIVES = ('auto', 'truth', 'consistency')

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..core.errors import ParameterError
-from ..core.parameters import check, suggest
+from ..core.parameters.schema import check, suggest
 
 FACTOR = 5.0
 """A number is searched between its default over this and its default times this, unless a range is given."""

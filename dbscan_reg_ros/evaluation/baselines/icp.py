@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Iterative closest point, point to point (Besl and McKay, 1992)."""
+from scipy.spatial import cKDTree
+
+from ...core.geometry.se2 import SE2
+from .result import Result, iterate
+from .rigid_fit import fit
+
+
+def prepare(scan):
+    """``(P, 2)`` returns [m]."""
+    return scan.points[scan.valid]
+
+
+def align(reference, current, guess=SE2()) -> Result:
+    """Pair every point with the nearest one of the reference, move, and again."""
+    tree = cKDTree(reference)
+
+    def step(transform):
+        _, nearest = tree.query(transform.apply(current))
+        return fit(reference[nearest], current)
+
+    return iterate(step, guess)

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a baseline says of two scans."""
+from dataclasses import dataclass
+
+from ...core.geometry.se2 import SE2
+from ...core.registration.records import Status
+
+TRANSLATION_CHANGE = 1e-4
+ROTATION_CHANGE = 1e-4
+
+
+@dataclass(frozen=True)
+class Result:
+    """The part of `core.records.Registration` that every method can fill.
+
+    Attributes
+    ----------
+    transform : SE2
+        Pose of the current sensor in the reference's frame: ``p_R = transform.apply(p_O)`` (Eq. 8).
+    status : Status
+        ``OK`` when the iteration converged, ``FAILED`` when it did not.
+    """
+
+    transform: SE2
+    status: Status
+
+
+def iterate(step, guess, limit=50) -> Result:
+    """Apply ``step(transform) -> transform`` until it changes less than 0.1 mm and 0.1 mrad.
+
+    A step that knows no better transform returns None.
+    """
+    transform = guess
+    for _ in range(limit):
+        better = step(transform)
+        if better is None:
+            return Result(transform, Status.FAILED)
+        change = transform.inverse() @ better
+        transform = better
+        if abs(change.x) + abs(change.y) < TRANSLATION_CHANGE and abs(change.theta) < ROTATION_CHANGE:
+            return Result(transform, Status.OK)
+    return Result(transform, Status.FAILED)

@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motion between paired points."""
+import math
+
+from ...core.geometry.se2 import SE2
+
+
+def fit(reference, current) -> SE2:
+    """The motion that carries `current` (K, 2) [m] closest to `reference` (K, 2) [m], least squares, closed form."""
+    centre_r, centre_c = reference.mean(axis=0), current.mean(axis=0)
+    a, b = current - centre_c, reference - centre_r
+    theta = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    x, y = centre_r - SE2(0.0, 0.0, theta).apply(centre_c)
+    return SE2(float(x), float(y), theta)

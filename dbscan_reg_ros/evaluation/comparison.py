@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two ways to find the same motion, compared scan by scan."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.errors import RecordingError
+from ..recordings import interpolate
+from ..recordings.poses import relative
+from .known_motion import KnownMotion
+from .metrics import apart, errors, path_lengths, related
+
+METRES = 1.0
+"""Errors are those of the motion over this distance."""
+BLOCK_METRES = 5.0
+"""Errors nearer than this are taken as related: they are resampled together."""
+FEWEST_BLOCKS = 8
+DRAWS = 2000
+MEASURES = ('m', 'deg')
+
+
+class TooShort(RecordingError):
+    """Too little of the motion is known to judge it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """Errors of the same motions found in two ways.
+
+    Attributes
+    ----------
+    a, b : (2, N) float
+        Of translation [m] and of rotation [deg], in the order of the scans.
+    block : int
+        So many in succession are taken as related.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    block: int
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean errors of A and of B, their difference B - A, and where that lies with confidence.
+
+    Attributes
+    ----------
+    a, b, low, high : float
+        [m] or [deg]
+    unit : str
+    """
+
+    a: float
+    b: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def worse(self):
+        """B is surely worse."""
+        return self.low > 0.0
+
+    @property
+    def better(self):
+        """B is surely better."""
+        return self.high < 0.0
+
+
+def known_motion(recording) -> KnownMotion:
+    """What is known of a recording's motion; RecordingError where that is too little for `paired`."""
+    known = KnownMotion.of(recording)
+    if not (known.truth or known.relations):
+        raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or reference.csv')
+    return known
+
+
+def paired(known, track_a, track_b) -> Paired:
+    """The errors of two tracks of a recording: over a metre of the truth, else between related scans.
+
+    Raises
+    ------
+    RecordingError
+        When nothing is known of the true motion; `TooShort` when too little of it.
+    """
+    both = np.array(track_a.used) & np.array(track_b.used)
+    rows = [both[np.array(track.used)] for track in (track_a, track_b)]
+    stamps = np.array(track_a.stamps, dtype=np.int64)[rows[0]]
+    poses = [track.pose_array()[row] for track, row in zip((track_a, track_b), rows, strict=True)]
+    if known.truth:
+        truth = interpolate(*known.truth, stamps)
+        there = np.isfinite(truth).all(axis=1)
+        truth, poses = truth[there], [found[there] for found in poses]
+        first, second = apart(truth, METRES) if len(truth) else ([], [])
+        motions = relative(truth[first], truth[second]) if len(first) else np.empty((0, 3))
+        length = path_lengths(truth)[-1] if len(truth) else 0.0
+    elif known.relations:
+        first, second, found = related(stamps, known.relations)
+        motions, length = known.relations.motions[found], path_lengths(poses[0])[-1]
+    else:
+        raise RecordingError('nothing is known of the true motion; expected poses, relations or reference.csv')
+    if len(first) < FEWEST_BLOCKS:
+        raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive or more '
+                       'of its scans')
+    a, b = (np.array(errors(relative(found[first], found[second]), motions)) for found in poses)
+    block = int(np.ceil(BLOCK_METRES * len(first) / max(length, BLOCK_METRES)))
+    return Paired(a, b, min(block, len(first) // FEWEST_BLOCKS))
+
+
+def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
+    """The difference of the mean errors over one or several recordings, by a block bootstrap.
+
+    Blocks of related errors are drawn anew within each recording, `DRAWS` times. The interval is that of Student's
+    distribution with as many degrees of freedom as there are blocks, less the recordings, about the mean, as wide as
+    the draws spread.
+
+    Parameters
+    ----------
+    pairs : sequence of Paired
+    row : int
+        0: translation, 1: rotation.
+    seed : int
+    confidence : float
+        That the interval holds the true difference. By default two measures hold theirs at once with 95 %.
+    """
+    from scipy.stats import t
+
+    rng = np.random.default_rng(seed)
+    total, sums, freedom = 0, np.zeros(DRAWS), 0
+    for pair in pairs:
+        values = pair.b[row] - pair.a[row]
+        count, blocks = len(values), -(-len(values) // pair.block)
+        around = np.concatenate(([0.0], np.cumsum(np.concatenate((values, values[:pair.block])))))
+        of_block = around[pair.block:pair.block + count] - around[:count]
+        drawn = of_block[rng.integers(count, size=(DRAWS, blocks))].sum(axis=1) / (blocks * pair.block)
+        spread = np.sqrt(blocks / (blocks - 1.0))
+        sums += count * (values.mean() + spread * (drawn - values.mean()))
+        total += count
+        freedom += blocks - 1
+    a, b = (float(sum(side[row].sum() for side in sides) / total)
+            for sides in ([pair.a for pair in pairs], [pair.b for pair in pairs]))
+    half = float(t.ppf(0.5 + 0.5 * confidence, freedom) * np.std(sums / total))
+    return Difference(a, b, b - a - half, b - a + half, MEASURES[row])

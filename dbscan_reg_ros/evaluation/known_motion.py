@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the true motion of a recording, and the measures that this allows."""
+from typing import NamedTuple
+
+import numpy as np
+
+from ..recordings.truth import Relations, find_relations, interpolate, load_relations, true_poses
+from .metrics import evaluate, final_error
+
+
+class KnownMotion(NamedTuple):
+    """What a recording, and the files beside it, say of its motion; None where they say nothing.
+
+    Attributes
+    ----------
+    truth : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad])
+        As from `true_poses`.
+    relations : Relations
+    wheels : (stamps, poses)
+        As from `Recording.wheel_odometry`.
+    """
+
+    truth: tuple | None
+    relations: Relations | None
+    wheels: tuple | None
+
+    @classmethod
+    def of(cls, recording) -> 'KnownMotion':
+        """Read all that is known of a `Recording`; RecordingError when a file beside it cannot be read."""
+        relations = find_relations(recording.path)
+        return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
+
+    def measures(self, stamps, poses) -> dict:
+        """Every measure that the relations and the truth allow.
+
+        Parameters
+        ----------
+        stamps : sequence of int (N,)
+            Of the poses [ns].
+        poses : array_like (N, 3)
+            The sensor's estimated poses, in the order of the scans.
+
+        Returns
+        -------
+        dict
+            As from `metrics.evaluate` and `metrics.final_error`; empty where nothing is known.
+        """
+        poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+        if not len(poses):
+            return {}
+        measures = evaluate(poses, stamps, self.relations) if self.relations else {}
+        if self.truth:
+            reference = interpolate(*self.truth, stamps)
+            known = np.isfinite(reference).all(axis=1)
+            if known.sum() > 1:
+                poses, reference = poses[known], reference[known]
+                measures |= evaluate(poses, reference=reference) | final_error(poses, reference)
+        return measures
+
+
+def errors_of(recording, stamps, poses) -> dict:
+    """The `measures` of what is known of a recording's motion."""
+    return KnownMotion.of(recording).measures(stamps, poses)

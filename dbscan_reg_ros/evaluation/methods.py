@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ours, its rivals and the floor, all as ``method(reference_scan, current_scan) -> record``."""
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.errors import DbscanRegError, ScanError
+from ..core.features.extraction import extract_features
+from ..core.geometry.se2 import SE2
+from ..core.parameters.tree import Parameters
+from ..core.registration.pipeline import register
+from ..core.registration.records import Prior, Status
+from ..paths import config_folder
+from ..requirements import missing_line
+from .baselines import Result, icl, icp, idc
+
+LAYERS = 0.1 * np.arange(-2, 3)
+GATE, GATE_GUESSED = 2.0, 0.5
+"""How far apart GICP's pairs may be [m], without and with a guess: each does best with its own."""
+LEAST_RETURNS = 5
+GUESS_COVARIANCE = np.diag((0.1, 0.1, 0.05)) ** 2
+
+
+class BenchmarkError(DbscanRegError):
+    """Something to be measured is unknown, or needs what is not installed."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to register two scans.
+
+    Attributes
+    ----------
+    prepare : callable
+        ``prepare(scan)``: what is computed once a scan.
+    align : callable
+        ``align(prepared_reference, prepared_current, guess=None)``: a record with `transform` and `status`;
+        `guess` is an `SE2`.
+    """
+
+    name: str
+    prepare: Callable
+    align: Callable
+
+    def __call__(self, reference, current):
+        """Register the `Scan` `current` onto the `Scan` `reference`, without a guess."""
+        return self.align(self.prepare(reference), self.prepare(current))
+
+
+def method(name) -> Method:
+    """The method called `name`.
+
+    Raises
+    ------
+    BenchmarkError
+        When there is no such method, or a package that it needs is not installed.
+    """
+    if name not in FACTORIES:
+        raise BenchmarkError(f'unknown method {name!r}; expected one of {", ".join(FACTORIES)}')
+    try:
+        return FACTORIES[name](name)
+    except ImportError as error:
+        raise BenchmarkError(f'method {name} {missing_line([(error.name or name).partition(".")[0]])}') from error
+
+
+def chosen(names=None) -> list:
+    """The methods called `names`; without names every one that can run here."""
+    if names:
+        return [method(name) for name in names]
+    found = []
+    for name in FACTORIES:
+        try:
+            found.append(method(name))
+        except DbscanRegError as missing:
+            print(f'left out: {missing}', file=sys.stderr)
+    return found
+
+
+def _ours(parameters, name):
+    def prepare(scan):
+        try:
+            features = extract_features(scan, parameters)
+        except ScanError:
+            return None
+        # Made when first asked for; a reference was a current scan once and has them.
+        for name in ('view', 'leverage'):
+            getattr(features, name)
+        return features
+
+    def align(reference, current, guess=None):
+        if reference is None or current is None:
+            return Result(SE2(), Status.FAILED)
+        return register(reference, current, parameters, guess and Prior(guess, GUESS_COVARIANCE))
+
+    return Method(name, prepare, align)
+
+
+def _dbscan(name):
+    return _ours(Parameters(), name)
+
+
+def _paper(name):
+    return _ours(paper_parameters(), name)
+
+
+def paper_parameters() -> Parameters:
+    """The method to the letter, from ``config/paper.yaml``."""
+    from ..robot.parameter_files import read_parameters
+    return read_parameters(config_folder() / 'paper.yaml')
+
+
+def _baseline(module):
+    def align(reference, current, guess=None):
+        return module.align(reference, current, guess or SE2())
+
+    return lambda name: Method(name, module.prepare, align)
+
+
+def _identity(name):
+    return Method(name, lambda scan: None, lambda reference, current, guess=None: Result(SE2(), Status.OK))
+
+
+def _small_gicp(name):
+    """GICP on every return; layers above each other give the points of a plane their normals."""
+    import small_gicp
+
+    def prepare(scan):
+        # Without points it ends the process.
+        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1) if scan.valid.sum() >= LEAST_RETURNS else None
+
+    def align(reference, current, guess=None):
+        if reference is None or current is None:
+            return Result(guess or SE2(), Status.FAILED)
+        (target, tree), (source, _) = reference, current
+        gate = GATE if guess is None else GATE_GUESSED
+        result = small_gicp.align(target, source, tree, spatial(guess or SE2()), 'GICP', gate, 1)
+        return Result(planar(result.T_target_source), Status.OK if result.converged else Status.FAILED)
+
+    return Method(name, prepare, align)
+
+
+def _kiss_icp(name):
+    """The reference fills the map, the current scan is registered to it with the first threshold."""
+    from kiss_icp.kiss_icp import KissICP
+
+    def prepare(scan):
+        return lifted(scan, [0.0])
+
+    def align(reference, current, guess=None):
+        pipeline = KissICP(kiss_config())
+        pipeline.register_frame(reference, np.empty(0))
+        pipeline.last_delta = spatial(guess or SE2())
+        pipeline.register_frame(current, np.empty(0))
+        return Result(planar(pipeline.last_pose), Status.OK)
+
+    return Method(name, prepare, align)
+
+
+def kiss_config():
+    """KISS-ICP for a 2D lidar indoors: voxels of 0.2 m, one thread, no deskewing."""
+    from kiss_icp.config import KISSConfig
+    config = KISSConfig()
+    config.data.deskew = False
+    config.mapping.voxel_size = 0.2
+    config.registration.max_num_threads = 1
+    return config
+
+
+def lifted(scan, heights):
+    """(P, 3) returns [m] of `scan`, once for each height."""
+    points = scan.points[scan.valid]
+    return np.column_stack((np.tile(points, (len(heights), 1)), np.repeat(heights, len(points))))
+
+
+def spatial(transform):
+    """The (4, 4) motion of space of an `SE2`."""
+    matrix = np.eye(4)
+    matrix[:2, :2] = transform.rotation()
+    matrix[:2, 3] = transform.x, transform.y
+    return matrix
+
+
+def planar(matrix):
+    """The `SE2` in a (4, 4) motion of space."""
+    return SE2(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
+
+
+FACTORIES = {
+    'dbscan': _dbscan,
+    'paper': _paper,
+    'small_gicp': _small_gicp,
+    'kiss-icp': _kiss_icp,
+    'icp': _baseline(icp),
+    'idc': _baseline(idc),
+    'icl': _baseline(icl),
+    'identity': _identity,
+}

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How good a trajectory is: the measures of the public benchmarks, on arrays of poses ``(N, 3)`` [m, m, rad]."""
+import math
+
+import numpy as np
+
+from ..core.geometry.se2 import wrap
+from ..recordings.poses import relative
+
+NEIGHBOURS_WITHIN = 30_000_000_000
+"""Relations over less time than this [ns] join neighbours, the others close loops."""
+SAME_SCAN_WITHIN = 1_000_000
+"""A relation's stamp belongs to a scan that is nearer than this [ns]."""
+MOVING_BEYOND = 0.03
+"""A step longer than this [m] is a true motion, not noise of the reference."""
+JUMP_INTERVALS = 10.0
+"""A step of the stamps is a jump of the clock only when it is so many times as long as their median."""
+
+
+def errors(estimate, truth):
+    """Errors of motions ``(N, 3)``: of translation ``(N,)`` [m] and of rotation ``(N,)`` [deg]."""
+    difference = relative(truth, estimate)
+    return np.hypot(difference[:, 0], difference[:, 1]), np.degrees(np.abs(difference[:, 2]))
+
+
+def summarize(name, estimate, truth) -> dict:
+    """Mean, standard deviation, median and 95th percentile of the `errors`, ``NAME_STATISTIC_UNIT`` -> value."""
+    summary = {}
+    for unit, values in zip(('m', 'deg'), errors(estimate, truth), strict=True):
+        if len(values):
+            summary |= {f'{name}_mean_{unit}': float(values.mean()), f'{name}_std_{unit}': float(values.std()),
+                        f'{name}_median_{unit}': float(np.median(values)),
+                        f'{name}_p95_{unit}': float(np.percentile(values, 95))}
+    return summary
+
+
+def relation_errors(stamps, poses, relations) -> dict:
+    """Errors of the motions between related scans (Kuemmerle et al., Autonomous Robots 2009).
+
+    Parameters
+    ----------
+    stamps : array_like (N,)
+        Of the poses [ns], in any order.
+    poses : (N, 3)
+    relations : Relations
+
+    Returns
+    -------
+    dict
+        ``relations``: how many have both of their scans; the `summarize` d errors of ``relations_all``,
+        ``relations_neighbour`` and ``relations_loop``.
+    """
+    first, second, found = related(stamps, relations)
+    estimate = relative(poses[first], poses[second])
+    truth = relations.motions[found]
+    near = np.abs(relations.stamps[found, 1] - relations.stamps[found, 0]) < NEIGHBOURS_WITHIN
+    return {'relations': int(found.sum()), **summarize('relations_all', estimate, truth),
+            **summarize('relations_neighbour', estimate[near], truth[near]),
+            **summarize('relations_loop', estimate[~near], truth[~near])}
+
+
+def related(stamps, relations):
+    """Indices of the first and of the second scan of every relation that has both, and which relations these are."""
+    first, first_found = _scans_at(stamps, relations.stamps[:, 0])
+    second, second_found = _scans_at(stamps, relations.stamps[:, 1])
+    found = first_found & second_found
+    return first[found], second[found], found
+
+
+def step_errors(poses, reference) -> dict:
+    """Errors of the motions between consecutive scans, ``step``, and the share ``frozen``.
+
+    Frozen is a step that is longer than 3 cm in the reference and estimated at less than half of that.
+    """
+    step, true_step = relative(poses[:-1], poses[1:]), relative(reference[:-1], reference[1:])
+    length = np.hypot(true_step[:, 0], true_step[:, 1])
+    moving = length > MOVING_BEYOND
+    covered = (step[moving, :2] * true_step[moving, :2]).sum(axis=1) / length[moving] ** 2
+    frozen = {'frozen': float((covered < 0.5).mean())} if len(covered) else {}
+    return {**summarize('step', step, true_step), **frozen}
+
+
+def distance_errors(poses, reference, metres) -> dict:
+    """Errors of the motion from each scan to the first whose path in the reference is `metres` longer, ``rpe_5m``."""
+    scans, later = apart(reference, metres)
+    return summarize(f'rpe_{metres:g}m', relative(poses[scans], poses[later]),
+                     relative(reference[scans], reference[later]))
+
+
+def apart(reference, metres):
+    """Indices of the scans, and for each of the first scan whose path in the reference is `metres` longer."""
+    path = path_lengths(reference)
+    later = np.searchsorted(path, path + metres)
+    scans = np.flatnonzero(later < len(path))
+    return scans, later[scans]
+
+
+def path_lengths(poses):
+    """``(N,)`` way from the first pose to each [m]."""
+    steps = relative(poses[:-1], poses[1:])
+    return np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
+
+
+def duration(stamps, jump):
+    """Time [s] that passes over `stamps` ``(N,)`` [ns], and how many of their steps are gaps or jumps and not counted.
+
+    These are steps of more than `jump` [s], and of more than ten times their median: key frames lie far apart.
+    """
+    steps = np.diff(np.asarray(stamps, dtype=np.int64)) * 1e-9
+    if not len(steps):
+        return 0.0, 0
+    length = np.abs(steps)
+    jumps = length > max(jump, JUMP_INTERVALS * float(np.median(length)))
+    return max(float(steps[~jumps].sum()), 0.0), int(jumps.sum())
+
+
+def align(poses, reference):
+    """`poses` moved as one so that their positions come closest to those of `reference`, least squares."""
+    centre, true_centre = poses[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
+    a, b = poses[:, :2] - centre, reference[:, :2] - true_centre
+    angle = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    c, s = math.cos(angle), math.sin(angle)
+    return np.column_stack((c * a[:, 0] - s * a[:, 1] + true_centre[0], s * a[:, 0] + c * a[:, 1] + true_centre[1],
+                            wrap(poses[:, 2] + angle)))
+
+
+def absolute_error(poses, reference) -> float:
+    """Root mean square position error after the best rigid alignment [m]."""
+    difference = (align(poses, reference) - reference)[:, :2]
+    return float(np.sqrt((difference ** 2).sum(axis=1).mean()))
+
+
+def final_error(poses, reference) -> dict:
+    """Error of the whole motion from the first to the last pose, ``final_m`` and ``final_deg``, and ``path_m``."""
+    ends = poses[:1], poses[-1:], reference[:1], reference[-1:]
+    metres, degrees = errors(relative(*ends[:2]), relative(*ends[2:]))
+    return {'final_m': float(metres[0]), 'final_deg': float(degrees[0]), 'path_m': float(path_lengths(reference)[-1])}
+
+
+def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
+    """Every measure that the truth at hand allows.
+
+    Parameters
+    ----------
+    poses : (N, 3)
+        In the order of the scans.
+    stamps : array_like (N,), optional
+        [ns]; needed with `relations`.
+    relations : Relations, optional
+    reference : (N, 3), optional
+        The true pose of each scan, in any fixed frame.
+
+    Returns
+    -------
+    dict
+        Measure -> value, as in `relation_errors`, `step_errors`, `distance_errors` and ``ate_m``.
+    """
+    measures = {}
+    if relations is not None:
+        measures |= relation_errors(stamps, poses, relations)
+    if reference is not None:
+        measures |= step_errors(poses, reference)
+        measures |= distance_errors(poses, reference, 1.0) | distance_errors(poses, reference, 5.0)
+        measures['ate_m'] = absolute_error(poses, reference)
+    return measures
+
+
+def _scans_at(stamps, moments):
+    """For each moment ``(R,)`` [ns] the index of its scan, and whether there is one."""
+    stamps = np.asarray(stamps, dtype=np.int64)
+    if not len(stamps):
+        return np.zeros(len(moments), dtype=int), np.zeros(len(moments), dtype=bool)
+    order = np.argsort(stamps, kind='stable')
+    place = np.searchsorted(stamps[order], moments - SAME_SCAN_WITHIN // 2)
+    index = order[np.minimum(place, len(stamps) - 1)]
+    return index, np.abs(stamps[index] - moments) < SAME_SCAN_WITHIN

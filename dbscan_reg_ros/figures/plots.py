@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures: metres on both axes to the same scale, legible without colour."""
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.geometry.se2 import as_complex
+from ..recordings.files import replacing
+
+MOST_POINTS = 3_000_000
+"""Larger maps are thinned to about this many points."""
+CELLS = 1500
+"""Cells of the map's longer side: one for each point of the picture, so that none is drawn anew."""
+
+
+class DensityMap(NamedTuple):
+    """How many returns lie where.
+
+    Attributes
+    ----------
+    ink : (rows, columns) float
+        Share of ink of each cell, 0..1; the first row is the lowest.
+    extent : (left, right, bottom, top) [m]
+    """
+
+    ink: np.ndarray
+    extent: tuple
+
+
+def density_map(scans, poses) -> DensityMap:
+    """The returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    return _density(_laid_out(scans, poses), poses)
+
+
+def save(figure, path, dpi, **options):
+    """Write a matplotlib `figure`, whole or not at all; the ending of `path` chooses the format."""
+    with replacing(path, binary=True) as file:
+        figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
+
+
+def plot_map(path, scans, poses, title='', truth=None):
+    """Draw scans laid out along their poses, as a density of returns, with the trajectory over it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write; its ending chooses the format.
+    scans : iterable of Scan
+        One for each pose; taken one at a time.
+    poses : (N, 3)
+        Where the sensor was: x, y [m], theta [rad].
+    truth : (M, 3), optional
+        The true trajectory in the same frame.
+    """
+    draw_map(path, density_map(scans, poses), poses, title, truth)
+
+
+def draw_map(path, density, poses, title='', truth=None):
+    """Draw a `DensityMap` as `plot_map` does."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+    extent = density.extent
+    sides = np.array((extent[1] - extent[0], extent[3] - extent[2]))
+    width, height = 10.0 * sides / sides.max()
+    # No layout engine: it would draw the picture twice.
+    left, right, below, above = 0.9, max(0.3, 4.5 - width), 1.0, 0.4
+    figure = Figure(figsize=(left + width + right, below + height + above))
+    figure.subplots_adjust(left / (left + width + right), below / (below + height + above),
+                           1.0 - right / (left + width + right), 1.0 - above / (below + height + above))
+    axes = figure.add_subplot()
+    axes.imshow(density.ink, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0,
+                interpolation='antialiased')
+    axes.plot(poses[:, 0], poses[:, 1], '-', color='tab:blue', linewidth=0.8, alpha=0.9, label='trajectory')
+    if truth is not None:
+        axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
+    if len(poses):
+        _ends(axes, poses)
+    axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', xlim=extent[:2], ylim=extent[2:])
+    axes.set_title(title, loc='left')
+    for axis, side in ((axes.xaxis, width), (axes.yaxis, height)):
+        axis.set_major_locator(MaxNLocator(max(int(side), 2), steps=[1, 2, 5, 10]))
+    axes.grid(linewidth=0.3, alpha=0.5)
+    _legend(axes)
+    save(figure, path, 150)
+
+
+def plot_world(path, segments, circles, way, routes=(), title=''):
+    """Draw a floor plan with the way of a robot through it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write.
+    segments : (S, 2, 2) [m]
+        Start and end of each piece of wall.
+    circles : (C, 3) [m]
+        Centre and radius of each column.
+    way : (N, 2) [m]
+    routes : sequence of (K, 2) [m]
+        Where people walk.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
+
+    low, high = segments.min(axis=(0, 1)) - 0.5, segments.max(axis=(0, 1)) + 0.5
+    width, height = high - low
+    longer = max(width, height)
+    figure = Figure(figsize=(2.0 + 10.0 * width / longer, 2.0 + 10.0 * height / longer), layout='constrained')
+    axes = figure.add_subplot()
+    axes.add_collection(LineCollection(segments, colors='black', linewidths=1.0))
+    for x, y, radius in circles:
+        axes.add_patch(Circle((x, y), radius, facecolor='0.7', edgecolor='black'))
+    axes.plot(way[:, 0], way[:, 1], '-', color='tab:blue', linewidth=1.2, label='robot')
+    for number, route in enumerate(routes):
+        label = None if number else 'people'
+        axes.plot(route[:, 0], route[:, 1], ':', color='tab:orange', linewidth=2.0, label=label)
+    _ends(axes, way)
+    axes.set(xlabel='x [m]', ylabel='y [m]', title=title, aspect='equal', xlim=(low[0], high[0]),
+             ylim=(low[1], high[1]))
+    _legend(axes)
+    save(figure, path, 110, bbox_inches='tight')
+
+
+def plot_differences(path, table, a, b):
+    """Draw by how much B's errors differ from A's, in per cent of the latter, with their intervals.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write.
+    table : dict
+        Name -> one `Difference` for translation and one for rotation.
+    a, b : str
+        What A and B are called.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 2.0 + 0.45 * len(table)), layout='constrained')
+    panels = figure.subplots(1, 2, sharey=True)
+    for column, (axes, title) in enumerate(zip(panels, ('translation', 'rotation'), strict=True)):
+        for place, row in enumerate(table.values()):
+            d = row[column]
+            scale = 100.0 / d.a if d.a else 0.0
+            mean = scale * (d.b - d.a)
+            axes.errorbar(mean, place, xerr=[[mean - scale * d.low], [scale * d.high - mean]], color='black', capsize=5,
+                          fmt='s' if d.worse else 'o', markerfacecolor='black' if d.worse or d.better else 'white')
+        axes.axvline(0.0, color='0.5', linestyle='--')
+        axes.set(title=title, xlabel='mean error over 1 m, B against A [%]', ylim=(len(table) - 0.5, -0.5))
+        axes.set_yticks(range(len(table)), table)
+        axes.grid(axis='x', linewidth=0.3)
+    figure.suptitle(f'A: {a}, B: {b}; filled: surely different, square: B worse')
+    save(figure, path, 110)
+
+
+def _ends(axes, way):
+    axes.plot(*way[0, :2], 'o', color='white', markeredgecolor='black', markersize=11, label='start')
+    axes.plot(*way[-1, :2], 's', color='black', markeredgecolor='white', markersize=7, label='end')
+
+
+def _legend(axes):
+    from matplotlib.transforms import offset_copy
+
+    below = offset_copy(axes.transAxes, axes.figure, y=-40.0, units='points')
+    axes.legend(loc='upper left', bbox_to_anchor=(0.0, 0.0), bbox_transform=below, ncol=4, frameon=False,
+                borderaxespad=0.0)
+
+
+def _laid_out(scans, poses):
+    """``(P, 2)`` returns of all scans in the frame of the poses."""
+    each = max(1, MOST_POINTS // max(len(poses), 1))
+    laid = [np.empty(0, dtype=np.complex64)]
+    for scan, place, turn in zip(scans, as_complex(poses[:, :2]), np.exp(1j * poses[:, 2]), strict=True):
+        points = as_complex(scan.points[scan.valid])
+        points = points[::-(-len(points) // each) or 1]
+        laid.append((turn * points + place).astype(np.complex64))
+    return np.concatenate(laid).view(np.float32).reshape(-1, 2)
+
+
+def _density(points, poses):
+    """The `DensityMap` of points ``(P, 2)`` that shows the poses ``(N, 3)`` as well."""
+    seen = np.concatenate((np.quantile(points, (0.001, 0.999), axis=0) if len(points) else np.zeros((0, 2)),
+                           poses[:, :2], np.zeros((0 if len(poses) else 1, 2))))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    margin = 0.03 * (high - low).max() + 0.5
+    low, high = low - margin, high + margin
+    cell = (high - low).max() / CELLS
+    shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+    counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=shape[::-1],
+                                  range=((low[1], low[1] + shape[1] * cell), (low[0], low[0] + shape[0] * cell)))
+    full = np.quantile(counts[counts > 0], 0.95) if counts.any() else 1.0
+    ink = np.minimum(np.log1p(counts) / np.log1p(full), 1.0)
+    return DensityMap(ink, (low[0], low[0] + shape[0] * cell, low[1], low[1] + shape[1] * cell))

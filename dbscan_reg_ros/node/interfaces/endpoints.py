@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishers and subscriptions whose quality of service may be told from outside, and which make no events.
+
+The parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, with the resolved
+name of the topic.
+"""
+import copy
+import warnings
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from ...core.errors import ParameterError
+from .no_qos_events import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
+
+POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+
+
+def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> Publisher:
+    """A publisher of messages of the type `kind`.
+
+    Parameters
+    ----------
+    quality : QoSProfile or int
+        The quality of service where no parameter says another one; a number is a depth.
+
+    Raises
+    ------
+    ParameterError
+        When the quality of service that is asked for does not exist.
+    """
+    return _made(node, topic, 'publisher', lambda options: node.create_publisher(
+        kind, topic, _own(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))
+
+
+def subscription(node: Node, kind: type, topic: str, callback, quality: QoSProfile | int) -> Subscription:
+    """A subscription; see `publisher`."""
+    return _made(node, topic, 'subscription', lambda options: node.create_subscription(
+        kind, topic, callback, _own(quality), event_callbacks=NO_SUBSCRIPTION_EVENTS, qos_overriding_options=options))
+
+
+def _own(quality):
+    """What rclpy may change."""
+    return copy.copy(quality)
+
+
+def _made(node, topic, entity, make):
+    name = f'qos_overrides.{node.resolve_topic_name(topic)}.{entity}'
+    given = {key: p.value for key, p in node.get_parameters_by_prefix(name).items()}
+    try:
+        with warnings.catch_warnings():
+            # rclpy would warn of a depth of 0, which is refused.
+            warnings.filterwarnings('ignore', 'A zero depth', UserWarning)
+            return make(QoSOverridingOptions(POLICIES, callback=_exists))
+    except (RuntimeError, AssertionError, AttributeError, InvalidQosOverridesError):
+        if not given:
+            raise
+        raise ParameterError(f'{name} = {given}: expected reliability best_effort or reliable, durability volatile or '
+                             'transient_local, history keep_last or keep_all, and a depth of at least 1') from None
+
+
+def _exists(quality):
+    least = 0 if quality.history == HistoryPolicy.KEEP_ALL else 1
+    unknown = (ReliabilityPolicy.UNKNOWN, HistoryPolicy.UNKNOWN, DurabilityPolicy.UNKNOWN)
+    return SetParametersResult(successful=quality.depth >= least and not any(
+        policy in unknown for policy in (quality.reliability, quality.history, quality.durability)))

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node publishes; what is costly only while somebody listens."""
+import array
+import math
+import time
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2, PointField
+from visualization_msgs.msg import MarkerArray
+
+from ...recordings.message_fields import odometry_fields
+from .endpoints import publisher
+from .messages import filled, pose_to_message, segments_to_message, stamp_to_message
+
+ODOM_DEPTH = 50
+PICTURE_DEPTH = 5
+PICTURE_PERIOD = 0.5
+"""path and local_map are published this often [s]."""
+
+
+class Outputs:
+    """Publishes ``odom`` and ``segments`` for each scan, ``path`` and ``local_map`` twice a second.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+
+    Attributes
+    ----------
+    odom : rclpy publisher
+        Of the odometry.
+
+    Raises
+    ------
+    ParameterError
+        As of `endpoints.publisher`.
+    """
+
+    def __init__(self, node: Node, parameters):
+        self.parameters = parameters
+        self.odom, self._segments, self._path, self._map = (
+            publisher(node, kind, topic, depth)
+            for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
+                                       (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
+        # Filled anew for each scan: to make one takes longer than to fill it.
+        self._odometry = Odometry()
+        self.reset()
+
+    def reset(self):
+        """Begin a new path and a new map."""
+        self._poses = []
+        self._key_frames = []
+        self._latest = None
+        self._next_picture = 0.0
+
+    def publish(self, update, state, origin):
+        """Publish what one scan told.
+
+        Parameters
+        ----------
+        update : OdometryUpdate
+        state : BaseState
+        origin : SE2
+            Where the odometry's own frame lies in `odom_frame`.
+        """
+        frame = self.parameters.odom_frame
+        self.odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
+        if self._segments.get_subscription_count():
+            self._segments.publish(segments_to_message(update, origin, frame))
+        self._lengthen_path(state)
+        self._renew_map(update)
+        self._latest = state, origin
+        if time.monotonic() >= self._next_picture:
+            self.publish_pictures()
+
+    def _renew_map(self, update):
+        """Keep the last `odometry.window` key frames."""
+        if update.registration is None:
+            self._key_frames.clear()
+        if update.reference_changed:
+            self._key_frames.append((update.features, update.pose))
+        del self._key_frames[:-self.parameters.odometry.window]
+
+    def _lengthen_path(self, state):
+        """Add the pose to the path when it is a step away from the last one."""
+        path = self.parameters.path
+        last = self._poses[-1][1] if self._poses else None
+        if last is None or math.hypot(state.pose.x - last.x, state.pose.y - last.y) >= path.step:
+            self._poses.append((state.stamp, state.pose))
+        del self._poses[:-path.size]
+
+    def publish_pictures(self):
+        """Publish path and map as they are now, unless that was done."""
+        if self._latest is None:
+            return
+        self._next_picture = time.monotonic() + PICTURE_PERIOD
+        (state, origin), self._latest = self._latest, None
+        if self._path.get_subscription_count():
+            self._path.publish(self._path_message(state))
+        if self._map.get_subscription_count():
+            points = np.concatenate([(origin @ pose).apply(features.points) for features, pose in self._key_frames])
+            self._map.publish(cloud_message(points, state.stamp, self.parameters.odom_frame))
+
+    def _path_message(self, state):
+        poses = [*self._poses, (state.stamp, state.pose)]
+        message = Path(poses=[PoseStamped(pose=pose_to_message(pose)) for _, pose in poses])
+        for stamped, (stamp, _) in zip(message.poses, poses, strict=True):
+            stamped.header.stamp, stamped.header.frame_id = stamp_to_message(stamp), self.parameters.odom_frame
+        message.header.stamp, message.header.frame_id = stamp_to_message(state.stamp), self.parameters.odom_frame
+        return message
+
+
+def cloud_message(points, stamp, frame) -> PointCloud2:
+    """The PointCloud2 of planar `points` ``(N, 2)`` [m] with z = 0."""
+    data = np.zeros((len(points), 3), dtype='<f4')
+    data[:, :2] = points
+    message = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
+    message.header.stamp, message.header.frame_id = stamp_to_message(stamp), frame
+    message.fields = [PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+                      for k, name in enumerate('xyz')]
+    message.data = array.array('B', data.tobytes())
+    return message

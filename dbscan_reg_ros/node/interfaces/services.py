@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be asked of the running node."""
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from ...recordings.message_fields import PLANE
+from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
+from ...robot.mounting import Start
+from .endpoints import subscription
+from .messages import PoseError, planar_from_message
+
+ROUNDING = 1e-9
+"""A covariance may be negative along a direction by this share of its greatest number."""
+
+
+class Services:
+    """``~/reset``, ``~/pause``, ``~/snapshot`` and ``set_pose``.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parameters : NodeParameters
+        May be replaced at any time.
+    notices : Notices
+    reset : callable
+        Takes a reason and the `Start`.
+
+    Attributes
+    ----------
+    paused : bool
+    """
+
+    def __init__(self, node: Node, parameters, notices, reset):
+        self.parameters = parameters
+        self.paused = False
+        self._node = node
+        self._notices = notices
+        self._reset = reset
+        self._updates = deque(maxlen=parameters.snapshot.scans)
+        node.create_service(Trigger, '~/reset', self._on_reset)
+        node.create_service(SetBool, '~/pause', self._on_pause)
+        node.create_service(Trigger, '~/snapshot', self._on_snapshot)
+        subscription(node, PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
+
+    def keep(self, update, prior):
+        """Remember an update, and the prior it was made with, for a snapshot."""
+        if self._updates.maxlen != self.parameters.snapshot.scans:
+            self._updates = deque(self._updates, self.parameters.snapshot.scans)
+        self._updates.append(SnapshotUpdate.of(update, prior))
+
+    def _on_reset(self, _request, response):
+        self._reset('reset was called', Start())
+        response.success, response.message = True, 'the next scan is the new origin'
+        return response
+
+    def _on_pause(self, request, response):
+        changed, self.paused = self.paused != request.data, request.data
+        response.success = True
+        response.message = 'paused: scans are not used' if self.paused else 'running'
+        if changed:
+            self._node.get_logger().info(response.message)
+        return response
+
+    def _on_snapshot(self, _request, response):
+        if not self._updates:
+            response.success, response.message = False, 'no scan was processed yet'
+            return response
+        parameters = {name: list(value) if isinstance(value, tuple) else value
+                      for name, value in self.parameters.flatten().items()}
+        try:
+            folder = Path(self.parameters.snapshot.folder).expanduser()
+        except RuntimeError:
+            response.success, response.message = False, f'snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
+            return response
+        path = (folder / f'{self._node.get_name()}_{time.strftime("%Y%m%d_%H%M%S")}_{self._updates[-1].stamp}.npz').absolute()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_snapshot(path, Snapshot(parameters, list(self._updates)))
+        except OSError as error:
+            response.success, response.message = False, f'{path}: cannot be written: {error.strerror}'
+            return response
+        response.success, response.message = True, str(path)
+        self._node.get_logger().info(f'snapshot of {len(self._updates)} scans: {path}')
+        return response
+
+    def _on_pose(self, message):
+        frame = message.header.frame_id
+        if frame not in ('', self.parameters.odom_frame):
+            self._notices.warn(f'set_pose is ignored: the pose is in {frame!r}; expected {self.parameters.odom_frame!r}')
+            return
+        try:
+            pose = planar_from_message(message.pose.pose)
+        except PoseError as error:
+            self._notices.warn(f'set_pose is ignored: {error}')
+            return
+        covariance = 0.5 * np.reshape(message.pose.covariance, (6, 6))[PLANE]
+        covariance = covariance + covariance.T
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -ROUNDING * np.abs(covariance).max():
+            self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
+            return
+        self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
+                    Start(pose, covariance))

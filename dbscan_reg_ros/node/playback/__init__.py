@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Playing a recording to a running node, and what it answers."""

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS 1 and ROS 2 bags."""
+import math
+from collections import Counter
+from contextlib import contextmanager
+
+import numpy as np
+
+from ...core.errors import RecordingError, ScanError
+from ...core.scan import Scan
+from ...paths import check_file
+from ..poses import FARTHEST, corrected, possible
+from ..recording import Record, Recording
+from ..scan_checks import ScanFields, ScanWatch
+from ..truth import interpolate
+from .bag_faults import fault_of, other_contents
+from .bag_library import bag_library, is_ros1
+from .playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
+
+LASER_SCAN = 'sensor_msgs/msg/LaserScan'
+
+
+class Bag(Recording):
+    """A ROS 1 ``.bag``, or a ROS 2 bag: its folder, or one sqlite3 or mcap file.
+
+    Messages come in order of record time. Among the odometry topics those with *truth* in their name are truth and
+    those with *laser_pose* the laser's poses; of the others the only one, or the only one with *wheel* in its name,
+    is the wheels'.
+    """
+
+    def __init__(self, path, topic=None):
+        super().__init__(path)
+        with open_reader(self.path) as reader:
+            counts = {kind: Counter() for kind in (LASER_SCAN, ODOMETRY)}
+            for connection in reader.connections:
+                if connection.msgtype in counts:
+                    counts[connection.msgtype][connection.topic] += connection.msgcount
+            if not counts[LASER_SCAN]:
+                raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
+        self._choose(counts[LASER_SCAN], topic)
+        self._truth_topic = only(name for name in counts[ODOMETRY] if 'truth' in name)
+        self._laser_topic = only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
+        others = [name for name in counts[ODOMETRY] if 'truth' not in name and 'laser_pose' not in name]
+        self._wheel_topic = only(others) or only(name for name in others if 'wheel' in name)
+        first = next(self.scans(), None)
+        if first is None:
+            problem = self.problems[0] if self.problems else 'there is no message'
+            raise RecordingError(f'{self.path}: no readable scan on {self.topic}: {problem}')
+        self.frame_id = first.frame_id
+
+    def scans(self):
+        return (played.content for played in self.play(()))
+
+    def channels(self):
+        with open_reader(self.path) as reader:
+            held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections if c.topic != self.topic}
+        inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
+        return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static', inputs.get(topic, ''))
+                for topic, (kind, latched) in held.items()]
+
+    def play(self, channels):
+        geometry, watch = None, ScanWatch()
+        wanted = {channel.recorded: channel for channel in channels}
+        for number, topic, time, message in self._messages([self.topic], wanted):
+            if topic in wanted:
+                yield Played(message, time, wanted[topic])
+                continue
+            self._look(watch, ScanFields.from_message(message))
+            try:
+                scan = Scan.from_message(message, geometry)
+            except ScanError as error:
+                self._report(f'{self.path.name}: scan {number} on {topic} skipped: {error}')
+                continue
+            geometry = scan.geometry
+            yield Played(scan, time)
+
+    def records(self):
+        stamps = np.array(self.stamps(), dtype=np.int64)
+        robot = _at(stamps, self.wheel_odometry())
+        laser = _at(stamps, self._odometry(self._laser_topic or self._truth_topic or self._wheel_topic))
+        for scan, laser_pose, robot_pose in zip(self.scans(), laser, robot, strict=True):
+            yield Record(scan, laser_pose, robot_pose)
+
+    def wheel_odometry(self):
+        return self._odometry(self._wheel_topic)
+
+    def truth(self):
+        if self._truth_topic:
+            return self._odometry(self._truth_topic)
+        laser, wheels = self._odometry(self._laser_topic), self.wheel_odometry()
+        if laser and wheels and np.array_equal(laser[0], wheels[0]) and corrected(laser[1], wheels[1]):
+            return laser
+        return None
+
+    def _odometry(self, topic):
+        if topic is None:
+            return None
+        rows = []
+        for number, _, _, message in self._messages([topic]):
+            pose = _planar(message.pose.pose)
+            if possible(pose):
+                rows.append((_stamp(message), *pose))
+            else:
+                self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers below '
+                             f'{FARTHEST:g}')
+        if not rows:
+            return None
+        return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
+
+    def _messages(self, topics, passed=()):
+        """Number in the topic, counted from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
+        numbers = Counter()
+        with open_reader(self.path) as reader:
+            connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
+            for connection, time, raw in safely(reader, connections, self._report):
+                topic, kind = connection.topic, connection.msgtype
+                numbers[topic] += 1
+                try:
+                    message = (reader.to_ros2 if topic in passed else reader.deserialize)(raw, RENAMED.get(kind, kind))
+                except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
+                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped: {describe(error)}')
+                    continue
+                yield numbers[topic], topic, time, message
+
+
+@contextmanager
+def open_reader(path):
+    """The reader of a bag, of the library that can read it.
+
+    Raises
+    ------
+    RecordingError
+        When the bag cannot be opened.
+    """
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            check_file(file, RecordingError)
+    library = bag_library(ros1=is_ros1(path))
+    try:
+        reader = library.BagReader(path)
+    except Exception as error:
+        raise RecordingError(fault_of(path, describe(error))) from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def safely(reader, connections, report, **window):
+    """The reader's messages (connection, record time [ns], bytes) up to where the bag is damaged, which is reported."""
+    messages = reader.messages(connections=connections, **window)
+    number = 0
+    while True:
+        number += 1
+        try:
+            message = next(messages)
+        except StopIteration:
+            return
+        except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
+            topics = ', '.join(sorted({connection.topic for connection in connections}))
+            report(f'{reader.path.name}: cannot be read from message {number} on {topics} on: {describe(error)}')
+            return
+        yield message
+
+
+def describe(error):
+    """What an exception says, in one line."""
+    return ' '.join(str(error).split()) or 'no reason given'
+
+
+def _at(stamps, trajectory):
+    """Poses ``(N, 3)`` of a trajectory, or zeros, at the stamps ``(N,)``: message by message where they go together."""
+    if trajectory is None:
+        return np.zeros((len(stamps), 3))
+    known, poses = trajectory
+    if np.array_equal(known, stamps):
+        return poses
+    return interpolate(known, poses, np.clip(stamps, known.min(), known.max()))
+
+
+def _stamp(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def _planar(pose):
+    """x, y [m] and heading [rad] of a message's pose."""
+    q = pose.orientation
+    return (pose.position.x, pose.position.y,
+            math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))

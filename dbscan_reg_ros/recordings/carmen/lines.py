@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lines of a CARMEN log that are read and written."""
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.scan import Scan, ScanGeometry
+from ..decimals import nanoseconds, seconds
+from ..recording import Record
+from ..stamps import SECOND
+from ..trajectories import finite_numbers
+
+SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
+"""``PARAM`` lines that we write and read, with what holds without them [m, s]."""
+FLASER_RANGE_MAX = 50.0
+"""The maximum range of a ``FLASER`` and its like [m], which they do not name: what is farther, 81.83, 81.91, is no return."""
+FLASER_NO_RETURN = 81.83
+"""What a missing return is written as [m]."""
+UNLIMITED = 1e6
+"""The maximum range [m] that is written for a sensor that names none."""
+FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
+"""Stamps that may be mended [ns]: those of a counter of 32 bits, in six digits, and some that are negative."""
+
+
+class Line(NamedTuple):
+    """What a line says of a scan.
+
+    Attributes
+    ----------
+    stamp : int [ns]
+        As it stands there; see `stamps.mend`.
+    ranges : (N,) float [m]
+    start, step : float [rad]
+    range_max : float [m]
+        Infinite readings, and those beyond, are no return.
+    laser_pose, robot_pose : tuple
+        x [m], y [m], theta [rad]; None where the line has none.
+    """
+
+    stamp: int
+    ranges: np.ndarray
+    start: float
+    step: float
+    range_max: float
+    laser_pose: tuple | None = None
+    robot_pose: tuple | None = None
+
+    def geometry(self, settings) -> ScanGeometry:
+        """Where the beams point; ScanError where they cannot point so."""
+        return ScanGeometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
+
+    def scan(self, settings, geometry, stamp, no_return=None) -> Scan:
+        """The scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none; `geometry` as in `from_fields`."""
+        ranges = self.ranges if no_return is None else np.where(self.ranges >= no_return, np.inf, self.ranges)
+        made = self.geometry(settings)
+        return Scan(stamp, ranges, geometry if geometry == made else made, float(settings['laser_time_increment']),
+                    settings['laser_frame'])
+
+
+def read_line(kind, words) -> Line:
+    """The line of a message of one of the `KINDS`.
+
+    Raises
+    ------
+    ValueError, IndexError
+        When it is damaged.
+    """
+    return KINDS[kind](words)
+
+
+def read_odometry(words):
+    """Stamp [ns] and pose ``(x, y, theta)`` [m, m, rad] of an ``ODOM`` line; ValueError, IndexError when it is damaged."""
+    if len(words) != 9:
+        raise ValueError(f'{len(words)} values where 9 are needed')
+    return _stamp(words[6]), _pose(words[:3])
+
+
+def set_parameter(settings, words):
+    """Take over a ``PARAM`` line that concerns the scans."""
+    if words[0] in settings:
+        if words[0] != 'laser_frame':
+            float(words[1])
+        settings[words[0]] = words[1]
+
+
+def settings_of(scan) -> dict:
+    """What only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
+    values = scan.geometry.range_min, scan.time_increment, scan.frame_id or SETTINGS['laser_frame']
+    return {name: str(value) if isinstance(value, str) else np.format_float_positional(np.float32(value), trim='0')
+            for name, value in zip(SETTINGS, values, strict=True)}
+
+
+def format_line(record: Record) -> str:
+    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
+    scan, geometry = record.scan, record.scan.geometry
+    n = geometry.size
+    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
+    limit = _after(geometry.range_max) if math.isfinite(geometry.range_max) else UNLIMITED
+    missing = np.isnan(scan.ranges) | (scan.ranges == np.inf)
+    ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit), scan.ranges)
+    readings = ' '.join([str(n), *ranges.astype(str)])
+    poses = ' '.join(f'{value:.9f}' for pose in (record.laser_pose, record.robot_pose) for value in pose)
+    stamp = seconds(scan.stamp)
+    if is_flaser:
+        return f'FLASER {readings} {poses} {stamp} log {stamp}'
+    start, step = np.float32(geometry.angle_min), np.float32(geometry.angle_increment)
+    return (f'ROBOTLASER1 0 {start!s} {step * (n - 1)!s} {step!s} {np.float32(limit)!s} 0.01 0 {readings} 0 {poses} '
+            f'0 0 0 0 0 {stamp} log {stamp}')
+
+
+def _read_old(words, poses):
+    """``FLASER`` and its like: the number of readings, these, so many poses, stamp, host, logger's stamp."""
+    n = int(words[0])
+    needed = n + 4 + 3 * poses
+    if n < 2 or len(words) != needed:
+        raise ValueError(f'{len(words)} values where {n} readings need {needed}')
+    ranges = _floats(words[1:n + 1])
+    ranges[ranges >= FLASER_RANGE_MAX] = np.inf
+    return Line(_stamp(words[-3]), ranges, *_flaser_angles(n), FLASER_RANGE_MAX,
+                *(_pose(words[first:first + 3]) for first in range(n + 1, n + 1 + 3 * poses, 3)))
+
+
+def _read_new(words, tail):
+    """``RAWLASER`` and ``ROBOTLASER``: a head of seven values, readings, remissions, `tail` more, stamp, host, logger's stamp."""
+    n = int(words[7])
+    remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
+    rest = 9 + n + remissions
+    if n < 1 or remissions < 0 or len(words) != rest + tail + 3:
+        raise ValueError(f'{len(words)} values where {n} readings and {remissions} remissions need {rest + tail + 3}')
+    start, view, step, limit = _floats(words[1:5])
+    if not step and n > 1:
+        step = view / (n - 1)
+    poses = (_pose(words[first:first + 3]) for first in (rest, rest + 3)) if tail else ()
+    ranges = _floats(words[8:8 + n])
+    ranges[ranges == limit] = np.inf
+    return Line(_stamp(words[-3]), ranges, start, step, _before(limit), *poses)
+
+
+KINDS = {kind: lambda words: _read_old(words, 2) for kind in ('FLASER', 'RLASER')}
+KINDS |= {f'LASER{number}': lambda words: _read_old(words, 0) for number in (3, 4, 5)}
+KINDS |= {f'ROBOTLASER{number}': lambda words: _read_new(words, 11) for number in range(1, 6)}
+KINDS |= {f'RAWLASER{number}': lambda words: _read_new(words, 0) for number in range(1, 6)}
+"""Name of a message that holds a scan -> the function from its words to a `Line`."""
+FRONT = ('FLASER', 'ROBOTLASER1')
+"""The scanner that is meant where a log has several."""
+
+
+def _flaser_angles(n):
+    """First bearing and step [rad] of a ``FLASER`` with n beams."""
+    return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
+
+
+def _before(limit):
+    """The longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
+    return np.nextafter(np.float32(limit), np.float32(0.0))
+
+
+def _after(range_max):
+    """The inverse of `_before`."""
+    return np.nextafter(np.float32(range_max), np.float32(np.inf))
+
+
+def _stamp(word):
+    return nanoseconds(word, FIRST_STAMP, END_OF_STAMPS)
+
+
+def _floats(words):
+    return np.array([float(word) for word in words])
+
+
+def _pose(words):
+    try:
+        return tuple(finite_numbers(words))
+    except ValueError as error:
+        raise ValueError(f'pose {" ".join(words)}: {error}') from None

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CARMEN logs: one message a line."""
+import gzip
+import re
+import zlib
+from collections import Counter, defaultdict
+from functools import partial
+
+import numpy as np
+
+from ...core.errors import RecordingError, ScanError
+from ..recording import Record, Recording
+from ..scan_checks import ScanFields, ScanWatch
+from .lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_parameter
+from .survey import Survey
+
+LONGEST_LINE = 2**22
+"""Characters from which on a line is none, but something else that goes on without an end."""
+MOST_KINDS = 20
+"""So many kinds of lines are named where none holds a scan."""
+
+_MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
+
+
+class CarmenLog(Recording):
+    """A CARMEN log, plain or gzip.
+
+    ``FLASER``, ``RLASER`` and ``LASER3`` hold no angles: their n beams span 180 degrees from -90 on, 180 / n apart for even n
+    and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a missing
+    return. The stamp is the ipc_timestamp, third from the end.
+
+    What the scans say only together is found once, when the log is opened: which stamps are of use, what stands for a missing
+    return, and which poses are the truth.
+    """
+
+    def __init__(self, path, topic=None):
+        super().__init__(path)
+        counts, others, surveys = self._survey()
+        if not counts:
+            held = ', '.join(f'{count} {kind}' for kind, count in others.most_common(MOST_KINDS)) or 'none that is known'
+            raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of the '
+                                 f'file: {held}')
+        front = {kind: count for kind, count in counts.items() if kind in FRONT}
+        self._choose(front if front and topic is None else counts, topic)
+        if topic is None and len(front) not in (0, len(counts)):
+            rest = ', '.join(sorted(counts.keys() - front.keys()))
+            self._note(f'scans are taken from the {self.topic} lines; there are others: {rest}')
+        self._found = surveys[self.topic].findings('NEFF' in others)
+        for note in self._found.notes:
+            self._note(note)
+        first = next(self.scans(), None)
+        if first is None:
+            raise RecordingError(f'{self.path}: no readable scan; first problem: {self.problems[0]}')
+        self.frame_id = first.frame_id
+
+    def scans(self):
+        for record in self.records():
+            yield record.scan
+
+    def records(self):
+        geometry, found, watch = None, self._found, ScanWatch()
+        given = zip(found.stamps, found.laser, found.robot, strict=True)
+        for (_, line, settings), (stamp, laser, robot) in zip(self._messages((self.topic,)), given, strict=False):
+            scan = line.scan(settings, geometry, stamp, found.no_return)
+            geometry = scan.geometry
+            self._look(watch, ScanFields.from_scan(scan))
+            yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
+
+    def stamps(self):
+        return list(self._found.stamps)
+
+    def wheel_odometry(self):
+        """The poses of the wheels; None where all of them are zero, as in the log of a sensor alone."""
+        return self._poses(self._found.robot) if self._found.robot.any() else None
+
+    def truth(self):
+        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
+        return self._poses(self._found.laser) if self._found.corrected else None
+
+    def _poses(self, poses):
+        return np.array(self._found.stamps, dtype=np.int64), poses.copy()
+
+    def _survey(self):
+        """Kind -> how many lines there are, of those that hold scans and of others, and kind -> `Survey`."""
+        counts, others = Counter(), Counter()
+        surveys, odometry = defaultdict(Survey), None
+        for kind, message, _ in self._messages((*KINDS, 'ODOM'), counts, others):
+            if kind == 'ODOM':
+                odometry = message
+                for survey in surveys.values():
+                    survey.wheels.add_odometry(*odometry)
+                continue
+            if odometry and kind not in surveys:
+                surveys[kind].wheels.add_odometry(*odometry)
+            surveys[kind].add(message)
+        return counts, others, surveys
+
+    def _messages(self, wanted, counts=None, others=None):
+        """Kind, content and settings of the readable lines of the kinds `wanted`: a `Line`, of ``ODOM`` its stamp and pose.
+
+        Where `counts` and `others` are given, they count the lines that hold scans, damaged ones too, and those of other kinds.
+        """
+        settings = dict(SETTINGS)
+        for number, kind, words in self._lines():
+            if counts is not None:
+                (counts if kind in KINDS else others)[kind] += 1
+            try:
+                if kind == 'PARAM':
+                    set_parameter(settings, words.split())
+                elif kind in wanted:
+                    yield kind, _read(kind, words.split(), settings), settings
+            except IndexError:
+                self._report(f'{self.path.name}:{number}: damaged {kind} skipped: too few values')
+            except (ScanError, ValueError) as error:
+                self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
+
+    def _lines(self):
+        """Line number, kind and words of every message."""
+        number = 0
+        open_text = gzip.open if _is_gzip(self.path) else open
+        with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
+            try:
+                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ''), 1):
+                    if len(line) == LONGEST_LINE:
+                        self._report(f'{self.path.name}:{number}: cannot be read from here on: '
+                                     f'the line has {LONGEST_LINE} characters or more')
+                        return
+                    kind, _, words = line.strip().partition(' ')
+                    if kind in KINDS or _MESSAGE.match(line):
+                        yield number, kind, words
+                    else:
+                        self._report(f'{self.path.name}:{number}: not a CARMEN message, skipped')
+            except (EOFError, OSError, zlib.error) as error:
+                self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
+
+
+def _read(kind, words, settings):
+    if kind == 'ODOM':
+        return read_odometry(words)
+    line = read_line(kind, words)
+    line.geometry(settings)
+    return line
+
+
+def _is_gzip(path):
+    with open(path, 'rb') as file:
+        return file.read(2) == b'\x1f\x8b'

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans and results as the plain fields of ROS messages: nested dictionaries, whoever makes the messages of them.
+
+Fields that are not named keep the defaults of their type. The node and `rosbag2_py` take messages of ROS made
+from these fields, `rosbags` its own: both are the same.
+"""
+import array
+import importlib
+import math
+from functools import cache
+
+import numpy as np
+
+from ..core.errors import ScanError
+from ..core.geometry.se2 import SE2
+from ..core.odometry.records import OdometryUpdate
+
+SECOND = 1_000_000_000
+PLANE = np.ix_([0, 1, 5], [0, 1, 5])
+"""x, y and yaw in a 6x6 covariance."""
+UNKNOWN_VARIANCE = 1e6
+"""Of z, roll and pitch [m^2, rad^2], of which a planar lidar says nothing."""
+LEAST_VARIANCE = 1e-9
+"""Added to the planar variances [m^2, rad^2]: a filter cannot take in a covariance of zero, that of the first pose."""
+UNKNOWN = np.diag(np.full(6, UNKNOWN_VARIANCE))
+LEAST = LEAST_VARIANCE * np.eye(3)
+LINE_WIDTH = 0.03
+LINE_LIST, ADD, DELETE = 5, 0, 2
+"""Of a Marker."""
+COLORS = {
+    ('reference', 'matched'): {'r': 0.0, 'g': 0.45, 'b': 0.7, 'a': 1.0},
+    ('reference', 'unmatched'): {'r': 0.6, 'g': 0.6, 'b': 0.6, 'a': 1.0},
+    ('current', 'matched'): {'r': 0.84, 'g': 0.37, 'b': 0.0, 'a': 1.0},
+    ('current', 'unmatched'): {'r': 0.94, 'g': 0.89, 'b': 0.26, 'a': 1.0},
+}
+
+
+def filled(message, fields):
+    """A ROS `message` with its `fields` set; the others stay as they are."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            filled(getattr(message, name), value)
+        elif isinstance(value, list):
+            setattr(message, name, [filled(_element_class(type(message), name)(), item) for item in value])
+        elif isinstance(value, np.ndarray) and value.dtype == np.float32:
+            setattr(message, name, array.array('f', value.tobytes()))
+        else:
+            setattr(message, name, value)
+    return message
+
+
+@cache
+def message_class(kind):
+    """ROS's class of a message type, such as ``nav_msgs/msg/Odometry``."""
+    package, *_, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
+
+
+@cache
+def _element_class(kind, name):
+    """The class of what the sequence `name` of a class of messages holds."""
+    return message_class(kind.get_fields_and_field_types()[name].removeprefix('sequence<').removesuffix('>'))
+
+
+def time_fields(stamp) -> dict:
+    """Time of `stamp` [ns]."""
+    seconds, nanoseconds = divmod(int(stamp), SECOND)
+    return {'sec': seconds, 'nanosec': nanoseconds}
+
+
+def header_fields(stamp, frame_id) -> dict:
+    return {'stamp': time_fields(stamp), 'frame_id': frame_id}
+
+
+def pose_fields(pose) -> dict:
+    """Pose of x, y [m], theta [rad]."""
+    x, y, theta = (float(value) for value in pose)
+    return {'position': {'x': x, 'y': y}, 'orientation': _yaw(theta)}
+
+
+def scan_fields(scan) -> dict:
+    """LaserScan of a `Scan`.
+
+    Raises
+    ------
+    ScanError
+        When the bearings are not uniform: a LaserScan cannot hold such a scan.
+    """
+    geometry = scan.geometry
+    if geometry.bearings_given is not None:
+        raise ScanError('a LaserScan cannot hold a scan whose bearings are given one by one')
+    return {'header': header_fields(scan.stamp, scan.frame_id), 'angle_min': geometry.angle_min,
+            'angle_max': geometry.angle_min + (geometry.size - 1) * geometry.angle_increment,
+            'angle_increment': geometry.angle_increment, 'time_increment': scan.time_increment,
+            'range_min': geometry.range_min, 'range_max': geometry.range_max, 'ranges': scan.ranges}
+
+
+def pose_only_fields(stamp, child, pose, frame='odom') -> dict:
+    """Odometry of nothing but a pose (x, y [m], theta [rad]) in `frame`."""
+    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
+
+
+def odometry_fields(state, odom_frame, base_frame) -> dict:
+    """Odometry of the pose (in `odom_frame`) and the twist (in `base_frame`) of a `BaseState`."""
+    vx, vy, omega = (float(value) for value in state.twist)
+    return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
+            'pose': {'pose': pose_fields(state.pose.as_array()), 'covariance': _spatial(state.covariance)},
+            'twist': {'twist': {'linear': {'x': vx, 'y': vy}, 'angular': {'z': omega}},
+                      'covariance': _spatial(state.twist_covariance)}}
+
+
+def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
+    """TransformStamped from `odom_frame` to `base_frame`, or the other way round."""
+    pose, parent, child = state.pose, odom_frame, base_frame
+    if inverted:
+        pose, parent, child = pose.inverse(), child, parent
+    return {'header': header_fields(state.stamp, parent), 'child_frame_id': child,
+            'transform': {'translation': {'x': pose.x, 'y': pose.y}, 'rotation': _yaw(pose.theta)}}
+
+
+def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
+    """MarkerArray of the segments of the reference and of the scan, matched ones in stronger colours, in `odom_frame`.
+
+    There are always the same four markers, each adding its lines or deleting those shown before.
+
+    Parameters
+    ----------
+    update : OdometryUpdate
+    origin : SE2
+        The sensor's first pose in `odom_frame`.
+    odom_frame : str
+    """
+    header = header_fields(update.stamp, odom_frame)
+    matches = update.registration.matches if update.registration else np.empty((0, 2), dtype=int)
+    markers = []
+    for column, (name, features, pose) in enumerate((('reference', update.reference, update.reference_pose),
+                                                     ('current', update.features, update.pose))):
+        lines = np.empty((0, 2, 2))
+        if features is not None:
+            lines = (origin @ pose).apply(np.stack((features.segments.start, features.segments.end), axis=1))
+        matched = np.zeros(len(lines), dtype=bool)
+        matched[matches[:, column]] = True
+        markers += [_lines(header, name, 'matched', lines[matched]), _lines(header, name, 'unmatched', lines[~matched])]
+    return {'markers': markers}
+
+
+def _lines(header, name, kind, lines):
+    return {'header': header, 'ns': name, 'id': int(kind == 'matched'), 'type': LINE_LIST,
+            'action': ADD if len(lines) else DELETE, 'color': COLORS[name, kind], 'scale': {'x': LINE_WIDTH},
+            'pose': {'orientation': {'w': 1.0}},
+            'points': [{'x': x, 'y': y} for x, y in lines.reshape(-1, 2).tolist()]}
+
+
+def _yaw(theta):
+    return {'z': math.sin(theta / 2.0), 'w': math.cos(theta / 2.0)}
+
+
+def _spatial(planar):
+    """The 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
+    covariance = UNKNOWN.copy()
+    covariance[PLANE] = planar + LEAST
+    return covariance.ravel()

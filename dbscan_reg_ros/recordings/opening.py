@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Open a recording, whatever its format."""
+import gzip
+import shlex
+import zlib
+from pathlib import Path
+
+from ..core.errors import RecordingError
+from ..paths import check_file
+from .bags.bag_faults import kind_of, unpacking_advice
+from .recording import Recording
+
+
+def open_recording(path, topic=None) -> 'Recording':
+    """The recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
+
+    Parameters
+    ----------
+    path : str or Path
+    topic : str, optional
+        The topic of the scans; for a CARMEN log the name of its message. Needed where there are several.
+
+    Raises
+    ------
+    RecordingError
+        When `path` cannot be read, is empty or of no known format, holds no scan, or several topics
+        of scans and none was chosen.
+    """
+    path = Path(path)
+    if is_bag(path):
+        from .bags.bag import Bag
+        return Bag(path, topic)
+    from .carmen.log import CarmenLog
+    return CarmenLog(path, topic)
+
+
+def is_bag(path) -> bool:
+    """Whether `path` is a bag; otherwise it may be a CARMEN log.
+
+    Raises
+    ------
+    RecordingError
+        When it cannot be read, is empty, or can be neither.
+    """
+    if path.is_dir():
+        if not (path / 'metadata.yaml').exists():
+            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have its '
+                                 f'metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
+        return True
+    check_file(path, RecordingError)
+    try:
+        packed, start = _starts_of(path)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    if not start:
+        raise RecordingError(f'{path}: the file is empty')
+    kind = kind_of(start)
+    if kind and packed == start:
+        return True
+    if kind or (advice := unpacking_advice(path, start)):
+        raise RecordingError(unpacking_advice(path, packed) if kind else advice)
+    if b'\0' in start:
+        raise RecordingError(f'{path}: neither a CARMEN log nor a ROS bag')
+    return False
+
+
+def _starts_of(path, size=512):
+    """The first bytes of a file as they are, and unpacked where it is gzip."""
+    with open(path, 'rb') as file:
+        start = file.read(size)
+    if start.startswith(b'\x1f\x8b'):
+        with gzip.open(path) as file:
+            return start, file.read1(size)
+    return start, start

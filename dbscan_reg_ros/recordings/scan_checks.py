@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is odd about scans as a driver states them: decided here for the node and for recordings alike."""
+import math
+import operator
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.scan import SECOND
+
+FUTURE = 1.0
+"""A stamp so far ahead of the clock [s] is worth a warning."""
+OTHER_SIZE = 0.1
+"""A share of the beams: many lidars gain or lose a few from scan to scan."""
+RECENT = 20
+"""So many stamps are kept."""
+REPEATED = 3
+"""So many equal stamps among the `RECENT` are more than a message that was sent twice."""
+RESTART = 2.0
+"""A step back in time of so much [s] is no jitter, even a single one."""
+DISORDER = 4, 0.4
+"""Nor are so many, which are this share of the `RECENT`: stamps of real drivers go back in up to a quarter."""
+TOO_LONG = 1.15, 2.0
+"""A scan may last this share of the mean interval, and this more divided by how many intervals are known: stamps jitter."""
+MILLIMETRES = 100.0
+"""No scan has its median return farther away than this [m]; in millimetres nearly all do."""
+BEYOND = 1.05
+"""A median return so many times `range_max` away is no rounding."""
+NEAREST = 0.05
+"""Drivers write reasons for a missing return as ranges below this [m]."""
+SAME = 0.999
+"""Ranges above this share of the greatest are the same one: repeated, it stands for a missing return."""
+SAMPLE, FEWEST = 256, 8
+"""About so many beams are looked at; with fewer returns among them nothing is said of ranges."""
+EVERY = 10
+"""Ranges are looked at in the first scans, so many, and then in one of so many."""
+
+
+class Kind(Enum):
+    """What a `ScanWarning` is about."""
+
+    FRAME = 'frame'
+    BEAMS = 'beams'
+    ANGLE_INCREMENT = 'angle_increment'
+    ANGLE_MAX = 'angle_max'
+    STAMP_ZERO = 'stamp_zero'
+    STAMP_EQUAL = 'stamp_equal'
+    STAMP_BACK = 'stamp_back'
+    STAMP_FUTURE = 'stamp_future'
+    TIME_INCREMENT = 'time_increment'
+    MILLIMETRES = 'millimetres'
+    RANGE_MAX = 'range_max'
+    RANGE_MIN = 'range_min'
+
+
+@dataclass(frozen=True, eq=False)
+class ScanWarning:
+    """Something odd about a scan: `text` names the value, what was expected and what to do."""
+
+    kind: Kind
+    text: str
+
+
+class ScanFields(NamedTuple):
+    """The fields of a LaserScan message as its driver states them; `stamp` in [ns], `ranges` ``(N,)`` in [m]."""
+
+    stamp: int
+    frame_id: str
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    time_increment: float
+    range_min: float
+    range_max: float
+    ranges: object
+
+    @classmethod
+    def from_message(cls, message) -> 'ScanFields':
+        """Those of any object with the fields of a LaserScan message."""
+        header = message.header
+        return cls(header.stamp.sec * SECOND + header.stamp.nanosec, header.frame_id, message.angle_min, message.angle_max,
+                   message.angle_increment, message.time_increment, message.range_min, message.range_max, message.ranges)
+
+    @classmethod
+    def from_scan(cls, scan) -> 'ScanFields':
+        """Those of a `Scan` from where nobody states `angle_max`, and a stamp of 0 is a time: it becomes 1 ns."""
+        g = scan.geometry
+        return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
+                   g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
+
+
+class ScanChecks:
+    """Looks at one scan after the other, as they come."""
+
+    def __init__(self):
+        self._seen = 0
+        self._frame = self._size = None
+        self._said = {}
+        self._ranges = None
+        self.restart()
+
+    def restart(self):
+        """Time has started anew: compare no stamp with those so far."""
+        self._stamps = deque(maxlen=RECENT + 1)
+
+    def look(self, fields, now=0) -> list:
+        """What is odd about a scan.
+
+        Parameters
+        ----------
+        fields : ScanFields
+        now : int
+            What the clock shows [ns]; 0 where there is none.
+
+        Returns
+        -------
+        list of ScanWarning
+            For what stays as it is from scan to scan (angles, for instance) the same object as long as it does.
+        """
+        if not len(fields.ranges):
+            return []
+        found = (self._frames(fields), self._angles(fields), self._stamp(fields.stamp, now), self._duration(fields),
+                 self._look_at_ranges(fields))
+        self._seen += 1
+        return [warning for warning in found if warning]
+
+    def _frames(self, fields):
+        frame, size = fields.frame_id, len(fields.ranges)
+        old_frame, old_size = self._frame, self._size
+        self._frame, self._size = frame, size
+        if old_frame is None:
+            return None
+        if frame != old_frame:
+            self.restart()
+            return ScanWarning(Kind.FRAME, f'the scans change from the frame {old_frame!r} to {frame!r}: the odometry is that of '
+                               'one laser; give each laser a topic and a node of its own')
+        if abs(size - old_size) > OTHER_SIZE * old_size:
+            return ScanWarning(Kind.BEAMS, f'the scans change from {old_size} to {size} beams: expected about as many in each; '
+                               'is one cut off, or are there two lasers on one topic?')
+        return None
+
+    def _angles(self, fields):
+        size, low, high, step = len(fields.ranges), fields.angle_min, fields.angle_max, fields.angle_increment
+        if not step or not math.isfinite(low + step):
+            return None
+        last, near = low + (size - 1) * step, 1.5 * abs(step)
+        if abs(high - last) <= near:
+            return None
+        wrapped = abs(math.remainder(high - last, 2.0 * math.pi)) <= near if math.isfinite(high) else False
+        mirrored = abs(high - (low - (size - 1) * step)) <= near
+        if (high - low) * step < 0.0 and (mirrored or not wrapped):
+            return self._lasting(Kind.ANGLE_INCREMENT, (low, high, step), lambda: (
+                f'angle_increment is {step:.6g} rad, but angle_max {high:.6g} rad lies {"above" if high > low else "below"} '
+                f'angle_min {low:.6g} rad: expected the same sign; the beams are taken as angle_increment says. If the map is a '
+                'mirror image, its sign is wrong: mend the driver'))
+        return self._lasting(Kind.ANGLE_MAX, (size, low, high, step), lambda: (
+            f'angle_max is {high:.6g} rad, but {size} ranges, angle_min and angle_increment end at {last:.6g} rad; '
+            'angle_max is ignored. If the map is bent, angle_increment is wrong: mend the driver'))
+
+    def _stamp(self, stamp, now):
+        if stamp == 0:
+            return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): there is no twist, and the '
+                               'transform is of little use; the driver has to set it')
+        last = self._stamps[-1] if self._stamps else stamp - 1
+        if last - stamp > RESTART * SECOND:
+            self.restart()
+        self._stamps.append(stamp)
+        if stamp < last and self._in_disorder():
+            return ScanWarning(Kind.STAMP_BACK, f'the stamps of the scans go back by {(last - stamp) / SECOND:.3f} s, to '
+                               f'{stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a loop, was the '
+                               'clock set, or are there two drivers on one topic?')
+        if stamp == last and self._steps(operator.eq) >= REPEATED:
+            return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s): expected the time '
+                               'of each scan; without it there is no speed; the driver has to set header.stamp for every scan')
+        if now and stamp > now + FUTURE * SECOND:
+            return ScanWarning(Kind.STAMP_FUTURE, f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the future; is the '
+                               'sensor\'s clock synchronised, and use_sim_time set where it should be?')
+        return None
+
+    def _in_disorder(self):
+        """Whether the last stamp, which goes back, does so far, or as many do."""
+        steps = len(self._stamps) - 1
+        return not steps or self._steps(operator.gt) >= max(DISORDER[0], DISORDER[1] * steps)
+
+    def _steps(self, relation):
+        """In how many places among the recent stamps one has this relation to the next."""
+        return sum(map(relation, self._stamps, islice(self._stamps, 1, None)))
+
+    def _duration(self, fields):
+        step = fields.time_increment
+        if step == 0.0:
+            return None
+        if not 0.0 < step < math.inf:
+            return self._lasting(Kind.TIME_INCREMENT, step, lambda: (
+                f'time_increment is {step:.6g} s: expected the time from one beam to the next, or 0 where it is not known; mend '
+                'the driver, or set odometry.deskew to false'))
+        count = len(self._stamps) - 1
+        if count < 2:
+            return None
+        interval = (self._stamps[-1] - self._stamps[0]) / count / SECOND
+        lasts = (len(fields.ranges) - 1) * step
+        if lasts <= interval * (TOO_LONG[0] + TOO_LONG[1] / count) or self._steps(operator.ge):
+            return None
+        return self._lasting(Kind.TIME_INCREMENT, step, lambda: (
+            f'time_increment is {step:.6g} s, so that {len(fields.ranges)} beams last {lasts:.3g} s, but a scan comes every '
+            f'{interval:.3g} s: expected less; it is in seconds, from one beam to the next; mend the driver, or set '
+            'odometry.deskew to false'))
+
+    def _look_at_ranges(self, fields):
+        if self._seen < EVERY or self._seen % EVERY == 0:
+            self._ranges = self._judge_ranges(fields)
+        return self._ranges
+
+    def _judge_ranges(self, fields):
+        with np.errstate(invalid='ignore'):
+            values = np.asarray(fields.ranges[::max(len(fields.ranges) // SAMPLE, 1)], dtype=float)
+        values = np.sort(values[(values > NEAREST) & (values < math.inf)])
+        missing = len(values) - np.searchsorted(values, SAME * values[-1]) if len(values) else 0
+        if missing > 1:
+            values = values[:-missing]
+        if len(values) < FEWEST:
+            return None
+        median, low, high = float(values[len(values) // 2]), fields.range_min, fields.range_max
+        limits = f'range_min is {low:.6g} m, range_max {high:.6g} m'
+        if median > MILLIMETRES:
+            return self._lasting(Kind.MILLIMETRES, (low, high), lambda: (
+                f'the ranges look like millimetres: half of them are above {median:.6g}, {limits}; expected metres, all three: '
+                'have the driver divide by 1000'))
+        if 0.0 < BEYOND * high < median:
+            return self._lasting(Kind.RANGE_MAX, high, lambda: (
+                f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of them between; '
+                'what lies beyond is no return: mend range_max in the driver'))
+        if median < low:
+            return self._lasting(Kind.RANGE_MIN, low, lambda: (
+                f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of them between; '
+                'what lies below is no return: mend range_min in the driver'))
+        return None
+
+    def _lasting(self, kind, key, text):
+        """The warning that was given for the same `key`, or else a new one."""
+        if self._said.get(kind, (None,))[0] != key:
+            self._said[kind] = key, ScanWarning(kind, text())
+        return self._said[kind][1]
+
+
+@dataclass
+class Sighting:
+    """A `ScanWarning` of one kind, the first of `count`, at the scan with the number `first`, from 0."""
+
+    warning: ScanWarning
+    first: int
+    count: int = 0
+
+    def as_fields(self) -> dict:
+        """Plain values, for a file."""
+        return {'kind': self.warning.kind.value, 'text': self.warning.text, 'first_scan': self.first, 'scans': self.count}
+
+
+class ScanWatch:
+    """Keeps what `ScanChecks` say of a recording: of each kind the first, and how many there are.
+
+    Attributes
+    ----------
+    seen : int
+        Scans so far.
+    """
+
+    def __init__(self):
+        self.seen = 0
+        self._checks = ScanChecks()
+        self._sightings = {}
+
+    def look(self, fields):
+        """Look at the next scan, its `ScanFields`."""
+        for warning in self._checks.look(fields):
+            self._sightings.setdefault(warning.kind, Sighting(warning, self.seen)).count += 1
+        self.seen += 1
+
+    @property
+    def sightings(self) -> list:
+        """A `Sighting` of each kind, in the order in which they came."""
+        return list(self._sightings.values())
+
+    def lines(self) -> list:
+        """The same, a line each."""
+        return [f'{s.warning.text} ({s.count} of {self.seen} scans, first scan {s.first})' for s in self.sightings]

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files in the form that ROS 2 takes with ``--params-file``, and the parameter reference.
+
+``python -m dbscan_reg_ros.robot.parameter_files`` prints the defaults as such a file, ``--write`` renews
+``config/scan_matcher.yaml`` and ``doc/parameters.md`` in the source tree.
+"""
+import argparse
+import inspect
+import itertools
+import re
+import sys
+import textwrap
+from pathlib import Path
+
+import yaml
+
+from ..core.errors import ParameterError
+from ..core.parameters.schema import ParameterGroup
+from ..paths import check_file
+from .parameters import NodeParameters, is_ros_parameter
+
+SOURCE = Path(__file__).parents[2]
+DEFAULTS_FILE = SOURCE / 'config' / 'scan_matcher.yaml'
+REFERENCE_FILE = SOURCE / 'doc' / 'parameters.md'
+NODE_NAME = 'scan_matcher'
+WIDTH = 120
+LARGEST = 2**20
+"""Characters that a parameter file may have."""
+DEFAULTS = NodeParameters()
+
+HEAD = """\
+The parameters of scan_matcher with their defaults.
+Made by `python -m dbscan_reg_ros.robot.parameter_files --write`; copy it and keep only the lines that you change."""
+
+REFERENCE_HEAD = """\
+# Parameters
+
+All parameters of `scan_matcher`, with their defaults. Those of the method are the same in every command that takes
+`--params-file`. What the steps are that they belong to: [method.md](method.md); how they are set: [node.md](node.md).
+
+Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
+[config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares both with the program.
+"""
+
+
+def read_parameters(path, node=NODE_NAME) -> NodeParameters:
+    """The parameters that the file at `path` sets for `node`; the others have their defaults.
+
+    Sections may be named after the node, with or without its namespace, or by a wildcard (``/**``); names may be
+    nested or joined by dots. Sections of other nodes are passed over.
+
+    Raises
+    ------
+    ParameterError
+        When the file cannot be read, is no parameter file, says nothing for `node`, or sets a parameter that is
+        unknown or has a wrong value.
+    """
+    sections = dict(_sections(_load(path), path))
+    own = [section for name, section in sections.items() if name.split('/')[-1] in (node, '*', '**')]
+    if not own:
+        raise ParameterError(f'{path}: no parameters for {node!r}, only for {", ".join(sections)}; '
+                             "expected a section '/**' or one named after the node")
+    values = {name: value for section in own for name, value in _flatten(section)}
+    try:
+        return NodeParameters().replace({k: v for k, v in values.items() if not is_ros_parameter(k)})
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}') from None
+
+
+def write_parameters(path, parameters=DEFAULTS, head=HEAD):
+    """Write `parameters` to the file at `path`, each with its help, unit and bounds as a comment."""
+    Path(path).write_text(format_parameters(parameters, head), encoding='utf-8')
+
+
+def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
+    """`parameters` as the text of a parameter file, those without a group first."""
+    values = parameters.flatten()
+    lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
+    current = ''
+    for d in _ordered(parameters):
+        group, _, field = d.name.rpartition('.')
+        if group != current:
+            lines.append(f'    {group}:')
+            current = group
+        indent = ' ' * (6 if group else 4)
+        lines += _comment(d, indent)
+        lines.append(f'{indent}{field}: {_scalar(values[d.name])}')
+    return '\n'.join(lines) + '\n'
+
+
+def format_reference() -> str:
+    """The parameter reference as Markdown: one table for each group, the node's own parameters first."""
+    lines = [REFERENCE_HEAD]
+    for group, descriptions in itertools.groupby(_ordered(DEFAULTS), key=lambda d: d.name.rpartition('.')[0]):
+        lines += [f'## `{group}`' if group else '## The node', '', _about(group), '', '| name | default | values | meaning |',
+                  '|---|---|---|---|']
+        lines += [f'| `{d.name}` | `{_scalar(d.default)}` | {describe_limits(d)} | {d.help} |' for d in descriptions]
+        lines.append('')
+    return '\n'.join(lines[:-1]) + '\n'
+
+
+def describe_limits(description) -> str:
+    """Unit and bounds of a parameter in words, empty where it has neither."""
+    bounds = description.bounds or description.unit
+    return '; '.join(filter(None, [bounds, 'read-only' if description.read_only else '']))
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads YAML as ROS does, which knows no aliases; a few lines of them could stand for any amount."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(problem='an alias is used; expected the value itself',
+                                       problem_mark=self.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what `_Loader` reads."""
+
+
+for _yaml in (_Loader, _Dumper):
+    # To ROS 1e-3 is a number, to YAML 1.1 a text.
+    _yaml.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+                                list('-+.0123456789'))
+
+
+def _load(path):
+    check_file(path, ParameterError)
+    try:
+        with open(path, encoding='utf-8') as file:
+            text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ParameterError(f'{path}: more than {LARGEST} characters; expected a file of parameters')
+        return yaml.load(text, _Loader)
+    except OSError as error:
+        raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        where = getattr(error, 'problem_mark', None)
+        line = f', line {where.line + 1}' if where else ''
+        raise ParameterError(f'{path}{line}: no valid YAML: {getattr(error, "problem", error)}') from None
+    except (RecursionError, ValueError) as error:
+        raise ParameterError(f'{path}: no valid YAML: {error}') from None
+
+
+def _sections(tree, path, prefix=''):
+    """(name of the node, its parameters) of every section; namespaces may be nested."""
+    if not isinstance(tree, dict) or not tree:
+        raise ParameterError(f'{path}: {prefix or "the file"} holds no section; expected '
+                             "'/**: ros__parameters: ...' or the node's name in place of '/**'")
+    for name, section in tree.items():
+        name = f'{prefix}/{name}'.replace('//', '/')
+        if isinstance(section, dict) and 'ros__parameters' in section:
+            parameters = section['ros__parameters'] or {}
+            if not isinstance(parameters, dict):
+                raise ParameterError(f'{path}: {name}: {parameters!r}: expected names with values')
+            yield name, parameters
+        else:
+            yield from _sections(section, path, name)
+
+
+def _flatten(section, prefix=''):
+    """(full name, value) of every parameter, in order."""
+    for name, value in section.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def _ordered(parameters):
+    """The descriptions of all parameters, those without a group first."""
+    return sorted(parameters.describe(), key=lambda d: '.' in d.name)
+
+
+def _about(group):
+    """What a group of parameters is, in the words of its class and of those that it extends."""
+    if not group:
+        return 'Frames, and where the laser sits on the base.'
+    classes = inspect.getmro(type(getattr(DEFAULTS, group)))
+    return ' '.join(c.__doc__ for c in reversed(classes[:classes.index(ParameterGroup)]))
+
+
+def _comment(description, indent):
+    limits = describe_limits(description)
+    text = description.help + (f' [{limits}]' if limits else '')
+    return textwrap.wrap(text, WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ')
+
+
+def _scalar(value):
+    value = list(value) if isinstance(value, tuple) else value
+    return yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=10_000).split('\n')[0]
+
+
+def main(argv=None) -> int:
+    parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.robot.parameter_files', description=__doc__.split('\n')[0])
+    parser.add_argument('--write', action='store_true', help=f'renew {DEFAULTS_FILE.name} and {REFERENCE_FILE.name} in the '
+                        'source tree')
+    if parser.parse_args(argv).write:
+        write_parameters(DEFAULTS_FILE)
+        REFERENCE_FILE.write_text(format_reference(), encoding='utf-8')
+    else:
+        sys.stdout.write(format_parameters())
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``python -m benchmarks``: what ``scripts/bench`` runs."""
+import argparse
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from dbscan_reg_ros.commands.command_line import add_data, positive, run
+from dbscan_reg_ros.evaluation.method_names import METHODS
+from dbscan_reg_ros.version import add_version
+
+BENCHMARKS = {
+    'pairs': 'pairs k, k+s of the Intel log without an initial guess',
+    'relations': 'the Freiburg relations of the Intel log without an initial guess',
+    'synthetic': 'Intel scans with noise and outliers, moved by a known motion',
+    'figure4': 'Intel scans and the same points moved, to 1 mm and 0.001 rad',
+    'paper': 'Table 1, Table 3 and the example of Figures 4 to 12 beside the published numbers',
+    'speed': 'features of one scan plus registration, ours and GICP in turns',
+    'odometry': 'drift of the odometry on recordings and in simulated worlds',
+    'node': 'the running node: latency, share of a core, memory, time to start',
+    'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
+    'silent': 'scans that are called OK and are wrong',
+    'covariance': 'whether the covariances tell the truth, in simulated worlds',
+    'sparse': 'key frames far apart: the odometry beside registrations without a guess',
+    'narrow': 'odometry of depth cameras with narrow fields of view',
+    'passers': 'odometry while people cross close in front of the lidar',
+    'spinup': 'odometry that begins while the lidar spins up',
+    'overlap': 'any motion without a guess, by the share of the view in common, and what the status is worth',
+    'fingerprint': 'whether another commit gives the same numbers, bit for bit',
+}
+OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'fingerprint')
+"""No other method has what they measure."""
+SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
+"""They need no recordings."""
+COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees',
+           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
+           'sparse', 'narrow', 'passers', 'spinup')
+
+
+def main(argv=None) -> int:
+    """Run one benchmark; 1 when a bound is missed, 2 for bad input."""
+    return run(make_parser(), bench, argv)
+
+
+def make_parser():
+    parser = argparse.ArgumentParser(
+        prog='bench', description='Benchmarks: a table in the terminal; exit status 1 when dbscan misses a bound.')
+    add_version(parser)
+    commands = parser.add_subparsers(dest='benchmark', required=True, metavar='BENCHMARK')
+    for name, summary in BENCHMARKS.items():
+        command = commands.add_parser(name, help=summary, description=summary)
+        if name not in SIMULATED:
+            add_data(command)
+        if name not in OURS_ONLY:
+            command.add_argument('--method', nargs='+', metavar='NAME', help=f'only these methods, of {", ".join(METHODS)}')
+        command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
+        command.add_argument('--limit', type=positive, metavar='N',
+                             help='at most N trials of each kind, evenly spread; of each drive the first N scans')
+        command.add_argument('-v', '--verbose', action='store_true',
+                             help='list every trial that failed or was doubted; show the traceback of an error')
+        if name == 'odometry':
+            command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
+            command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
+                                 help='who tells of the motion; wheel: the odometry of the log, compared with laser '
+                                 'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')
+            command.add_argument('--poses', type=Path, metavar='FILE.csv',
+                                 help='write the poses of dbscan on the first course as index,x,y,theta,ms')
+            command.add_argument('--copies', type=positive, metavar='N', help='mean and two standard errors (+-) over N copies '
+                                 'of each course with 2 mm of noise on the ranges, without bounds')
+            add_processes(command)
+        elif name in ('narrow', 'passers', 'spinup'):
+            command.add_argument('--seeds', type=positive, default=10, metavar='N', help='so many of the ten seeds (default: 10)')
+        elif name == 'overlap':
+            add_overlap(command)
+        elif name == 'fingerprint':
+            add_fingerprint(command)
+    return parser
+
+
+def add_processes(command):
+    command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
+
+
+def add_overlap(command):
+    """The options of ``bench overlap``."""
+    command.add_argument('--pairs', type=positive, default=500, metavar='N', help='of each class and world (default: 500)')
+    command.add_argument('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360')
+    command.add_argument('--world', nargs='+', metavar='NAME', help='only these, of corridors, halls, rooms, and each of them '
+                         'after busy_: with people and clutter')
+    command.add_argument('--motion', nargs='+', metavar='NAME', help='only these, of any and near (within 1.5 m and 0.6 rad)')
+    command.add_argument('--noise', nargs='+', metavar='NAME', help='only these, of low and high')
+    add_processes(command)
+
+
+def add_fingerprint(command):
+    """The options of ``bench fingerprint``."""
+    command.add_argument('--against', metavar='COMMIT', required=True, help='the commit that this source tree is compared with')
+    command.add_argument('--quick', action='store_true', help='only the first 500 scans of each recording, 200 of three drives of each '
+                         'course, and 50 pairs')
+    command.add_argument('--only', nargs='+', metavar='NAME', help='only these drives: the recordings and simulated courses by '
+                         'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and pairs')
+    command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and what the other commit says of them, '
+                         'in this folder (default: results/fingerprint)')
+
+
+def bench(args):
+    """Measure, print the tables and the bounds that are missed."""
+    import json
+
+    from .report import machine
+    print(machine())
+    report = import_module(f'.{args.benchmark}', __package__).measure(args)
+    print('\n\n'.join(report.tables))
+    if args.json:
+        args.json.write_text(json.dumps(report.measured(), indent=1) + '\n')
+    for line in report.missed:
+        print(f'missed: {line}')
+    return 1 if report.missed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

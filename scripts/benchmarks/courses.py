@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings and simulated worlds with the truth that odometry is judged by, and Intel made harder."""
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from dbscan_reg_ros.core.geometry.se2 import as_vectors
+from dbscan_reg_ros.recordings import interpolate, open_recording
+from dbscan_reg_ros.recordings.poses import compose
+from dbscan_reg_ros.simulation import LIDARS, Lidar, Person, World, corridor, hall, rooms
+from dbscan_reg_ros.simulation.raycasting import cast
+from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, sides
+
+from . import hard_courses
+from .course import Course, simulated
+from .intel import Intel
+
+SEEDS = (0, 1, 2)
+URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
+
+
+def intel(folder) -> list:
+    """The Intel log."""
+    log = Intel(folder / 'intel')
+    _, wheels = log.recording.wheel_odometry()
+    return [Course(log.scans, reference=log.reference, relations=log.relations, wheels=wheels)]
+
+
+def dropped(folder, share=0.2, seed=0) -> list:
+    """Intel without a fifth of its scans, picked at random."""
+    course, = intel(folder)
+    kept = np.random.default_rng(seed).random(len(course.scans)) >= share
+    return [course.take(kept)]
+
+
+def noise(folder, every=50, seed=0) -> list:
+    """Intel with every 50th scan replaced by ranges that mean nothing."""
+    course, = intel(folder)
+    rng = np.random.default_rng(seed)
+    scans, judged = list(course.scans), course.judged.copy()
+    for k in range(every, len(scans), every):
+        scans[k] = dataclasses.replace(scans[k], ranges=rng.uniform(0.2, 10.0, scans[k].geometry.size))
+        judged[k] = False
+    return [dataclasses.replace(course, scans=scans, judged=judged)]
+
+
+def person(folder) -> list:
+    """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor, once for each seed."""
+    course, = intel(folder)
+    return [dataclasses.replace(course, scans=strolled(course.scans, seed)) for seed in SEEDS]
+
+
+def strolled(scans, seed, radius=0.25) -> list:
+    """The scans with somebody, as round as that [m], who strolls to and fro about 1 m in front of the sensor."""
+    rng = np.random.default_rng(seed)
+    bearing, hidden = 0.0, []
+    for scan in scans:
+        bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
+        body = np.array([(math.cos(bearing), math.sin(bearing), radius)])
+        legs = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
+        legs += rng.normal(0.0, 0.01, len(legs))
+        hidden.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))
+    return hidden
+
+
+def aces(folder) -> list:
+    """The ACES log: key frames half a metre and more apart; truth are its corrected poses, good to 5 cm."""
+    recording = open_recording(folder / 'aces' / 'aces.log.gz')
+    return [Course(list(recording.scans()), reference=recording.truth()[1],
+                   wheels=recording.wheel_odometry()[1])]
+
+
+def urg04lx(folder) -> list:
+    """A corridor seen no farther than 4 m; truth are the wheels, carried to the sensor."""
+    recording = open_recording(folder / 'urg04lx' / 'exp1')
+    scans = list(recording.scans())
+    wheels = interpolate(*recording.wheel_odometry(), [scan.stamp for scan in scans])
+    wheels = compose(wheels, np.repeat(URG04LX_MOUNTING, len(scans), axis=0))
+    course = Course(scans, reference=wheels, wheels=wheels)
+    return [course.take(np.isfinite(wheels).all(axis=1))]
+
+
+def lms511(folder) -> list:
+    """A sensor that stands still for 7 s."""
+    scans = list(open_recording(folder / 'lms511' / 'static').scans())
+    return [Course(scans, reference=np.zeros((len(scans), 3)))]
+
+
+def simulated_rooms(folder) -> list:
+    """Tours through furnished rooms."""
+    return [simulated(rooms(seed), seed=seed) for seed in SEEDS]
+
+
+def simulated_corridors(folder) -> list:
+    """Corridors whose doors are recesses, there and back."""
+    courses = []
+    for seed in SEEDS:
+        world = corridor(seed=seed)
+        there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:1])))
+        courses.append(simulated(there_and_back, seed=seed))
+    return courses
+
+
+def simulated_halls(folder) -> list:
+    """Tours through halls with columns."""
+    return [simulated(hall(seed), seed=seed) for seed in SEEDS]
+
+
+def featureless(folder) -> list:
+    """A smooth corridor, both ends out of the sensor's range, seen by each of the common lidars."""
+    world = corridor(length=60.0, doors=0)
+    middle = dataclasses.replace(world, tour=np.array([(15.0, 0.0), (45.0, 0.0)]))
+    return [simulated(middle, dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), axis=0.0)
+            for lidar in (Lidar(), *LIDARS.values())]
+
+
+def round_room(folder) -> list:
+    """A round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
+    corners = as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(181)))
+    tour = np.array([(0.0, 0.0), (1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5), (0.0, 0.0)])
+    world = World(np.stack((corners[:-1], corners[1:]), axis=1), tour)
+    return [simulated(world, lidar) for lidar in (Lidar(), *LIDARS.values())]
+
+
+def chairs(folder) -> list:
+    """A hall full of chairs; from its middle a lidar of 4 m sees of it no more than legs of 4 cm."""
+    lidar = LIDARS['hokuyo_urg04lx']
+    return [simulated(hall_of_chairs(seed), lidar, seed=seed) for seed in SEEDS]
+
+
+def hall_of_chairs(seed, chairs=50) -> World:
+    """12 m long and 9 m wide, with so many chairs that keep 0.4 m clear of its middle."""
+    rng = np.random.default_rng(seed)
+    low, high = (1.5, 1.0), (10.5, 8.0)
+    seats, turn = rng.uniform(low, high, (chairs, 2)), rng.uniform(0.0, 2.0 * math.pi, chairs)
+    feet = 0.28 * np.exp(1j * (turn[:, None] + math.pi * np.array((0.25, 0.75, 1.25, 1.75))))
+    legs = as_vectors((seats @ (1.0, 1j))[:, None] + feet).reshape(-1, 2)
+    legs = legs[np.abs(legs[:, 1] - 4.5) > 0.4]
+    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)])
+    return World(sides(corners), np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
+
+
+def trees(folder) -> list:
+    """A wood of trunks 0.12 to 0.7 m thick and nothing else, of which a lidar of 180 beams sees few, with a beam or two on each."""
+    return [simulated(wood(seed), seed=seed) for seed in SEEDS]
+
+
+def wood(seed, trunks=120) -> World:
+    """40 m long and wide, with so many trunks that keep 0.8 m clear of the tour."""
+    rng = np.random.default_rng(seed)
+    tour = np.array([(5.0, 5.0), (35.0, 5.0), (35.0, 20.0), (5.0, 20.0), (5.0, 35.0), (35.0, 35.0)])
+    circles = np.column_stack((rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)))
+    way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(tour)])
+    none = np.empty((0, 2, 2))
+    clear = [clearance(way, none, circle[None]).min() > 0.8 for circle in circles]
+    return World(none, tour, circles[clear])
+
+
+def lidars(folder) -> list:
+    """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
+    return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
+
+
+def leader(folder) -> list:
+    """Corridors whose doors are recesses, through which somebody walks ahead of the sensor, as fast as it drives."""
+    worlds = [corridor(seed=seed) for seed in SEEDS]
+    return [simulated(dataclasses.replace(world, people=(Person(world.tour + (1.2, 0.0), speed=0.8),)), seed=seed)
+            for world, seed in zip(worlds, SEEDS, strict=True)]
+
+
+def far_noise(folder, share=0.03) -> list:
+    """Tours through halls and crooked rooms by a lidar whose ranges are off by three per cent, as those of the cheapest are far away."""
+    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_share=share)
+    return [simulated(world(seed), lidar, seed=seed) for world in (hall, crooked) for seed in SEEDS]
+
+
+def crooked(seed, walls=9, boxes=14) -> World:
+    """A room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep clear of the tour."""
+    rng = np.random.default_rng(seed)
+    bearings = np.linspace(0.0, 2.0 * math.pi, walls, endpoint=False) + rng.uniform(-0.2, 0.2, walls)
+    around = np.column_stack((np.cos(bearings), np.sin(bearings)))
+    corners, tour = around * rng.uniform(6.0, 12.0, (walls, 1)), 3.5 * np.vstack((around, around[:1]))
+    things = [box(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.8), rng.uniform(0.0, 3.0)) for _ in range(boxes)]
+    return furnished([sides(corners)], things, [], tour)
+
+
+def losses(folder, share=0.5) -> list:
+    """Tours through furnished rooms by a lidar whose scan takes the whole interval, and half of its scans are lost."""
+    courses = [simulated(rooms(seed), LIDARS['rplidar_a'], seed=seed) for seed in SEEDS]
+    return [course.take(np.random.default_rng(seed).random(len(course.scans)) >= share)
+            for course, seed in zip(courses, SEEDS, strict=True)]
+
+
+def bursts(folder) -> list:
+    """A short corridor, there and back, by each of the lidars of 4 m, which give no scan in every third second."""
+    courses = []
+    for lidar in (LIDARS['hokuyo_urg04lx'], LIDARS['lds']):
+        for seed in SEEDS:
+            world = corridor(length=14.0, doors=4, seed=seed)
+            there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:2])))
+            course = simulated(there_and_back, lidar, seed=seed, speed=1.2, acceleration=1.0, turn_rate=1.6)
+            courses.append(course.take(course.seconds % 3.0 < 2.0))
+    return courses
+
+
+def outages(folder) -> list:
+    """A wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
+    courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx') for seed in SEEDS]
+    return [course.take(course.seconds % 15.0 < 11.0) for course in courses]
+
+
+COURSES = {
+    'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
+    'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
+    'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
+    'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
+}
+"""Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses that are hard for a gate: key frames far apart, narrow fields of view, people who cross in front, lidars that spin up."""
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
+
+from .course import Course, simulated
+from .intel import Intel
+
+SEEDS = (0, 1, 2)
+SECOND = 1_000_000_000
+INTEL_DISTANCES = (0.8, 1.2, 1.6, 2.0, 2.4)
+ACES_DISTANCES = (0.8, 1.2, 1.6)
+SIMULATED_DISTANCES = (1.0, 1.5, 2.0, 2.5)
+"""Between key frames [m]."""
+TURN = math.radians(30.0)
+"""A key frame is due as well when the sensor has turned by this [rad] for each metre of the distance."""
+CAMERAS = {
+    'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005, noise_share=0.01),
+    'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005, noise_share=0.015),
+    'flight_60deg_16': Lidar(16, math.radians(-30.0), math.radians(4.0), 0.1, 6.0, 15.0, noise=0.01, noise_share=0.01),
+    'flight_90deg_64': Lidar(64, math.radians(-45.0), math.radians(90.0) / 63, 0.2, 5.0, 15.0, noise=0.01, noise_share=0.01),
+}
+"""Depth cameras as lidars."""
+NARROW_SECONDS = 25.0
+PASSING_SECONDS = 20.0
+PASSERS = 4
+SPINUP_SECONDS = 8.0
+SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)), 'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
+"""Name -> how long the robot stands [s], and how many beams of the first scans return."""
+
+
+def key_frames(poses, distance, start=0):
+    """Indices of the scans that are `distance` [m], or 30 deg for each metre of it, from the one chosen before."""
+    chosen, (x, y, theta) = [start], poses[start]
+    for k in range(start + 1, len(poses)):
+        if math.hypot(poses[k, 0] - x, poses[k, 1] - y) >= distance or abs(wrap(poses[k, 2] - theta)) >= TURN * distance:
+            chosen.append(k)
+            x, y, theta = poses[k]
+    return np.array(chosen)
+
+
+def thinned(course, distance, halfway=False) -> Course:
+    """The key frames of a course, 1 s apart; from its first scan, or the first that is half of the `distance` [m] farther on."""
+    start = 0
+    if halfway:
+        start = int(np.argmax(np.hypot(*(course.reference[:, :2] - course.reference[0, :2]).T) >= 0.5 * distance))
+    kept = course.take(key_frames(course.reference, distance, start))
+    scans = [dataclasses.replace(scan, stamp=k * SECOND) for k, scan in enumerate(kept.scans)]
+    return dataclasses.replace(kept, scans=scans, relations=None)
+
+
+def sparse_intel(folder) -> dict:
+    """Name -> the Intel log thinned to key frames."""
+    log = Intel(folder / 'intel')
+    course = Course(log.scans, reference=log.reference)
+    return {f'intel_{distance}m{"_half" * half}': thinned(course, distance, bool(half))
+            for distance in INTEL_DISTANCES for half in (0, 1)}
+
+
+def sparse_aces(folder) -> dict:
+    """Name -> the ACES log thinned to key frames."""
+    recording = open_recording(folder / 'aces' / 'aces.log.gz')
+    course = Course(list(recording.scans()), reference=recording.truth()[1])
+    return {f'aces_{distance}m{"_half" * half}': thinned(course, distance, bool(half))
+            for distance in ACES_DISTANCES for half in (0, 1)}
+
+
+def sparse_buildings(folder=None) -> dict:
+    """Name -> tours through buildings, thinned to key frames."""
+    courses: dict[str, Course] = {}
+    kinds: dict[str, Callable] = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
+    for kind, make in kinds.items():
+        for seed in SEEDS:
+            course = simulated(make(seed=seed), LIDARS['sick_lms200'], seed)
+            courses |= {f'{kind}_{seed}_{distance}m': thinned(course, distance) for distance in SIMULATED_DISTANCES}
+    return courses
+
+
+def sparse(folder) -> list:
+    """Intel, ACES and buildings thinned to key frames 0.8 to 2.5 m apart."""
+    return [*sparse_intel(folder).values(), *sparse_aces(folder).values(), *sparse_buildings().values()]
+
+
+def narrow(folder=None, seeds=SEEDS) -> list:
+    """25 s through furnished rooms, seen by depth cameras of 57 to 90 deg and 16 to 640 beams."""
+    return [_begun(rooms(seed), camera, NARROW_SECONDS, seed) for seed in seeds for camera in CAMERAS.values()]
+
+
+def _begun(world, lidar, seconds, seed, pauses=None):
+    """The first seconds of the tour of a world."""
+    path = follow(world.tour, pauses=pauses)
+    kept = path.times <= seconds + lidar.duration
+    result = simulate(world, Path(path.times[kept], path.poses[kept]), lidar, seed)
+    return Course(result.scans, reference=result.truth)
+
+
+def passers(folder=None, seeds=SEEDS) -> list:
+    """People who pass within half a metre of a lidar of 180 deg that stands or turns slowly on the spot, in a room or a corridor."""
+    return [_passed(seed) for seed in seeds]
+
+
+def _passed(seed):
+    rng = np.random.default_rng(seed)
+    world = corridor(seed=seed) if seed % 2 else rooms(seed)
+    x, y, along = follow(world.tour).poses_at(np.array([rng.uniform(8.0, 25.0)]))[0]
+    times = np.arange(0.0, PASSING_SECONDS + 0.05, 0.05)
+    # Stands for 6 s, turns to and fro, stands again.
+    turn = math.radians(60.0) * np.sin(np.clip(times - 6.0, 0.0, 8.0) * 2.0 * math.pi / 8.0)
+    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), along + turn)))
+    people = [_passer(rng, x, y, along) for _ in range(PASSERS)]
+    lidar = dataclasses.replace(LIDARS['sick_lms200'], rate=5.0)
+    result = simulate(dataclasses.replace(world, people=tuple(people)), path, lidar, seed)
+    return Course(result.scans, reference=result.truth)
+
+
+def _passer(rng, x, y, heading):
+    """Somebody who walks to and fro past (x, y) [m], in any direction, before a sensor that looks along `heading` [rad]."""
+    away, bearing = rng.uniform(0.45, 0.8), heading + rng.uniform(-1.2, 1.2)
+    nearest = np.array([x + away * math.cos(bearing), y + away * math.sin(bearing)])
+    way = rng.uniform(1.5, 4.0) * np.array([-math.sin(bearing), math.cos(bearing)])
+    return Person(np.array([nearest - way, nearest + way]), rng.uniform(0.8, 1.6), rng.uniform(0.2, 0.3))
+
+
+def spinup(folder=None, seeds=SEEDS) -> list:
+    """A lidar that spins up: its first scans hold none or few of its beams; the robot stands, or drives already.
+
+    The poor scans are not judged.
+    """
+    return [_spun_up(*SPINUPS[name], seed) for seed in seeds for name in SPINUPS]
+
+
+def _spun_up(pause, returns, seed):
+    lidar = LIDARS['rplidar_a']
+    whole = _begun(rooms(seed), lidar, 1.0 + SPINUP_SECONDS, seed, {0: pause} if pause else None)
+    course = whole.take(slice(0 if pause else round(lidar.rate), None))
+    scans = list(course.scans)
+    begun = np.random.default_rng(seed).integers(lidar.beams)
+    for k, count in enumerate(returns):
+        kept = np.isin(np.arange(lidar.beams), (begun + np.arange(count)) % lidar.beams)
+        scan = scans[k]
+        scans[k] = Scan(scan.stamp, np.where(kept, scan.ranges, np.inf), scan.geometry, scan.time_increment, scan.frame_id)
+    return dataclasses.replace(course, scans=scans, judged=np.arange(len(scans)) >= len(returns))
+
+
+COURSES = {'sparse': sparse, 'narrow': narrow, 'passers': passers, 'spinup': spinup}
+"""Name -> ``courses(folder)``, as `courses.COURSES`."""

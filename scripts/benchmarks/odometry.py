@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
+import os
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.registration.records import Status
+from dbscan_reg_ros.evaluation.methods import BenchmarkError
+from dbscan_reg_ros.evaluation.metrics import evaluate, path_lengths
+from dbscan_reg_ros.evaluation.trackers import PRIORS, tracker
+from dbscan_reg_ros.recordings import data_folder, write_csv
+from dbscan_reg_ros.recordings.poses import relative
+
+from .bounds import at_least, at_most
+from .copies import noised, scatter
+from .course import Course
+from .courses import COURSES
+from .report import Report
+
+METHODS = ('dbscan', 'small_gicp', 'kiss-icp', 'identity')
+OURS = 'dbscan'
+LASER_ONLY = 'dbscan, laser only'
+HARDER = ('dropped', 'noise', 'person')
+"""Courses that only ours has to drive unless methods are named."""
+HARDER_FACTOR = 1.25
+NAMED_WITHIN = np.radians(10.0)
+
+INTEL = {
+    'relations_neighbour_mean_m': 0.016, 'relations_neighbour_mean_deg': 0.20,
+    'relations_all_mean_m': 0.070, 'relations_all_mean_deg': 0.35,
+    'rpe_1m_mean_m': 0.015, 'rpe_1m_median_m': 0.008, 'rpe_5m_mean_m': 0.030, 'rpe_5m_median_m': 0.025,
+    'frozen': 0.003, 'ate_m': 0.10, 'ms_p50': 4.0, 'ms_p99': 12.0, 'ms_growth': 1.1,
+}
+SIMULATED = {'rpe_5m_mean_m': 0.05, 'rpe_5m_mean_deg': 0.5}
+WITHIN = at_least(0.9)
+BOUNDS = {
+    'intel': {name: at_most(limit) for name, limit in INTEL.items()},
+    **{course: {name: at_most(HARDER_FACTOR * limit) for name, limit in INTEL.items()} for course in HARDER},
+    **{course: {name: at_most(limit) for name, limit in SIMULATED.items()} | {'within': WITHIN}
+       for course in ('rooms', 'corridors', 'halls')},
+    'lms511': {'drift_m': at_most(0.001), 'drift_deg': at_most(0.02)},
+    'chairs': {'rpe_5m_mean_m': at_most(0.05), 'within': WITHIN},
+    'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
+}
+BOUNDS['noise']['disturbed_ok'] = at_most(0.0)
+
+SHOWN = (
+    'relations_neighbour_mean_m', 'relations_neighbour_mean_deg', 'relations_all_mean_m', 'relations_all_std_m',
+    'relations_all_mean_deg', 'rpe_1m_mean_m', 'rpe_1m_median_m', 'rpe_5m_mean_m', 'rpe_5m_median_m',
+    'rpe_5m_mean_deg', 'step_p95_m', 'ate_m', 'frozen', 'drift_m', 'drift_deg', 'named', 'across_m', 'ok',
+    'disturbed_ok', 'within', 'ms_p50', 'ms_p99', 'ms_growth')
+"""What the tables hold; the JSON file has every measure."""
+
+
+@dataclass(eq=False)
+class Drive:
+    """What a tracker made of a course: a `Step` and the time [ms] for each scan."""
+
+    course: Course
+    steps: list = field(default_factory=list)
+    milliseconds: list = field(default_factory=list)
+
+    @property
+    def poses(self):
+        """(N, 3)"""
+        return np.array([(step.pose.x, step.pose.y, step.pose.theta) for step in self.steps])
+
+    def write(self, path):
+        """The poses that count, as ``index,x,y,theta,ms``."""
+        judged = self.course.judged
+        write_csv(path, self.poses[judged], self.course.indices[judged], np.array(self.milliseconds)[judged])
+
+
+def drive(name, course, title, prior='none') -> Drive:
+    """A fresh tracker, by its name, over a course; `prior` names one of `PRIORS`, who tells of each motion."""
+    from tqdm import tqdm
+    track, result = tracker(name), Drive(course)
+    scans = tqdm(course.scans, title, unit=' scans', leave=False, disable=None)
+    for scan, told in zip(scans, PRIORS[prior](course), strict=True):
+        begin = time.perf_counter()
+        result.steps.append(track.process(scan, told))
+        result.milliseconds.append(1e3 * (time.perf_counter() - begin))
+    return result
+
+
+def judge(drive) -> dict:
+    """Metric -> number: those of `recordings.metrics.evaluate`, times, and the share of scans called OK.
+
+    Of a sensor that stands still ``drift_m`` and ``drift_deg``, the farthest that it strays. Where nothing in sight
+    tells one direction, ``named``: the share of scans that name it within 10 deg, and ``across_m``: the largest error
+    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the share called OK. Of methods with covariances
+    ``within``: the share of the scans whose pose is off, along x and y and in heading, by less than three times the standard
+    deviation that is said of each.
+    """
+    course, judged, poses = drive.course, drive.course.judged, drive.poses
+    reference = course.reference[judged]
+    metrics = evaluate(poses[judged], course.stamps[judged], course.relations, reference)
+    ok = np.array([step.status is Status.OK for step in drive.steps])
+    metrics['ok'] = float(ok[judged].mean())
+    if not judged.all():
+        metrics['disturbed_ok'] = float(ok[~judged].mean())
+    if path_lengths(reference)[-1] == 0.0:
+        metrics['drift_m'] = float(np.hypot(*poses[:, :2].T).max())
+        metrics['drift_deg'] = float(np.degrees(np.abs(poses[:, 2])).max())
+    if course.axis is not None:
+        metrics |= _free_direction(drive)
+    if all(step.covariance is not None for step in drive.steps):
+        metrics['within'] = _within(drive)
+    return metrics | _times(np.array(drive.milliseconds))
+
+
+def _free_direction(drive):
+    course, poses, reference = drive.course, drive.poses, drive.course.reference
+    axis = course.axis - reference[0, 2]
+    named = [step.free_direction is not None and abs(wrap(2.0 * (step.free_direction - axis))) < 2.0 * NAMED_WITHIN
+             for step in drive.steps[1:]]
+    path = path_lengths(reference)
+    later = np.searchsorted(path, path + 1.0)
+    first = np.flatnonzero(later < len(path))
+    error = (relative(poses[first], poses[later[first]]) - relative(reference[first], reference[later[first]]))[:, :2]
+    sideways = course.axis - reference[first, 2] + 0.5 * np.pi
+    across = np.abs(error[:, 0] * np.cos(sideways) + error[:, 1] * np.sin(sideways))
+    return {'named': float(np.mean(named)), 'across_m': float(across.max(initial=0.0))}
+
+
+def _within(drive):
+    judged, reference = drive.course.judged, drive.course.reference
+    error = drive.poses - relative(reference[:1], reference)
+    error[:, 2] = wrap(error[:, 2])
+    variance = np.array([np.diagonal(step.covariance) for step in drive.steps])
+    return float((error ** 2 < 9.0 * variance).all(axis=1)[judged].mean())
+
+
+def _times(milliseconds):
+    """``ms_p50``, ``ms_p95``, ``ms_p99`` and ``ms_growth``: the last 500 scans' median over that of 500 to 1000."""
+    times = {f'ms_p{q}': float(np.percentile(milliseconds[1:], q)) for q in (50, 95, 99)}
+    if len(milliseconds) >= 1500:
+        times['ms_growth'] = float(np.median(milliseconds[-500:]) / np.median(milliseconds[500:1000]))
+    return times
+
+
+def measure(args) -> Report:
+    """Every course by every method, side by side."""
+    if args.limit == 1:
+        raise BenchmarkError('--limit 1: a drive of one scan has no motion; expected 2 or more')
+    folder = data_folder(args.data)
+    report = Report()
+    for name in args.course or COURSES:
+        if name not in COURSES:
+            raise BenchmarkError(f'unknown course {name!r}; expected {", ".join(COURSES)}')
+        courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
+        rows, methods = {}, args.method or ((OURS,) if name in HARDER else METHODS)
+        if args.copies:
+            report.add(f'{name}, {args.copies} copies', in_copies(courses, methods, args), {}, SHOWN,
+                       prefix='' if name == 'intel' else f'{name}_')
+            continue
+        for method in methods:
+            drives = [drive(method, course, f'{name} {method}', args.prior) for course in courses]
+            rows[method] = _mean([judge(result) for result in drives])
+            if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
+                drives[0].write(args.poses)
+        bounds = dict(BOUNDS.get(name, {}))
+        if args.prior == 'wheel' and OURS in rows and name == 'intel':
+            rows[LASER_ONLY] = _mean([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
+            bounds |= _no_worse(rows[LASER_ONLY])
+        report.add(name, rows, bounds, SHOWN, prefix='' if name == 'intel' else f'{name}_')
+    return report
+
+
+def in_copies(courses, methods, args) -> dict:
+    """Means over noisy copies of the courses, and two standard errors of these, for each method."""
+    from dbscan_reg_ros.commands.workers import workers
+    rows = {}
+    with workers(args.processes or os.cpu_count()) as executor:
+        for method in methods:
+            jobs = [[executor.submit(judged_copy, method, course, seed, args.prior) for course in courses]
+                    for seed in range(args.copies)]
+            mean, spread = scatter([_mean([job.result() for job in copy]) for copy in jobs])
+            rows |= {method: mean, f'{method}, +-': spread}
+    return rows
+
+
+def judged_copy(method, course, seed, prior):
+    """What `judge` says of a copy of a course; `seed` tells one copy from another."""
+    return judge(drive(method, noised(course, seed), f'copy {seed}', prior))
+
+
+def _no_worse(laser_only):
+    """With the wheels no measure may be worse than without; the steps' 95th percentile must be better."""
+    bounds = {name: at_most(laser_only[name]) for name in INTEL if name in laser_only and not name.startswith('ms')}
+    return bounds | {'step_p95_m': at_most(np.nextafter(laser_only['step_p95_m'], 0.0))}
+
+
+def _mean(rows):
+    """Means of what all courses have; of several smooth corridors the worst."""
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    worst = {'named': min, 'across_m': max}
+    return {name: float(worst.get(name, np.mean)([row[name] for row in rows])) for name in shared}

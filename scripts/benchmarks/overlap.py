@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Registration without a guess for any motion, by the share of the view in common: how often it is right, and what `OK` is worth."""
+import dataclasses
+import itertools
+import math
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dbscan_reg_ros.core.errors import DbscanRegError
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.registration.records import Status
+from dbscan_reg_ros.evaluation.methods import BenchmarkError, method
+from dbscan_reg_ros.simulation import LIDARS, World, corridor, hall, rooms, with_people
+from dbscan_reg_ros.simulation.worlds import box, clearance
+
+from .report import Report
+from .trials import Trial, attempt
+from .views import two_views
+
+LIDARS_BY_VIEW = {'180': 'sick_lms200', '270': 'hokuyo_utm30lx', '360': 'rplidar_a'}
+NOISES = {'low': 1.0, 'high': 3.0}
+"""Times that of the lidar's data sheet."""
+KINDS: dict[str, Callable] = {'corridors': corridor, 'halls': hall, 'rooms': rooms}
+WORLDS = (*KINDS, *(f'busy_{kind}' for kind in KINDS))
+SEEDS = 5
+"""Worlds of each kind."""
+EDGES = (0.0, 0.3, 0.5, 0.7, 1.0)
+CLASSES = ('0_30', '30_50', '50_70', '70_100')
+"""Share of the view in common [%]."""
+SLACK = 0.3
+"""A return counts as within what the reference saw when it is no farther than this [m] behind it."""
+DRAWS = 12
+"""So many pairs are drawn at most for each one that is wanted of a class: with small motions few share little."""
+PEOPLE, CLUTTER, CLEAR = 4, 30, 0.4
+"""Of a busy world: people, small things tried, and how far [m] these stay from the tour."""
+APART = 5.0
+"""Longest time between two views [s], in which people walk."""
+METHODS = ('dbscan', 'small_gicp')
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What pairs are drawn of: names from the tables above."""
+
+    lidar: str
+    world: str
+    motion: str
+    noise: str
+
+    def __str__(self):
+        return f'{self.lidar}_{self.world}_{self.motion}_{self.noise}'
+
+
+def any_motion(rng) -> SE2:
+    """x within 5 m, y within 2 m, any rotation."""
+    return SE2(rng.uniform(-5.0, 5.0), rng.uniform(-2.0, 2.0), rng.uniform(-math.pi, math.pi))
+
+
+def near_motion(rng) -> SE2:
+    """x and y within 1.5 m, a rotation within 0.6 rad."""
+    return SE2(rng.uniform(-1.5, 1.5), rng.uniform(-1.5, 1.5), rng.uniform(-0.6, 0.6))
+
+
+MOTIONS = {'any': any_motion, 'near': near_motion}
+
+
+def sensor(cell):
+    """The lidar of a `Cell`, all of whose beams are measured at once."""
+    lidar, factor = LIDARS[LIDARS_BY_VIEW[cell.lidar]], NOISES[cell.noise]
+    return dataclasses.replace(lidar, duration=0.0, noise=factor * lidar.noise, noise_share=factor * lidar.noise_share)
+
+
+def worlds(name) -> list:
+    """The worlds of one of `WORLDS`; a busy one is another world of its kind, with people and clutter."""
+    kind = name.removeprefix('busy_')
+    if name == kind:
+        return [KINDS[kind](seed=seed) for seed in range(SEEDS)]
+    return [with_people(cluttered(KINDS[kind](seed=seed), seed), PEOPLE, seed) for seed in range(SEEDS, 2 * SEEDS)]
+
+
+def cluttered(world, seed) -> World:
+    """The world with small boxes and posts that keep clear of its tour."""
+    rng = np.random.default_rng(seed)
+    way = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(world.tour)])
+    low, high = world.segments.min(axis=(0, 1)), world.segments.max(axis=(0, 1))
+    boxes, posts, none = [], [], np.empty((0, 3))
+    for x, y in rng.uniform(low, high, (CLUTTER, 2)):
+        part = box(x, y, rng.uniform(0.15, 0.6), rng.uniform(0.15, 0.5), rng.uniform(0.0, math.pi))
+        post = np.array([(x, y, rng.uniform(0.03, 0.15))])
+        if rng.random() < 0.5 and clearance(way, part, none).min() > CLEAR:
+            boxes.append(part)
+        elif clearance(way, np.empty((0, 2, 2)), post).min() > CLEAR:
+            posts.append(post)
+    return dataclasses.replace(world, segments=np.concatenate([world.segments, *boxes]),
+                               circles=np.concatenate([world.circles, *posts]))
+
+
+def shared_view(reference, current, truth) -> float:
+    """The share of the current returns that lie, by the truth, within what the reference saw, with some slack.
+
+    A point lies within it when it is in the field of view, and no farther than the reference's range at the nearest beam,
+    or than its range_max where that beam has no return.
+    """
+    geometry = reference.geometry
+    points = truth.apply(current.points[current.valid])
+    beam = (np.arctan2(points[:, 1], points[:, 0]) - geometry.angle_min) / geometry.angle_increment
+    turn = 2.0 * math.pi / abs(geometry.angle_increment)
+    beam = np.round((beam + 0.5) % turn - 0.5).astype(int)
+    inside = beam < geometry.size
+    seen = np.where(reference.valid, reference.ranges.astype(float), geometry.range_max)[np.where(inside, beam, 0)]
+    return float((inside & (np.hypot(points[:, 0], points[:, 1]) <= seen + SLACK)).mean()) if len(points) else 0.0
+
+
+def pairs(cell, wanted) -> list:
+    """`Trial`s, at most `wanted` of each class, which is the trial's group."""
+    rng, made, lidar = np.random.default_rng(0), worlds(cell.world), sensor(cell)
+    found = {name: [] for name in CLASSES}
+    for k in range(DRAWS * wanted):
+        now = rng.uniform(0.0, 60.0)
+        times = (now, now + rng.uniform(0.0, APART))
+        reference, current, truth = two_views(made[k % len(made)], lidar, rng, MOTIONS[cell.motion], times)
+        share = shared_view(reference, current, truth)
+        name = CLASSES[min(int(np.searchsorted(EDGES, share, 'right')) - 1, len(CLASSES) - 1)]
+        if len(found[name]) < wanted:
+            found[name].append(Trial(name, str(cell), reference, current, truth))
+        if all(len(some) == wanted for some in found.values()):
+            break
+    return [trial for some in found.values() for trial in some]
+
+
+def outcomes(cell, wanted, names) -> dict:
+    """Method -> (N, 3) int: class, right, `OK` of each pair of a cell."""
+    methods, trials = [method(name) for name in names], pairs(cell, wanted)
+    rows = {each.name: np.empty((len(trials), 3), dtype=int) for each in methods}
+    for k, trial in enumerate(trials):
+        for each in methods:
+            result = attempt(each, trial)
+            rows[each.name][k] = CLASSES.index(trial.group), result.success, result.status is Status.OK
+    return rows
+
+
+def rates(rows) -> dict:
+    """Metric -> number for each class: pairs, the share right, how many `OK` and how many of these wrong, the share of the
+    right ones called `OK`, and of all pairs those that are `OK` and wrong."""
+    metrics = {}
+    for k, name in enumerate(CLASSES):
+        right, ok = rows[rows[:, 0] == k, 1:].T.astype(bool)
+        if len(right):
+            metrics |= {f'{name}_pairs_count': len(right), f'{name}_right': float(right.mean()), f'{name}_ok_count': int(ok.sum()),
+                        f'{name}_wrong_count': int((ok & ~right).sum()), f'{name}_silent': float((ok & ~right).mean()),
+                        f'{name}_recall': float(ok[right].mean()) if right.any() else math.nan}
+    right, ok = rows[:, 1:].T.astype(bool)
+    return metrics | {'precision': float(right[ok].mean()) if ok.any() else math.nan,
+                      'recall': float(ok[right].mean()) if right.any() else math.nan}
+
+
+def measure(args) -> Report:
+    """Every cell, several at a time."""
+    from tqdm import tqdm
+
+    from dbscan_reg_ros.commands.workers import workers
+    names = available(args.method or METHODS)
+    cells = [Cell(*words) for words in itertools.product(
+        _chosen(args.lidar, LIDARS_BY_VIEW), _chosen(args.world, WORLDS), _chosen(args.motion, MOTIONS), _chosen(args.noise, NOISES))]
+    report, wanted = Report(), args.limit or args.pairs
+    with workers(args.processes or os.cpu_count()) as executor:
+        jobs = [executor.submit(outcomes, cell, wanted, names) for cell in cells]
+        found = [job.result() for job in tqdm(jobs, 'overlap', unit=' cells', leave=False, disable=None)]
+    for name in names:
+        rows = {str(cell): rates(each[name]) for cell, each in zip(cells, found, strict=True)}
+        rows['all'] = rates(np.concatenate([each[name] for each in found]))
+        report.add_courses('overlap', rows, name)
+        report.tables[-1] = table(name, rows)
+    return report
+
+
+def available(names) -> list:
+    """Those methods that can run here; unless they are named, an absent peer is left out."""
+    found = []
+    for name in names:
+        try:
+            method(name)
+            found.append(name)
+        except DbscanRegError as missing:
+            if names is not METHODS:
+                raise
+            print(f'left out: {missing}', file=sys.stderr)
+    return found
+
+
+def _chosen(asked, known):
+    for name in asked or ():
+        if name not in known:
+            raise BenchmarkError(f'unknown {name!r}; expected {", ".join(known)}')
+    return asked or list(known)
+
+
+def table(name, rows) -> str:
+    """For each cell and class: right [%]; OK and wrong of OK; right ones called OK [%]."""
+    lines = [f'{name}: right [%]; OK and wrong of OK; right ones called OK [%]',
+             f'{"":28}' + ''.join(f'{"view " + each.replace("_", "-") + " %":>28}' for each in CLASSES) + f'{"precision":>11}{"recall":>8}']
+    for cell, row in rows.items():
+        line = f'{cell:28}'
+        for each in CLASSES:
+            text = '-'
+            if f'{each}_right' in row:
+                text = (f'{100 * row[f"{each}_right"]:.1f}; {row[f"{each}_wrong_count"]} of {row[f"{each}_ok_count"]}; '
+                        f'{_percent(row[f"{each}_recall"])}')
+            line += f'{text:>28}'
+        lines.append(f'{line}{_percent(row["precision"]):>11}{_percent(row["recall"]):>8}')
+    return '\n'.join(lines)
+
+
+def _percent(value):
+    return '-' if math.isnan(value) else f'{100.0 * value:.1f}'

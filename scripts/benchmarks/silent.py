@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Silent failures: motions that the odometry calls OK and that are wrong, wherever the truth is known.
+
+Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it is
+called OK.
+"""
+import numpy as np
+
+from dbscan_reg_ros.core.registration.records import Status
+from dbscan_reg_ros.evaluation.metrics import apart, errors
+from dbscan_reg_ros.recordings import data_folder
+from dbscan_reg_ros.recordings.poses import relative
+
+from .bounds import at_most
+from .courses import COURSES
+from .odometry import OURS, drive
+from .report import Report
+
+JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts', 'outages',
+          'trees', 'chairs')
+TRANSLATION, ROTATION = 0.2, 5.0
+"""A motion is wrong when it is off by more than this [m], [deg]."""
+BOUNDS = {'step_silent_count': at_most(0), '1m_silent_count': at_most(0)}
+
+
+def measure(args) -> Report:
+    """Every course; ``--limit N`` drives the first N scans of each, ``--verbose`` names the failures."""
+    folder, report = data_folder(args.data), Report()
+    for name in JUDGED:
+        courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
+        found = [silent(drive(OURS, course, name)) for course in courses]
+        report.add(name, {OURS: total([counts for counts, _ in found])}, BOUNDS, prefix=f'{name}_')
+        if args.verbose:
+            print('\n'.join(f'{name} {seed}: {line}' for seed, (_, lines) in enumerate(found) for line in lines))
+    return report
+
+
+def silent(drive):
+    """Counts and greatest errors, and a line for each failure, of a `Drive`."""
+    poses, reference = drive.poses, drive.course.reference
+    doubted = np.array([step.status is not Status.OK for step in drive.steps])
+    so_far = np.cumsum(doubted)
+    figures, lines = {'scans_count': len(poses), 'ok': float(np.mean(~doubted))}, []
+    each = np.arange(len(poses) - 1)
+    for name, (first, last) in {'step': (each, each + 1), '1m': apart(reference, 1.0)}.items():
+        sure = so_far[last] == so_far[first] - doubted[first]
+        first, last = first[sure], last[sure]
+        metres, degrees = errors(relative(poses[first], poses[last]), relative(reference[first], reference[last]))
+        wrong = (metres > TRANSLATION) | (degrees > ROTATION)
+        figures |= {f'{name}_silent_count': int(wrong.sum()), f'{name}_worst_m': float(metres.max(initial=0.0)),
+                    f'{name}_worst_deg': float(degrees.max(initial=0.0))}
+        lines += [f'{name} from scan {a} to {b}: {m:.3f} m {d:.2f} deg'
+                  for a, b, m, d in zip(first[wrong], last[wrong], metres[wrong], degrees[wrong], strict=True)]
+    return figures, lines
+
+
+def total(rows) -> dict:
+    """The figures of several drives as one: counts added up, the greatest errors, the mean share of OK."""
+    def one(name):
+        values = [row[name] for row in rows]
+        return sum(values) if name.endswith('_count') else max(values) if 'worst' in name else float(np.mean(values))
+    return {name: one(name) for name in rows[0]}

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time of one scan's features and its registration: ours and GICP take turns on the same pairs."""
+import numpy as np
+
+from dbscan_reg_ros.evaluation.methods import method
+from dbscan_reg_ros.recordings import open_recording
+
+from . import pairs, synthetic
+from .bounds import at_most
+from .intel import Intel
+from .report import Report
+from .trials import Trial, run, summarise, thinned
+
+BOUNDS = {
+    'ms_p50': at_most(2.8), 'ms_p95': at_most(4.5), 'ms_p50_1141': at_most(4.0), 'ratio_gicp': at_most(0.7),
+}
+METHODS = ('dbscan', 'small_gicp')
+PAIRS = 60
+FINE_SCANS = 60
+
+
+def fine_trials(folder, limit=None, seed=0) -> list:
+    """Trials of 1141 beams: scans of a sensor that stood still, moved as in `synthetic`."""
+    rng = np.random.default_rng(seed)
+    items = []
+    for scan in thinned(open_recording(folder / 'lms511' / 'static').scans(), limit or FINE_SCANS):
+        truth = synthetic.random_motion(rng, 1.5, 0.5)
+        current = synthetic.moved(scan, synthetic.disturbed(scan, synthetic.NOISE, 0.0, rng), truth)
+        items.append(Trial('fine', str(scan.stamp), scan, current, truth))
+    return items
+
+
+def measure(args):
+    """A `Report`."""
+    intel = Intel.below(args.data)
+    methods = [method(name) for name in args.method or METHODS]
+    coarse = run(methods, pairs.trials(intel, args.limit or PAIRS), '180 beams')
+    fine = run(methods, fine_trials(intel.folder.parent, args.limit), '1141 beams')
+    metrics = {}
+    for name in coarse:
+        times = summarise(coarse[name])
+        metrics[name] = {'ms_p50': times['ms_p50'], 'ms_p95': times['ms_p95'],
+                         'ms_p50_1141': summarise(fine[name])['ms_p50']}
+    for row in metrics.values():
+        if 'small_gicp' in metrics:
+            row['ratio_gicp'] = row['ms_p50'] / metrics['small_gicp']['ms_p50']
+    report = Report()
+    report.add('speed', metrics, BOUNDS)
+    return report

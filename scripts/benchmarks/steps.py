@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures 4 to 12 of the paper: its example step by step, on a scan that its own parameters solve."""
+import math
+
+import numpy as np
+
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.paper.divergence import divergences
+from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.translation import estimate_translations
+from dbscan_reg_ros.evaluation.methods import paper_parameters
+
+from . import figure4
+from .intel import Intel
+from .table3 import component_errors
+from .trials import run
+
+PUBLISHED = {'turn_deg': 0.0, 'x_m': 0.00057, 'y_m': 0.00026, 'theta_deg': 0.0}
+PARAMETERS = {'paper': paper_parameters, 'dbscan': Parameters}
+
+
+def add(report, methods, data):
+    """Add the table: what each step of ours finds, then the errors of what comes out, for all methods."""
+    trial = figure4.trial(Intel.below(data).scans[figure4.EXAMPLE])
+    rows = {'published': PUBLISHED}
+    for name, outcomes in run(methods, [trial], 'figures 4-12').items():
+        x, y, theta = component_errors(outcomes)[0].tolist()
+        steps = found(trial, PARAMETERS[name]()) if name in PARAMETERS else {}
+        rows[name] = steps | {'x_m': x, 'y_m': y, 'theta_deg': math.degrees(theta)}
+    report.add('figures 4-12', rows, {}, prefix='steps_')
+
+
+def found(trial, p) -> dict:
+    """Metric -> number, in the order of the figures.
+
+    ``turn_deg`` is the error of the heaviest cluster of angle differences (6), ``samples_count`` the number of
+    translations, ``true_m`` and ``opposite_m`` how far the clusters nearest to the true translation and to its opposite
+    lie from them (8), ``..._kl`` the divergence of the scans as they are (9), turned (10), under the opposite
+    translation (11) and under the true one (12).
+    """
+    reference, current = (extract_features(scan, p) for scan in (trial.reference, trial.current))
+    weights = pair_weights(reference.segments, current.segments, p.rotation)
+    rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
+    translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
+    phi, (x, y, theta) = rotations.phi[0], trial.truth.as_array()
+    key = translations.transform[:p.translation.key_clusters, :2]
+    poses = np.array([SE2().as_array(), (0.0, 0.0, phi), (-x, -y, phi), (x, y, phi)])
+    names = 'before_kl', 'turned_kl', 'opposite_kl', 'true_kl'
+    return {
+        'turn_deg': math.degrees(abs(wrap(phi - theta))),
+        'samples_count': len(translations.samples),
+        'true_m': float(np.hypot(*(key - (x, y)).T).min()),
+        'opposite_m': float(np.hypot(*(key + (x, y)).T).min()),
+        **dict(zip(names, divergences(poses, reference.points, current.points, p.divergence).tolist(), strict=True)),
+    }

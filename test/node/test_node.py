@@ -1,0 +1,456 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node in a process of its own, over real DDS."""
+import array
+import contextlib
+import itertools
+import math
+import re
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy.qos
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_helpers import (
+    TIMEOUT,
+    Parameters,
+    changed,
+    distances,
+    inverted,
+    needs_tf2_msgs,
+    of_base,
+    played,
+    pose_of,
+    said,
+    transform,
+)
+from sensor_msgs.msg import LaserScan
+from visualization_msgs.msg import Marker, MarkerArray
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.playback.player import Player, PlayerError
+from dbscan_reg_ros.robot.parameter_files import write_parameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+# Odometry
+
+
+def test_every_scan_is_answered_with_its_stamp_and_the_true_pose(node, player, scans, truth):
+    answers = played(player, scans)
+    assert (answers.lost, answers.unexpected) == (0, 0)
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
+    assert distances(answers.messages, truth).max() < 0.05
+
+
+def test_odometry_is_valid_from_the_first_message(node, player, scans):
+    for message in played(player, scans[:10]).messages:
+        assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
+        q = message.pose.pose.orientation
+        assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0, abs=1e-12)
+        for stamped in (message.pose, message.twist):
+            covariance = np.reshape(stamped.covariance, (6, 6))
+            assert np.isfinite(covariance).all()
+            assert np.linalg.eigvalsh(covariance).min() > 0.0
+            assert (np.diag(covariance)[2:5] == 1e6).all()
+            assert (np.diag(covariance)[[0, 1, 5]] < 1.01).all()
+
+
+def test_twist_is_the_velocity_in_the_base_frame(node, player, scans, truth):
+    answers = played(player, scans)
+    period = 0.1
+    errors = []
+    for message, (before, now) in zip(answers.messages[1:], itertools.pairwise(truth), strict=True):
+        twist = message.twist.twist
+        step = before.inverse() @ now
+        errors.append((twist.linear.x - step.x / period, twist.linear.y - step.y / period,
+                       twist.angular.z - step.theta / period))
+    assert np.abs(errors).max() < 0.5
+    assert (np.abs(errors).mean(axis=0) < 0.1).all()
+
+
+def test_sensors_that_publish_best_effort_are_heard_and_odometry_is_reliable(node, peer, scans):
+    publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
+    peer.until(lambda: publisher.get_subscription_count())
+    [subscription] = peer.node.get_subscriptions_info_by_topic('/scan')
+    assert subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert subscription.qos_profile.durability == DurabilityPolicy.VOLATILE
+    for topic in ('/odom', '/segments'):
+        [endpoint] = peer.until(lambda topic=topic: peer.node.get_publishers_info_by_topic(topic))
+        assert endpoint.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    segments = peer.listen(MarkerArray, 'segments')
+    peer.until(lambda: publisher.publish(scan_to_message(scans[0])) or segments)
+
+
+def test_a_namespace_takes_all_topics_along(start_node, peer, scans, ros_environment):
+    start_node('-r', '__ns:=/left')
+    start_node('-r', '__ns:=/right')
+    with Player(['--ros-args', '-r', '__ns:=/left']) as left, Player(['--ros-args', '-r', '__ns:=/right']) as right:
+        right.wait_for_node(TIMEOUT)
+        answers = played(left, scans[:20])
+        assert (answers.lost, answers.unexpected) == (0, 0)
+        answers = right.play(scans[:1])
+        assert (answers.lost, answers.unexpected) == (0, 0)
+        assert pose_of(answers.messages[0]) == SE2()
+
+
+# Segments and transforms
+
+
+def test_segments_show_reference_and_scan_with_matched_ones_apart(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    arrays = peer.hear(MarkerArray, 'segments')
+    player.play(scans[:3])
+    peer.until(lambda: len(arrays) == 3)
+    for scan, message in zip(scans, arrays, strict=False):
+        assert {(m.ns, m.id) for m in message.markers} == {(n, i) for n in ('reference', 'current') for i in (0, 1)}
+        assert {m.header.frame_id for m in message.markers} == {'odom'}
+        assert {stamp_from_message(m.header.stamp) for m in message.markers} == {scan.stamp}
+        for marker in message.markers:
+            assert marker.type == Marker.LINE_LIST
+            assert (marker.action == Marker.DELETE) == (not marker.points)
+            assert len(marker.points) % 2 == 0
+    first, last = ({(m.ns, m.id): len(m.points) // 2 for m in a.markers} for a in (arrays[0], arrays[-1]))
+    assert first['reference', 0] == first['reference', 1] == first['current', 1] == 0
+    assert first['current', 0] > 3
+    assert last['reference', 1] > 3
+    assert last['current', 1] > 3
+    colors = {(m.color.r, m.color.g, m.color.b) for m in arrays[-1].markers}
+    assert len(colors) == 4
+
+
+@needs_tf2_msgs
+def test_the_transform_is_that_of_the_odometry_and_can_be_switched_off(node, player, peer, scans):
+    from tf2_msgs.msg import TFMessage
+    player.wait_for_node(TIMEOUT)
+    transforms = peer.listen(TFMessage, '/tf')
+    parameters = Parameters(peer)
+    parameters.names()
+    answers = player.play(scans[:5])
+    peer.until(lambda: len(transforms) == 5)
+    for message, answer in zip(transforms, answers.messages, strict=True):
+        [transform] = message.transforms
+        assert transform.header == answer.header
+        assert transform.child_frame_id == answer.child_frame_id
+        assert transform.transform.translation.x == answer.pose.pose.position.x
+        assert transform.transform.translation.y == answer.pose.pose.position.y
+        assert transform.transform.rotation == answer.pose.pose.orientation
+    [result] = parameters.set(publish_tf=False)
+    assert result.successful
+    peer.until(lambda: not peer.node.count_publishers('/tf'))
+    assert player.play(scans[5:10]).lost == 0
+    assert len(transforms) == 5
+
+
+@needs_tf2_msgs
+def test_no_transform_is_sent_for_a_stamp_that_is_not_newer(node, player, peer, scans):
+    from tf2_msgs.msg import TFMessage
+    player.wait_for_node(TIMEOUT)
+    transforms = peer.hear(TFMessage, '/tf')
+    order = [scans[k] for k in (0, 2, 1, 2, 3)]
+    assert player.play(order).lost == 0
+    peer.until(lambda: len(transforms) == 3)
+    assert [stamp_from_message(m.transforms[0].header.stamp) for m in transforms] == [scans[k].stamp for k in (0, 2, 3)]
+
+
+def test_without_tf2_msgs_the_node_says_so_once_and_runs(start_node, player, peer, scans, without_tf2_msgs):
+    node = start_node(**without_tf2_msgs)
+    assert played(player, scans[:3]).lost == 0
+    parameters = Parameters(peer)
+    for value in (False, True):
+        [result] = parameters.set(publish_tf=value)
+        assert result.successful
+    assert node.output().count('tf2_msgs is not installed: no transform is sent on /tf') == 1
+
+
+def test_without_tf2_msgs_mounting_tf_is_refused_at_the_start(start_node, without_tf2_msgs):
+    node = start_node('-p', 'mounting:=tf', **without_tf2_msgs)
+    assert node.wait(TIMEOUT) == 2
+    assert "mounting = 'tf': needs tf2_msgs, which is not installed" in node.output()
+    assert 'Traceback' not in node.output()
+
+
+# Where the laser sits
+
+
+PLACE = SE2(0.3, -0.1, 0.0)
+"""Of the laser on the base."""
+
+
+@needs_tf2_msgs
+def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(start_node, player, peer, scans, truth):
+    from tf2_msgs.msg import TFMessage
+    node = start_node('-p', 'mounting:=tf', '-p', 'base_frame:=base_footprint')
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3], patience=0.2).lost == 3
+    said(node, "no transform from 'base_footprint' to 'laser'", peer)
+    quality = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = peer.node.create_publisher(TFMessage, '/tf_static', quality)
+    to_base, to_mast = transform('base_footprint', 'base_link'), transform('base_link', 'mast', x=PLACE.x + 0.1)
+    to_laser = transform('mast', 'laser', x=-0.1, y=PLACE.y, qy=1.0)
+    publisher.publish(TFMessage(transforms=[to_base, to_mast, to_laser]))
+    turned = list(inverted(scans))
+    peer.until(lambda: not player.play(turned[:1], patience=0.2).lost)
+    answers = player.play(turned[1:])
+    assert answers.lost == 0
+    assert answers.messages[-1].child_frame_id == 'base_footprint'
+    assert distances(answers.messages, of_base(truth[1:], PLACE)).max() < 0.06
+
+
+# Parameters
+
+
+def test_all_parameters_are_declared_with_their_descriptors(start_command, peer):
+    start_command('scan_matcher')
+    parameters = Parameters(peer)
+    descriptions = NodeParameters.describe()
+    names = [d.name for d in descriptions]
+    assert set(names) <= set(parameters.names())
+    assert parameters.get(*names) == [list(d.default) if d.type is tuple else d.default for d in descriptions]
+    kinds = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
+    for description, descriptor in zip(descriptions, parameters.describe(*names), strict=True):
+        assert descriptor.name == description.name
+        assert descriptor.type == kinds[description.type]
+        assert descriptor.description.startswith(description.help)
+        assert description.unit in descriptor.description
+        assert descriptor.read_only == description.read_only
+        ranges = {float: descriptor.floating_point_range, int: descriptor.integer_range}.get(description.type, [])
+        if description.type in (float, int) and description.minimum is not None:
+            assert ranges[0].from_value == description.minimum
+        if description.type in (float, int) and description.maximum is not None:
+            assert ranges[0].to_value == description.maximum
+        for choice in description.choices or ():
+            assert repr(choice) in descriptor.additional_constraints
+
+
+def test_parameters_come_from_a_file_and_from_the_command_line(start_node, peer, tmp_path):
+    write_parameters(tmp_path / 'robot.yaml', NodeParameters().replace({
+        'odom_frame': 'laser_odom', 'laser_pose': (0.1, 0.2, 0.3), 'scan.range_max': 7.5}))
+    start_node('--params-file', tmp_path / 'robot.yaml', '-p', 'scan.range_min:=1')
+    assert Parameters(peer).get('odom_frame', 'laser_pose', 'scan.range_max', 'scan.range_min') == [
+        'laser_odom', [0.1, 0.2, 0.3], 7.5, 1.0]
+
+
+def test_a_misspelt_parameter_is_named(start_node, peer):
+    node = start_node('-p', 'scan.rangemax:=5.0')
+    said(node, "unknown parameter 'scan.rangemax' is ignored; did you mean 'scan.range_max'?", peer)
+    said(node, 'ready', peer)
+
+
+@pytest.mark.parametrize('argument, complaint', [
+    ('scan.range_max:=-1.0', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
+    ('scan.range_max:=far', "scan.range_max = 'far': expected a number"),
+    ('mounting:=above', "mounting = 'above': expected one of"),
+    ('laser_pose:=[1.0, 2.0]', 'expected 3 numbers'),
+    ('odom_frame:=base_link', 'expected two different frames'),
+    ('scan.noise_max:=0.001', 'scan.noise_min = 0.004: expected at most scan.noise_max, which is 0.001'),
+    ('qos_overrides./scan.subscription.reliability:=nonsense', "'reliability': 'nonsense'"),
+    ('qos_overrides./scan.subscription.reliability:=1', "'reliability': 1"),
+    ('qos_overrides./scan.subscription.depth:=many', "'depth': 'many'"),
+    ('qos_overrides./scan.subscription.depth:=-3', "'depth': -3"),
+    ('qos_overrides./scan.subscription.depth:=0', "'depth': 0"),
+    ('qos_overrides./scan.subscription.history:=unknown', "'history': 'unknown'"),
+])
+def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argument, complaint):
+    node = start_node('-p', argument)
+    assert node.wait(TIMEOUT) == 2
+    assert complaint in node.output()
+    assert len(node.output().strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize('words', [['--params-file', 'missing.yaml'], ['-p', 'nonsense']])
+def test_wrong_ros_arguments_end_the_node_with_one_line(start_node, words):
+    node = start_node(*words)
+    assert node.wait(TIMEOUT) == 2
+    assert 'scan_matcher: ' in node.output()
+    assert 'Traceback' not in node.output()
+
+
+def test_a_change_counts_from_the_next_scan_on_and_is_logged(node, player, peer, scans):
+    parameters = Parameters(peer)
+    assert played(player, scans[:3]).lost == 0
+    [result] = parameters.set(scan__range_max=0.06)
+    assert result.successful
+    said(node, 'parameters changed: scan.range_max: 0.0 -> 0.06', peer)
+    assert player.play(scans[3:4], patience=0.5).lost == 1
+    said(node, 'scan skipped', peer)
+    [result] = parameters.set(scan__range_max=0)
+    assert result.successful
+    assert parameters.get('scan.range_max') == [0.0]
+    assert player.play(scans[4:6]).lost == 0
+
+
+@pytest.mark.parametrize('name, value, reason', [
+    ('scan.range_max', -1.0, 'range'),
+    ('scan.range_max', math.nan, 'range'),
+    ('scan.range_max', 'far', 'type'),
+    ('scan.range_max', True, 'type'),
+    ('publish_tf', 'no', 'type'),
+    ('odom_frame', 'map', 'read-only'),
+    ('filter.test', 'guess', "filter.test = 'guess': expected one of"),
+    ('scan.rangemax', 1.0, 'scan.rangemax'),
+])
+def test_a_wrong_value_is_rejected_with_a_reason_and_the_old_one_kept(node, peer, name, value, reason):
+    parameters = Parameters(peer)
+    [result] = parameters.set(**{name: value})
+    assert not result.successful
+    assert reason in result.reason
+    defaults = NodeParameters().flatten()
+    if name in defaults:
+        assert parameters.get(name) == [defaults[name]]
+
+
+def test_several_parameters_set_at_once_are_taken_all_or_none(node, player, peer, scans):
+    parameters = Parameters(peer)
+    result = parameters.set_together(scan__range_min=0.3, scan__range_max=-5.0)
+    assert not result.successful
+    assert parameters.get('scan.range_min', 'scan.range_max') == [0.0, 0.0]
+    result = parameters.set_together(scan__range_min=0.3, scan__range_max=9)
+    assert result.successful
+    assert parameters.get('scan.range_min', 'scan.range_max') == [0.3, 9.0]
+    said(node, 'parameters changed: scan.range_min: 0.0 -> 0.3, scan.range_max: 0.0 -> 9.0', peer)
+    assert played(player, scans[:3]).lost == 0
+
+
+def test_a_least_value_is_never_set_above_the_greatest_whatever_the_order(node, peer):
+    parameters = Parameters(peer)
+    [least, greatest] = parameters.set(scan__noise_min=0.06, scan__noise_max=0.1)
+    assert (least.successful, greatest.successful) == (False, True)
+    assert 'scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or first' in least.reason
+    assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.004, 0.1]
+    assert parameters.set(scan__noise_min=0.06)[0].successful
+    assert not parameters.set(scan__noise_max=0.01)[0].successful
+    assert parameters.set_together(scan__noise_max=0.01, scan__noise_min=0.002).successful
+    assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.002, 0.01]
+    for limits in ({'scan__range_min': 3.0, 'scan__range_max': 8.0}, {'scan__range_max': 0.0, 'scan__range_min': 9.0}):
+        assert all(result.successful for result in parameters.set(**limits))
+
+
+# Bad input
+
+
+BAD = {
+    'no valid return': (lambda s: changed(s, ranges=array.array('f', [math.inf] * s.geometry.size)), 'return'),
+    'all nan': (lambda s: changed(s, ranges=array.array('f', [math.nan] * s.geometry.size)), 'return'),
+    'nan angle': (lambda s: changed(s, angle_min=math.nan), 'angle_min nan'),
+    'infinite increment': (lambda s: changed(s, angle_increment=math.inf), 'must be finite'),
+    'zero increment': (lambda s: changed(s, angle_increment=0.0), 'angle_increment is 0'),
+    'no beams': (lambda s: changed(s, beams=0), 'a scan of 0 beams'),
+    'one beam': (lambda s: changed(s, beams=1), 'return'),
+    'round and round': (lambda s: changed(s, angle_increment=1.0), 'go round more than twice'),
+}
+
+
+@pytest.mark.parametrize('kind', BAD)
+def test_a_bad_scan_is_named_and_skipped_and_the_next_good_one_goes_on(node, player, peer, scans, truth, kind):
+    make, complaint = BAD[kind]
+    assert played(player, scans[:3]).lost == 0
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    peer.until(lambda: publisher.publish(make(scans[3])) or 'scan skipped' in node.output())
+    assert complaint in node.output()
+    assert 'Traceback' not in node.output()
+    answers = player.play(scans[4:6])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[4:6]).max() < 0.05
+
+
+def test_bad_scans_do_not_flood_the_log(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    bad = BAD['zero increment'][0](scans[0])
+    peer.until(lambda: publisher.publish(bad) or 'scan skipped' in node.output())
+    for _ in range(100):
+        publisher.publish(bad)
+    assert player.play(scans[:2]).lost == 0
+    assert node.output().count('angle_increment is 0') <= 2
+
+
+def test_a_scan_with_fewer_beams_than_the_last_is_used_and_named(node, player, peer, scans, truth):
+    assert played(player, scans[:3]).lost == 0
+    short = type(scans[3]).from_message(changed(scans[3], beams=250))
+    answers = player.play([short, *scans[4:6]])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[3:6]).max() < 0.05
+    said(node, 'the scans change from 360 to 250 beams', peer)
+
+
+def test_an_angle_max_that_disagrees_is_named_and_ignored(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
+    peer.until(lambda: publisher.get_subscription_count())
+    peer.until(lambda: publisher.publish(changed(scans[0], angle_max=1.0)) or 'angle_max is 1 rad' in node.output())
+    assert 'scan skipped' not in node.output()
+
+
+def test_stamps_that_go_back_are_answered_with_their_own(node, player, scans):
+    order = [scans[k] for k in (0, 1, 3, 2, 4)]
+    answers = played(player, order)
+    assert answers.lost == 0
+    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in order]
+
+
+# Starting and stopping
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_an_idle_node_quietly(node, peer, number):
+    said(node, 'ready', peer)
+    assert_stops(node, number)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_quietly_while_it_starts(start_node, peer, size, number):
+    for delay in np.linspace(0.0, 1.0, size(3, 20)):
+        node = start_node()
+        peer.until(lambda node=node: handles_signals(node))
+        due = time.monotonic() + delay
+        peer.until(lambda due=due: time.monotonic() > due)
+        assert_stops(node, number)
+
+
+def handles_signals(process):
+    """Whether a process has got as far as to take its signals in a thread of their own."""
+    blocked = int(re.search('SigBlk:\t(.*)', Path(f'/proc/{process.pid}/status').read_text())[1], 16)
+    return blocked >> (signal.SIGTERM - 1) & 1
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('after', [1, 7, 20])
+def test_a_signal_ends_a_busy_node_quietly(node, player, scans, number, after):
+    def then_signal():
+        for k, scan in enumerate(scans):
+            if k == after:
+                node.signal(number)
+            yield scan
+
+    player.wait_for_node(TIMEOUT)
+    with contextlib.suppress(PlayerError):
+        player.play(then_signal(), rate=100.0, patience=0.1)
+    # A machine that is busier still may hold the scans back.
+    assert_stops(node, number, 'tf2_msgs is not installed|no scan for')
+
+
+def assert_stops(node, number, expected='tf2_msgs is not installed'):
+    """Without a complaint, but for lines like the `expected` pattern."""
+    node.signal(number)
+    assert node.wait(TIMEOUT) == 0, node.output()
+    assert not re.search('Traceback|Error|Exception|WARN', re.sub(f'.*({expected}).*', '', node.output()))
+
+
+def test_the_node_starts_without_the_slow_libraries(start, ros_environment):
+    code = ('import sys, dbscan_reg_ros.node.node_core; '
+            "print([m for m in ('sklearn', 'matplotlib', 'rosbags', 'tqdm') if m in sys.modules])")
+    process = start(sys.executable, '-c', code)
+    assert process.wait(TIMEOUT) == 0
+    assert process.output().strip() == '[]'
+
+
+def test_help_needs_no_ros(start_command):
+    process = start_command('scan_matcher', '--help')
+    assert process.wait(TIMEOUT) == 0
+    assert '--params-file' in process.output()

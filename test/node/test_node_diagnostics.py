@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""/diagnostics: what the node says of itself once a second."""
+import math
+import time
+
+import numpy as np
+import pytest
+import rclpy
+import rclpy.qos
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from ros_helpers import TIMEOUT, Loudspeaker, Peer, changed, diagnosis, played, said, transform
+from sensor_msgs.msg import Imu, LaserScan
+from std_srvs.srv import SetBool
+
+from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
+from dbscan_reg_ros.node.monitoring.graph_checks import full_name, named
+
+START = 1_700_000_000 * 10**9
+
+
+@pytest.fixture
+def reports(peer):
+    return lambda: peer.listen(DiagnosticArray, '/diagnostics')
+
+
+def values(status):
+    return {pair.key: pair.value for pair in status.values}
+
+
+def level(status):
+    return {DiagnosticStatus.OK: 'ok', DiagnosticStatus.WARN: 'warn', DiagnosticStatus.ERROR: 'error',
+            DiagnosticStatus.STALE: 'stale'}[status.level]
+
+
+def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, reports):
+    start_node('-r', '__ns:=/robot')
+    heard = reports()
+    status = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    assert status.name == '/robot/scan_matcher: laser odometry'
+    assert status.message == 'no scans on /robot/scan: nobody publishes there'
+    peer.node.create_publisher(LaserScan, '/robot/scan', 10)
+    assert diagnosis(peer, heard, lambda s: 'published there by /peer' in s.message)
+
+
+def test_tracking_is_ok_with_rates_timing_and_counts(node, player, peer, reports, scans):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    peer.greet()
+    with peer.spinning():
+        answers = player.play(scans[:40], rate=1.0)
+    assert answers.lost == 0
+    told = [s for m in heard for s in m.status if level(s) == 'ok' and s.message == 'tracking']
+    assert len(told) >= 3
+    numbers = values(told[-2])
+    assert float(numbers['scan rate [Hz]']) == pytest.approx(10.0, abs=2.0)
+    assert float(numbers['odometry rate [Hz]']) == pytest.approx(10.0, abs=2.0)
+    assert 0.0 < float(numbers['processing median [ms]']) <= float(numbers['processing worst [ms]'])
+    assert float(numbers['overlap']) > 0.7
+    assert numbers['scans dropped'] == numbers['scans skipped'] == '0'
+    assert numbers['scans answered'] == numbers['status ok']
+    assert told[-1].hardware_id == 'laser'
+    silent = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    assert silent.message.startswith('no scans on /scan: ')
+    assert values(silent)['scans answered'] == '40'
+
+
+def test_it_is_said_once_a_second(node, peer, reports):
+    heard = reports()
+    peer.until(lambda: heard)
+    start, count = time.monotonic(), len(heard)
+    peer.until(lambda: len(heard) >= count + 3)
+    assert time.monotonic() - start == pytest.approx(3.0, abs=0.7)
+
+
+def walls(count):
+    """Scans between two endless walls, one 1.5 m to the left and one 0.8 m to the right, that run along 0.5 rad."""
+    rng = np.random.default_rng(1)
+    geometry = ScanGeometry(-3.1, 0.017, 360, 0.05, 8.0)
+    across = np.sin(geometry.bearings - 0.5)
+    ranges = np.where(across > 0.0, 1.5, 0.8) / np.maximum(np.abs(across), 1e-3)
+    for k in range(count):
+        yield Scan(START + k * 100_000_000, ranges + rng.normal(0.0, 0.005, 360), geometry, 0.0, 'laser')
+
+
+def test_between_two_walls_the_direction_that_is_not_known_is_told(node, player, peer, reports):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    peer.greet()
+    with peer.spinning():
+        assert player.play(walls(30), rate=1.0).lost == 0
+    told = [s for m in heard for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
+    assert told, [s.message for m in heard for s in m.status]
+    assert math.remainder(float(values(told[0])['free direction [rad]']) - 0.5, math.pi) == pytest.approx(0.0, abs=0.05)
+    assert 'along 29 deg' in told[0].message or 'along 28 deg' in told[0].message
+    assert int(values(told[-1])['status degenerate']) > 0
+
+
+def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    peer.greet()
+    rng = np.random.default_rng(1)
+    assert player.play(scans[:3]).lost == 0
+    noise = [type(s)(s.stamp, rng.uniform(0.5, 20.0, s.geometry.size), s.geometry, 0.0, 'laser') for s in scans[3:23]]
+    with peer.spinning():
+        player.play(noise, rate=1.0)
+    told = [s for m in heard for s in m.status if level(s) == 'error']
+    assert any(s.message.startswith('lost: ') and len(s.message) > len('lost: ') for s in told)
+    assert int(values(told[-1])['status failed']) > 0
+
+
+def test_scans_that_cannot_be_used_are_an_error(node, player, peer, reports, scans):
+    heard = reports()
+    speaker = Loudspeaker(peer, LaserScan, 'scan')
+    bad = changed(scans[0], angle_increment=0.0)
+    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'angle_increment is 0' in s.message], bad)
+    assert level(seen[0]) == 'error'
+    assert int(values(seen[0])['scans skipped']) > 0
+
+
+def test_a_mounting_that_is_not_known_is_an_error(start_command, peer, reports, scans):
+    pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
+    start_command('scan_matcher')
+    heard = reports()
+    speaker = Loudspeaker(peer, LaserScan, 'scan')
+    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'no transform from' in s.message],
+                         scan_to_message(scans[0]))
+    assert level(seen[0]) == 'error'
+
+
+def test_two_parents_of_the_base_are_an_error(start_node, player, peer, reports, scans):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = reports()
+    other = Loudspeaker(peer, tf_type, '/tf')
+    other.until(lambda: 'somebody else' in node.output(), tf_type(transforms=[transform('wheels', 'base_link')]))
+    with peer.spinning():
+        assert player.play(scans[:20], rate=1.0).lost == 0
+    told = [s for m in heard for s in m.status if 'somebody else' in s.message]
+    assert told
+    assert {level(s) for s in told} == {'error'}
+
+
+def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, peer, reports, scans):
+    node = start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
+    heard = reports()
+    publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
+    status = diagnosis(peer, heard, lambda s: 'quality of service' in s.message)
+    assert level(status) == 'stale'
+    assert 'the quality of service of /peer on /scan does not suit ours' in status.message
+    assert 'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
+           'qos_overrides./scan.subscription.reliability:=best_effort' in status.message
+    publisher.publish(scan_to_message(scans[0]))
+    said(node, 'the quality of service of /peer on /scan', peer)
+
+
+BEST_EFFORT = rclpy.qos.qos_profile_sensor_data
+
+
+def test_a_pose_that_is_published_best_effort_is_said_not_to_get_here(node, player, peer, reports, scans):
+    heard = reports()
+    peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
+    status = diagnosis(peer, heard, lambda s: '/set_pose' in s.message)
+    told = 'the quality of service of /peer on /set_pose does not suit ours, not one message of it gets here: ' \
+           'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
+           'qos_overrides./set_pose.subscription.reliability:=best_effort'
+    assert level(status) == 'stale'
+    assert status.message == f'no scans on /scan: published there by /play; {told}'
+    said(node, told, peer)
+    played(player, scans[:3])
+    status = diagnosis(peer, heard, lambda s: level(s) == 'warn')
+    assert told in status.message
+    assert node.output().count(told) == 1
+
+
+@pytest.mark.parametrize('source, topic, kind', [('odometry', 'wheel_odom', Odometry), ('imu', 'imu', Imu)])
+def test_a_source_whose_quality_of_service_cannot_match_is_said_not_to_get_here(start_node, peer, reports, source, topic, kind):
+    override = f'qos_overrides./{topic}.subscription.reliability'
+    node = start_node('-p', f'prior.source:={source}', '-p', f'{override}:=reliable')
+    heard = reports()
+    peer.node.create_publisher(kind, topic, BEST_EFFORT)
+    told = f'the quality of service of /peer on /{topic} does not suit ours, not one message of it gets here: its reliability is ' \
+           f'best effort, ours reliable; let it publish with ours, or start this node with {override}:=best_effort'
+    diagnosis(peer, heard, lambda s: told in s.message)
+    said(node, told, peer)
+
+
+def test_static_transforms_that_are_volatile_are_said_not_to_get_here(node, peer, reports):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    heard = reports()
+    peer.node.create_publisher(tf_type, '/tf_static', 10)
+    diagnosis(peer, heard, lambda s: '/tf_static' in s.message)
+    said(node, 'the quality of service of /peer on /tf_static does not suit ours, not one message of it gets here: '
+         'its durability is volatile, ours transient local; let it publish with ours', peer)
+
+
+@pytest.mark.parametrize('source, topic, expected', [('odometry', 'wheel_odom', 'nav_msgs/msg/Odometry'),
+                                                     ('imu', 'imu', 'sensor_msgs/msg/Imu')])
+def test_a_source_of_another_type_is_said_not_to_get_here(start_node, peer, reports, source, topic, expected):
+    node = start_node('-p', f'prior.source:={source}')
+    heard = reports()
+    peer.node.create_publisher(PoseWithCovarianceStamped, topic, 10)
+    told = f'/peer publishes geometry_msgs/msg/PoseWithCovarianceStamped on /{topic}; expected {expected}: ' \
+           'not one message of it gets here'
+    diagnosis(peer, heard, lambda s: told in s.message)
+    said(node, told, peer)
+
+
+def test_another_publisher_on_our_odometry_is_named(node, player, peer, reports, scans):
+    heard = reports()
+    with Peer('base_driver') as driver:
+        driver.node.create_publisher(Odometry, 'odom', 10)
+        status = diagnosis(peer, heard, lambda s: '/odom' in s.message)
+        told = '/odom is published by /base_driver, too: who hears it gets two odometries mixed; remap ours'
+        assert told in status.message
+        said(node, told, peer)
+        played(player, scans[:3])
+        assert told in diagnosis(peer, heard, lambda s: level(s) == 'warn').message
+    played(player, scans[3:6])
+    diagnosis(peer, heard, lambda s: '/odom' not in s.message)
+    assert node.output().count(told) == 1
+
+
+def test_a_second_node_of_our_name_on_our_odometry_is_named(start_node, player, peer, reports):
+    first, second = start_node(), start_node()
+    for node in (first, second):
+        said(node, '/odom is published by another node named /scan_matcher, too', peer)
+
+
+class Endpoint:
+    """A publisher that is discovered before its node is, as rmw tells of it."""
+
+    node_name = '_NODE_NAME_UNKNOWN_'
+    node_namespace = '_NODE_NAMESPACE_UNKNOWN_'
+
+
+def test_a_node_that_is_not_discovered_is_somebody():
+    known = type('Known', (Endpoint,), {'node_name': '_ros2cli_17', 'node_namespace': '/'})
+    assert full_name(Endpoint) == 'somebody'
+    assert named([Endpoint, known, Endpoint]) == '/_ros2cli_17, somebody'
+    assert named([]) == ''
+
+
+def test_a_paused_node_says_so(node, player, peer, reports, scans):
+    assert played(player, scans[:3]).lost == 0
+    heard = reports()
+    assert peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=True)).success
+    status = diagnosis(peer, heard, lambda s: s.message == 'paused')
+    assert level(status) == 'ok'

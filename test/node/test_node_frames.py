@@ -1,0 +1,444 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames: where the laser sits, as transforms say; our own transform, and those of others."""
+import importlib.util
+import itertools
+import math
+import os
+import time
+
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros_helpers import (
+    LATCHED,
+    TIMEOUT,
+    Loudspeaker,
+    Parameters,
+    Peer,
+    diagnosis,
+    distances,
+    needs_tf2_msgs,
+    played,
+    pose_of,
+    restamped,
+    said,
+    transform,
+)
+
+from dbscan_reg_ros import SE2, Scan
+from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def tf_type():
+    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+
+
+def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(start_command, player, peer, scans, tf_type):
+    node = start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3], patience=0.2).lost == 3
+    said(node, "no transform from 'base_link' to 'laser'", peer)
+    assert "set mounting to 'laser_pose' (with laser_pose) or to 'none'" in node.output()
+    assert player.play(scans[3:10], patience=0.2).lost == 7
+    assert node.output().count('no transform from') == 1
+    static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
+    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    static.until(lambda: not player.play(scans[10:11], patience=0.2).lost, message)
+    assert pose_of(player.play(scans[11:12]).messages[0]).as_array() == pytest.approx([0.1, 0.0, 0.0], abs=0.1)
+
+
+@needs_tf2_msgs
+def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans):
+    start_command('scan_matcher', '--ros-args', '-p', 'base_frame:=laser')
+    assert played(player, scans[:5]).lost == 0
+
+
+def test_strays_do_not_end_what_is_known_of_the_mounting(start_command, player, peer, scans, tf_type):
+    """One on /tf does nothing, one on /tf_static only while its publisher is there."""
+    start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('base_link', 'laser', x=0.3)]))
+    peer.until(lambda: not player.play(scans[:1], patience=0.2).lost)
+    with Peer('stray') as other:
+        stray = Loudspeaker(other, tf_type, '/tf')
+        stray.tell(tf_type(transforms=[transform('elsewhere', 'laser', stamp=scans[1].stamp)]))
+        assert player.play(scans[1:4]).lost == 0
+        latched = Loudspeaker(other, tf_type, '/tf_static', LATCHED)
+        latched.tell(tf_type(transforms=[transform('elsewhere', 'laser')]))
+        peer.until(lambda: player.play(scans[4:5], patience=0.2).lost)
+    peer.until(lambda: not player.play(scans[5:6], patience=0.2).lost)
+
+
+def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command, player, peer, scans, truth, tf_type):
+    """The base stands still on the spot where the sensor starts; the laser drives away on it."""
+    start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+              for s, p in zip(scans[:40], truth, strict=False)]
+    moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places))
+    answers = player.play(scans[1:40])
+    assert answers.lost == 0
+    assert distances(answers.messages, [SE2()] * 39).max() < 0.05
+
+
+def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
+    answers = played(player, [Scan(s.stamp, s.ranges, s.geometry, s.time_increment, frame)
+                              for s, frame in zip(scans[:6], ['front', 'rear'] * 3, strict=True)])
+    assert answers.lost == 0
+    said(node, "the scans change from the frame 'front' to 'rear'", peer)
+    assert 'give each laser a topic and a node of its own' in node.output()
+    assert node.output().count('the scans change') == 1
+
+
+TF2_ROS = """
+class TransformException(Exception):
+    pass
+
+class ExtrapolationException(TransformException):
+    pass
+
+class Buffer:
+    def __init__(self):
+        self.clear()
+
+    def set_transform(self, message, authority):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        if stamp >= max(self.messages, default=stamp) - 10 * 10**9:
+            self.messages[stamp] = message
+
+    def clear(self):
+        self.messages = {}
+
+    def lookup_transform(self, target, source, time):
+        if not self.messages:
+            raise TransformException('nothing is known')
+        stamp = time.nanoseconds or max(self.messages)
+        if stamp not in self.messages:
+            raise ExtrapolationException(f'{stamp} is not known')
+        return self.messages[stamp]
+"""
+"""What the node needs of it where it hears of one moving frame, at the stamps of the scans."""
+
+
+@pytest.fixture
+def with_tf2_ros(tmp_path, ros_environment):
+    """An environment in which tf2_ros can be imported: the real one where it is installed."""
+    if importlib.util.find_spec('tf2_ros'):
+        return {}
+    folder = tmp_path / 'with'
+    folder.mkdir()
+    (folder / 'tf2_ros.py').write_text(TF2_ROS)
+    return {'PYTHONPATH': os.pathsep.join([str(folder), os.environ['PYTHONPATH']])}
+
+
+def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans, truth, with_tf2_ros,
+                                                                    tf_type):
+    """The base stands still on the spot where the sensor starts; the laser drives away on it, and again from elsewhere."""
+    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', **with_tf2_ros)
+    player.wait_for_node(TIMEOUT)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    for away in (SE2(), SE2(5.0, -3.0, 2.0)):
+        first = scans[0].stamp + (1000 * SECOND if away == SE2() else 0)
+        run = restamped(scans[:20], [first + scan.stamp - scans[0].stamp for scan in scans[:20]])
+        places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+                  for s, p in zip(run, [away @ pose for pose in truth[:20]], strict=True)]
+        moving.tell(tf_type(transforms=places))
+        answers = player.play(run, rate=4.0)
+        assert answers.lost == 0
+        assert distances(answers.messages, [SE2()] * 20).max() < 0.05
+    said(node, 'odometry reset: the stamps of the scans start again', peer)
+    assert 'is not known at the time of the scan' not in node.output()
+
+
+def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command, player, peer, scans, with_tf2_ros, tf_type):
+    node = start_command('scan_matcher', **with_tf2_ros)
+    player.wait_for_node(TIMEOUT)
+    old = restamped(scans[:5], [(k - 100) * SECOND for k in range(5)])
+    assert player.play(old[:1], patience=0.2).lost == 1
+    said(node, "no transform from 'base_link' to 'laser'", peer)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    moving.until(lambda: not player.play(old[1:2], patience=0.2).lost, message)
+    assert player.play(old[2:]).lost == 0
+    said(node, 'is not known at the time of the scan; taking that of another time', peer)
+
+
+def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):
+    start_command('scan_matcher', '--ros-args', '-p', 'input.wait:=10.0')
+    player.wait_for_node(TIMEOUT)
+    moving = Loudspeaker(peer, tf_type, '/tf')
+    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+              for s, p in zip(scans[:40], truth, strict=False)]
+    moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places[:1]))
+    assert player.play(scans[1:2], patience=0.5).lost == 1
+    with peer.spinning():
+        moving.publisher.publish(tf_type(transforms=places))
+        answers = player.play(scans[2:3], patience=5.0)
+    assert answers.unexpected == 1
+    assert distances(answers.messages, [SE2()]).max() < 0.05
+
+
+def test_the_inverse_transform_is_sent_where_asked_for(start_node, player, peer, scans, tf_type):
+    start_node('-p', 'invert_tf:=true', '-p', 'odom_frame:=laser_odom')
+    player.wait_for_node(TIMEOUT)
+    heard = peer.hear(tf_type, '/tf')
+    answers = player.play(scans[:10])
+    peer.until(lambda: len(heard) == 10)
+    for message, answer in zip(heard, answers.messages, strict=True):
+        [sent] = message.transforms
+        assert (sent.header.frame_id, sent.child_frame_id) == ('base_link', 'laser_odom')
+        assert sent.header.stamp == answer.header.stamp
+        t, q = sent.transform.translation, sent.transform.rotation
+        identity = SE2(t.x, t.y, 2.0 * math.atan2(q.z, q.w)) @ pose_of(answer)
+        assert identity.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize('parent', ['wheel_odom', 'odom'])
+def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, player, peer, scans, tf_type, parent):
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(tf_type, '/tf')
+    assert player.play(scans[:3]).lost == 0
+    assert not any('somebody else' in line for line in node.output().splitlines())
+    with Peer('wheels') as wheels:
+        other = Loudspeaker(wheels, tf_type, '/tf')
+        message = tf_type(transforms=[transform(parent, 'base_link', x=5.0, stamp=scans[3].stamp)])
+        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        assert f"to 'base_link' too, from '{parent}'" in node.output()
+        assert '/wheels' in node.output()
+        peer.until(lambda: '/scan_matcher' not in publishers(peer))
+    sent = len(ours(heard))
+    assert player.play(scans[3:10]).lost == 0
+    assert len(ours(heard)) == sent
+    parameters = Parameters(peer)
+    for value in (False, True):
+        [result] = parameters.set(publish_tf=value)
+        assert result.successful
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+
+
+def publishers(peer):
+    return {f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in peer.node.get_publishers_info_by_topic('/tf')}
+
+
+def ours(messages):
+    return [t for m in messages for t in m.transforms if t.transform.translation.x != 5.0]
+
+
+def give_way(node, player, peer, scans, tf_type, message):
+    """Let ``/wheels`` send one stray transform, and wait until the node gives way to it; when it was sent last."""
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3]).lost == 0
+    with Peer('wheels') as wheels:
+        other = Loudspeaker(wheels, tf_type, '/tf')
+        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        stray = time.monotonic()
+        peer.until(lambda: '/scan_matcher' not in publishers(peer))
+    return stray
+
+
+@pytest.fixture
+def stray(tf_type, scans):
+    return tf_type(transforms=[transform('wheel_odom', 'base_link', x=5.0, stamp=scans[3].stamp)])
+
+
+def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, scans, tf_type, stray):
+    node = start_node()
+    heard, reports = peer.listen(tf_type, '/tf'), peer.listen(DiagnosticArray, '/diagnostics')
+    last = give_way(node, player, peer, scans, tf_type, stray)
+    status = diagnosis(peer, reports, lambda s: 'somebody else' in s.message)
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'on /tf there are: /wheels. A frame has one parent: ours, from \'odom\', is not sent until it was silent for 5 s' in status.message
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert 4.9 < time.monotonic() - last < 8.0
+    said(node, "nobody else has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
+    diagnosis(peer, reports, lambda s: 'somebody else' not in s.message)
+    sent = len(ours(heard))
+    with peer.spinning():
+        assert player.play(scans[3:13], rate=2.0).lost == 0
+    assert len(ours(heard)) >= sent + 5
+    assert node.output().count('somebody else') == 1
+
+
+def test_publish_tf_set_to_true_sends_at_once(start_node, player, peer, scans, tf_type, stray):
+    node = start_node()
+    heard = peer.listen(tf_type, '/tf')
+    last = give_way(node, player, peer, scans, tf_type, stray)
+    [result] = Parameters(peer).set(publish_tf=True)
+    assert result.successful
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert time.monotonic() - last < 4.0
+    sent = len(ours(heard))
+    assert player.play(scans[3:6]).lost == 0
+    peer.until(lambda: len(ours(heard)) == sent + 3)
+
+
+def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_node, player, peer, scans, tf_type):
+    """A publisher of another static transform stays when the one with ours goes: which of them it was shows when all are heard again."""
+    joints = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    joints.publish(tf_type(transforms=[transform('base_link', 'laser')]))
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    reports = peer.listen(DiagnosticArray, '/diagnostics')
+    with Peer('wheels') as wheels, Peer('arm') as arm:
+        arm.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(tf_type(transforms=[transform('base_link', 'hand')]))
+        static = wheels.node.create_publisher(tf_type, '/tf_static', LATCHED)
+        static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+        peer.until(lambda: "somebody else sends a transform to 'base_link' too, from 'map'" in node.output())
+        assert 'is not sent until it has gone' in node.output()
+        diagnosis(peer, reports, lambda s: s.level == DiagnosticStatus.ERROR)
+        arm.node.destroy_node()
+        start = time.monotonic()
+        for _ in range(8):
+            assert diagnosis(peer, reports, lambda s: True).level == DiagnosticStatus.ERROR
+        assert time.monotonic() - start > 6.0
+        assert '/scan_matcher' not in publishers(peer)
+    peer.until(lambda: '/scan_matcher' in publishers(peer))
+    assert node.output().count('somebody else') == 1
+    assert player.play(scans[:3]).lost == 0
+
+
+def test_a_static_transform_is_given_way_to_again_when_publish_tf_is_set(start_node, player, peer, tf_type):
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+    node = start_node()
+    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    for value in (False, True):
+        assert Parameters(peer).set(publish_tf=value)[0].successful
+    peer.until(lambda: node.output().count("too, from 'map'; on /tf_static there are: /peer") == 2)
+    peer.until(lambda: '/scan_matcher' not in publishers(peer))
+
+
+def parents(messages):
+    """Who sent the transforms to the base, one after the other, and their stamps."""
+    sent = [t for m in messages for t in m.transforms if t.child_frame_id == 'base_link']
+    return [t.header.frame_id for t in sent], [stamp_from_message(t.header.stamp) for t in sent]
+
+
+def rounds(scans, count):
+    """So many scans at 10 Hz: the same ones to and fro, with stamps that go on."""
+    turn = itertools.cycle([*scans, *scans[-2:0:-1]])
+    return restamped(list(itertools.islice(turn, count)), [scans[0].stamp + k * SECOND // 10 for k in range(count)])
+
+
+def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type, size):
+    """They start at the same scan; then both are told to send, and may collide once; then one of them ends, and the other takes
+    over."""
+    first, second = start_node(), start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')
+    player.wait_for_node(TIMEOUT)
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    heard = peer.listen(tf_type, '/tf')
+    peer.greet('/second')
+    run = rounds(scans[:40], size(300, 600))
+    third = len(run) // 3
+    with peer.spinning():
+        player.play(run[:third], rate=1.0)
+    who, stamps = parents(heard)
+    assert len(set(stamps)) == len(stamps) and changes(who) == 0
+    assert len(who) > 0.8 * third
+    for name in ('/scan_matcher', '/second'):
+        assert Parameters(peer, name).set(publish_tf=True)[0].successful
+    with peer.spinning():
+        player.play(run[third:2 * third], rate=1.0)
+    who, _ = parents(heard)
+    {'odom': first, 'laser_odom': second}[who[-1]].stop()
+    with peer.spinning():
+        player.play(run[2 * third:], rate=1.0)
+    left, stamps = parents(heard)
+    assert len(stamps) <= len(set(stamps)) + 1
+    assert changes(left) <= 3
+    assert left[-1] != who[-1] and stamps[-1] == run[-1].stamp
+
+
+def changes(senders):
+    return sum(before != after for before, after in itertools.pairwise(senders))
+
+
+def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_their_own(start_node, player, peer, scans, tf_type):
+    """They have started at the same scan, and what they send is the same to the last bit; both insist on sending."""
+    nodes = start_node(), start_node('-r', '__node:=second')
+    player.wait_for_node(TIMEOUT)
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    for name in ('/scan_matcher', '/second'):
+        for value in (False, True):
+            assert Parameters(peer, name).set(publish_tf=value)[0].successful
+    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    heard = peer.listen(tf_type, '/tf')
+    with peer.spinning():
+        player.play(scans[:20], rate=1.0)
+    peer.until(lambda: any("too, from 'odom'; on /tf there are: " in node.output() for node in nodes))
+    _, stamps = parents(heard)
+    assert len(stamps) <= len(set(stamps)) + 1
+
+
+def test_a_scan_with_a_stamp_of_the_far_future_does_not_end_the_transform(start_node, player, peer, scans, tf_type):
+    start_node()
+    player.wait_for_node(TIMEOUT)
+    heard = peer.hear(tf_type, '/tf')
+    stamps = [scan.stamp for scan in scans[:10]]
+    stamps[4] += 3600 * SECOND
+    player.play(restamped(scans[:10], stamps), patience=0.5)
+    peer.until(lambda: stamps[9] in parents(heard)[1])
+    assert set(stamps[:4] + stamps[5:]) <= set(parents(heard)[1])
+
+
+def test_only_where_we_and_others_send_transforms_there_is_something_to_hear(start_node, player, peer, scans, tf_type):
+    node = start_node()
+    player.wait_for_node(TIMEOUT)
+    assert player.play(scans[:3]).lost == 0
+    assert peer.node.count_publishers('/tf') == 1 and peer.node.count_subscribers('/tf') == 0
+    with Peer('arm') as arm:
+        other = Loudspeaker(arm, tf_type, '/tf')
+        for value in (True, False, True):
+            assert Parameters(peer).set(publish_tf=value)[0].successful
+            other.until(lambda hears=value: peer.node.count_subscribers('/tf') == hears, tf_type(transforms=[transform('elbow', 'hand')]))
+    peer.until(lambda: peer.node.count_subscribers('/tf') == 0)
+    assert player.play(scans[3:6]).lost == 0
+    assert node.stop() == 0
+    assert 'Traceback' not in node.output()
+
+
+def test_where_no_transform_is_sent_or_read_there_is_nothing_to_hear(start_node, player, peer, tf_type):
+    start_node('-p', 'publish_tf:=false')
+    player.wait_for_node(TIMEOUT)
+    peer.node.create_publisher(tf_type, '/tf', 100)
+    reports = peer.hear(DiagnosticArray, '/diagnostics')
+    peer.until(lambda: len(reports) == 3)
+    assert peer.node.count_subscribers('/tf') == 0
+
+
+def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, peer, scans, tf_type):
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    static.publish(tf_type(transforms=[transform('map', 'base_link')]))
+    node = start_node()
+    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    assert played(player, scans[:3]).lost == 0
+
+
+def test_transforms_of_other_robots_do_not_matter(start_node, player, peer, scans, tf_type):
+    node = start_node('-r', '/tf:=tf', '-r', '/tf_static:=tf_static', '-r', '__ns:=/left')
+    with Peer('right') as right:
+        other = right.node.create_publisher(tf_type, '/tf', 100)
+        heard = peer.listen(tf_type, '/left/tf')
+        other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
+        from dbscan_reg_ros.node.playback.player import Player
+        with Player(['--ros-args', '-r', '__ns:=/left']) as left:
+            assert played(left, scans[:10]).lost == 0
+        peer.until(lambda: heard)
+        other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
+    [sent] = heard[-1].transforms
+    assert stamp_from_message(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
+    assert 'somebody else' not in node.output()
+
+
+@pytest.mark.parametrize('words', [['-p', 'prior.source:=tf', '-p', 'mounting:=none']])
+def test_without_tf2_msgs_a_prior_from_transforms_is_refused_at_the_start(start_command, without_tf2_msgs, words):
+    node = start_command('scan_matcher', '--ros-args', *words, **without_tf2_msgs)
+    assert node.wait(TIMEOUT) == 2
+    assert "prior.source = 'tf': needs tf2_msgs, which is not installed" in node.output()
+    assert 'Traceback' not in node.output()

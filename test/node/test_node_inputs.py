@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which scans are used, and which of their beams."""
+import array
+import math
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.interfaces.scan_input import within
+from dbscan_reg_ros.recordings.snapshots import read_snapshot
+
+
+@pytest.mark.parametrize('sector, inside', [
+    ((0.5, 1.0), [0.5, 0.7, 1.0]),
+    ((1.0, 0.5), [1.1, 3.0, -3.0, 0.0, 0.4]),
+    ((3.0, -3.0), [3.1, -3.1]),
+    ((3.0, 3.3), [3.1, -3.1]),
+    ((-math.pi, math.pi), [0.0, 2.0, -2.0]),
+])
+def test_sectors_go_counter_clockwise_across_the_seam(sector, inside):
+    assert within(np.array(inside), np.array([sector])).all()
+
+
+def test_bearings_outside_all_sectors_are_kept():
+    bearings = np.array([0.0, 0.4, 1.1, 3.0, -3.0])
+    assert not within(bearings, np.array([[0.5, 1.0], [3.05, 3.1]])).any()
+
+
+@pytest.mark.parametrize('upside_down', [False, True])
+def test_the_robots_own_body_is_masked(start_node, player, peer, scans, truth, tmp_path, upside_down):
+    """A post on the robot hides a sector; it moves along, so that it would hold the odometry back."""
+    place = ['-p', 'mounting:=laser_pose', '-p', 'upside_down:=true', '-p', 'laser_pose:=[0.1, 0.0, 2.0]']
+    start_node('-p', 'input.mask:=[0.5, 1.5, 3.0, -3.0, 0.0, 0.0, 0.0, 0.0]', '-p', 'input.mask_range:=0.6',
+               '-p', f'snapshot.folder:={tmp_path}', *(place if upside_down else []))
+    bearings = scans[0].geometry.bearings
+    post = (bearings > 0.5) & (bearings < 1.5)
+    hidden = [type(s).from_message(changed(s, ranges=array.array('f', np.where(post, 0.4, s.ranges)))) for s in scans[:20]]
+    answers = played(player, hidden)
+    assert answers.lost == 0
+    if not upside_down:
+        assert distances(answers.messages, truth[:20]).max() < 0.05
+    answer = peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
+    for update in read_snapshot(answer.message).updates:
+        assert np.isnan(update.scan.ranges[post]).all()
+        assert np.isfinite(update.scan.ranges[~post & (bearings > -2.9) & (bearings < 2.9)]).all()
+
+
+def test_only_one_scan_in_so_many_is_used(start_node, player, scans, truth):
+    start_node('-p', 'input.every:=4')
+    player.wait_for_node(TIMEOUT)
+    answers = player.play(scans[:40], rate=4.0, patience=0.5)
+    assert [k for k, message in enumerate(answers.messages) if message] == list(range(0, 40, 4))
+    assert distances([m for m in answers.messages if m], truth[0:40:4]).max() < 0.1
+
+
+def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(node, peer, scans):
+    publisher = Loudspeaker(peer, LaserScan, 'scan').publisher
+    answers = peer.listen(Odometry, 'odom')
+    reports = peer.hear(DiagnosticArray, '/diagnostics')
+    messages = [scan_to_message(scan) for scan in scans]
+    for message in messages:
+        publisher.publish(message)
+    peer.until(lambda: answers and answers[-1].header.stamp == messages[-1].header.stamp)
+    assert len(answers) < 80
+    stamps = [stamp_from_message(m.header.stamp) for m in answers]
+    assert stamps == sorted(stamps)
+
+    def counts():
+        values = {v.key: v.value for v in reports[-1].status[0].values}
+        return [int(values[f'scans {kind}']) for kind in ('received', 'answered', 'dropped')]
+
+    peer.until(lambda: reports and counts()[1] == len(answers))
+    received, answered, dropped = counts()
+    assert received == answered + dropped
+    assert received > 50

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node believes of the motion before it looks at the scans."""
+import itertools
+import math
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base, said, transform
+from sensor_msgs.msg import Imu
+from std_srvs.srv import Trigger
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.interfaces.messages import pose_to_message, stamp_to_message
+from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.robot.parameters import NodePriorParameters
+
+LASER = SE2(0.2, 0.1, 0.5)
+"""On the base."""
+PLACE = mounted(LASER)
+WAIT = ['-p', 'input.wait:=5.0']
+
+
+def along_base(motion):
+    """A motion of the laser as that of a sensor in its place that looks along the base."""
+    return SE2(0.0, 0.0, LASER.theta) @ motion @ SE2(0.0, 0.0, -LASER.theta)
+
+
+def wheel(stamp, pose):
+    message = Odometry()
+    message.header.stamp = stamp_to_message(stamp)
+    message.pose.pose = pose_to_message(pose)
+    return message
+
+
+def turning(stamp, rate):
+    message = Imu()
+    message.header.stamp = stamp_to_message(stamp)
+    message.angular_velocity.z = rate
+    return message
+
+
+def between(scans, truth):
+    """(stamp, true pose of the base) halfway between the scans, and a little before the first and after the last."""
+    bases = [SE2(9.0, -4.0, 2.0) @ pose @ LASER.inverse() for pose in truth]
+    yield scans[0].stamp - 50_000_000, bases[0]
+    for (a, b), (p, q) in zip(itertools.pairwise(scans), itertools.pairwise(bases), strict=True):
+        step = p.inverse() @ q
+        yield (a.stamp + b.stamp) // 2, p @ SE2(0.5 * step.x, 0.5 * step.y, 0.5 * step.theta)
+    yield scans[-1].stamp + 50_000_000, bases[-1]
+
+
+def priors_taken(peer, folder):
+    """What the odometry was told of each motion, from a snapshot."""
+    answer = peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
+    assert answer.success, answer.message
+    assert answer.message.startswith(str(folder))
+    return read_snapshot(answer.message).updates
+
+
+@pytest.fixture
+def start_with(start_command, tmp_path):
+    return lambda source, *words: start_command('scan_matcher', '--ros-args', '-p', f'prior.source:={source}', '-p',
+                                                f'snapshot.folder:={tmp_path}', *words)
+
+
+def play_slowly(player, peer, loudspeaker, scans, messages):
+    """Each scan after all that is told of the time before it; what is told of its own time comes after it."""
+    answered = []
+    told = 0
+    peer.greet()
+    with peer.spinning():
+        for scan in scans:
+            while told < len(messages) and stamp(messages[told]) < scan.stamp:
+                loudspeaker.publisher.publish(messages[told])
+                told += 1
+            late = messages[told] if told < len(messages) else None
+            answers = play_and_tell(player, scan, loudspeaker, late)
+            told += late is not None
+            answered += answers.messages
+    return answered
+
+
+def play_and_tell(player, scan, loudspeaker, late):
+    """Publish the scan, then what is told later than it."""
+    def one():
+        yield scan
+        if late is not None:
+            loudspeaker.publisher.publish(late)
+    return player.play(one())
+
+
+def stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+@pytest.mark.parametrize(('motion', 'translation', 'rotation'), [
+    ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
+    ((0.0, 2.0, 0.5), 0.2, 0.2)])
+def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translation, rotation):
+    spread = NodePriorParameters().told_spread(SE2(*motion))
+    assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
+
+
+@pytest.mark.parametrize('times', [1, 2])
+def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path, times):
+    """Messages that come twice are taken once."""
+    start_with('odometry', *PLACE, *WAIT)
+    player.wait_for_node(TIMEOUT)
+    wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
+    messages = [wheel(*told) for told in between(scans[:20], truth[:20]) for _ in range(times)]
+    answers = play_slowly(player, peer, wheels, scans[:20], messages)
+    assert None not in answers
+    updates = priors_taken(peer, tmp_path)
+    assert [update.prior is not None for update in updates] == [False] + 19 * [True]
+    for update, before, now in zip(updates[1:], truth, truth[1:], strict=False):
+        error = along_base(before.inverse() @ now).inverse() @ update.prior.transform
+        assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+        assert np.linalg.eigvalsh(update.prior.covariance).min() > 0.0
+    assert distances(answers, of_base(truth[:20], LASER)).max() < 0.05
+
+
+def test_what_is_wrong_with_the_wheels_is_told(start_with, player, peer, scans, truth):
+    """They find every way a tenth too short; the laser looks aside, but what is told is of the base."""
+    start_with('odometry', *PLACE, *WAIT)
+    player.wait_for_node(TIMEOUT)
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    stamps, bases = zip(*between(scans, truth), strict=True)
+    told = [SE2()]
+    for before, now in itertools.pairwise(bases):
+        step = before.inverse() @ now
+        told.append(told[-1] @ SE2(0.9 * step.x, 0.9 * step.y, step.theta))
+    play_slowly(player, peer, Loudspeaker(peer, Odometry, 'wheel_odom'), scans, list(map(wheel, stamps, told)))
+    count = len(heard)
+    peer.until(lambda: len(heard) > count + 1)
+    values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if 'told' in pair.key}
+    assert 6.0 < values['told way corrected by [%]'] < 13.0
+    assert abs(values['told turn corrected by [%]']) < 4.0
+    assert abs(values['turn added to a told way [deg/m]']) < 2.0
+    assert abs(values['way to the left added to a told turn [m/rad]']) < 0.03
+
+
+def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, peer, scans, truth, tmp_path):
+    node = start_with('odometry', *PLACE)
+    player.wait_for_node(TIMEOUT)
+    wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
+    messages = [wheel(*told) for told in between(scans[:10], truth[:10])]
+    play_slowly(player, peer, wheels, scans[:10], messages[:-1])
+    answers = player.play(scans[10:60])
+    assert answers.lost == 0
+    assert distances(answers.messages, of_base(truth[10:60], LASER)).max() < 0.05
+    said(node, "prior.source is 'odometry', but /wheel_odom says nothing of the time of the scan", peer)
+    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
+
+
+def test_wheels_that_say_no_pose_are_named_and_not_believed(start_with, player, peer, scans):
+    node = start_with('odometry', *PLACE)
+    player.wait_for_node(TIMEOUT)
+    wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
+    bad = wheel(scans[0].stamp, SE2())
+    bad.pose.pose.orientation.w = 0.0
+    wheels.until(lambda: '/wheel_odom: position' in node.output(), bad)
+    assert player.play(scans[:5]).lost == 0
+
+
+def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, player, peer, scans, truth, tmp_path):
+    start_with('imu', *PLACE, *WAIT)
+    player.wait_for_node(TIMEOUT)
+    imu = Loudspeaker(peer, Imu, 'imu')
+    rates = [(b.theta - a.theta + math.pi) % (2.0 * math.pi) - math.pi for a, b in itertools.pairwise(truth)]
+    messages = [turning(scans[0].stamp - 1, 0.0)]
+    for scan, rate in zip(scans, rates, strict=False):
+        messages += [turning(scan.stamp + k * 10_000_000, 10.0 * rate) for k in range(10)]
+    messages.append(turning(scans[19].stamp + 5, 0.0))
+    answers = play_slowly(player, peer, imu, scans[:20], messages)
+    assert None not in answers
+    updates = priors_taken(peer, tmp_path)
+    assert sum(update.prior is not None for update in updates) >= 18
+    for before, update, was, now in zip(updates[1:], updates[2:], truth[1:], truth[2:], strict=False):
+        assert update.prior.transform.theta == pytest.approx((was.inverse() @ now).theta, abs=0.02)
+        speed = math.hypot(*before.twist[:2])
+        assert math.hypot(update.prior.transform.x, update.prior.transform.y) == pytest.approx(0.1 * speed, abs=0.03)
+        # The way is known no better than without a gyroscope, the turn as its parameters say.
+        own = math.hypot(0.01, 0.1 ** 2, 0.3 * 0.1 * speed)
+        assert update.prior.spread == pytest.approx(own, rel=0.2)
+        assert update.prior.angular_spread == pytest.approx(0.03, rel=1e-6)
+
+
+def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, player, peer, scans, truth, tmp_path):
+    node = start_with('imu', *PLACE)
+    player.wait_for_node(TIMEOUT)
+    imu = Loudspeaker(peer, Imu, 'imu')
+    messages = [turning(scan.stamp, 0.0) for scan in scans[:20]]
+    for message in messages:
+        message.angular_velocity_covariance[0] = -1.0
+    imu.until(lambda: '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate' in node.output(), *messages)
+    imu.tell(*messages)
+    answers = player.play(scans[:20])
+    assert answers.lost == 0
+    assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
+    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
+    assert node.output().count('begins with -1') == 1
+
+
+def test_a_frame_of_somebody_else_gives_the_motion(start_with, player, peer, scans, truth, tmp_path):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    start_with('tf', *PLACE, *WAIT)
+    player.wait_for_node(TIMEOUT)
+    frames = Loudspeaker(peer, tf_type, '/tf')
+    messages = [tf_type(transforms=[transform('wheel_odom', 'laser', p.x, p.y, p.theta, stamp=t)])
+                for t, p in ((t, base @ LASER) for t, base in between(scans[:20], truth[:20]))]
+    frames.tell(*messages)
+    answers = player.play(scans[:20])
+    assert answers.lost == 0
+    updates = priors_taken(peer, tmp_path)
+    assert sum(update.prior is not None for update in updates) == 19
+    for update, before, now in zip(updates[1:], truth, truth[1:], strict=False):
+        error = along_base(before.inverse() @ now).inverse() @ update.prior.transform
+        assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+
+
+@pytest.mark.parametrize('source', ['none', 'constant_velocity'])
+def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer, scans, truth, tmp_path, source):
+    start_with(source, *PLACE)
+    player.wait_for_node(TIMEOUT)
+    answers = player.play(scans[:20])
+    assert answers.lost == 0
+    assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
+    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
+
+
+def test_a_prior_from_our_own_frame_is_refused(start_with):
+    node = start_with('tf', '-p', 'prior.frame:=odom')
+    assert node.wait(TIMEOUT) == 2
+    assert "prior.frame = 'odom': expected an odometry frame of somebody else" in node.output()

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node says of scans that a driver states wrongly, and of no scans: what is said of a recording of the same."""
+import array
+import math
+import time
+
+import pytest
+import rclpy.serialization
+from bags import write_bag
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_helpers import Loudspeaker, Parameters, changed, said
+from sensor_msgs.msg import Image, LaserScan
+
+from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
+from dbscan_reg_ros.recordings import open_recording
+
+START = 1_700_000_000 * 10**9
+CHANGES = {
+    'frame': lambda k: {'frame_id': ('front', 'rear')[k % 2]},
+    'angle_increment': lambda _: {'angle_increment': -2.0 * math.pi / 360},
+    'angle_max': lambda _: {'angle_max': 1.0},
+    'stamp_zero': lambda _: {'stamp': 0},
+    'stamp_equal': lambda _: {'stamp': START},
+    'stamp_back': lambda k: {'stamp': START - k * 100_000_000},
+    'time_increment': lambda k: {'time_increment': 0.1},
+    'millimetres': lambda _: {'scale': 1000.0},
+    'range_max': lambda _: {'range_max': 0.2},
+    'range_min': lambda _: {'range_min': 150.0},
+}
+
+
+def message(scan, stamp=None, frame_id='laser', scale=1.0, **fields):
+    """The scan's message, with some of what a driver may state wrongly."""
+    wrong = changed(scan, ranges=array.array('f', scale * scan.ranges), **fields)
+    wrong.header.stamp, wrong.header.frame_id = stamp_to_message(scan.stamp if stamp is None else stamp), frame_id
+    return wrong
+
+
+def told_of(path):
+    """What is said of a recording: kind -> text."""
+    return {s.warning.kind.value: s.warning.text for s in open_recording(path).look_through().sightings}
+
+
+def warnings(process):
+    """What a node has warned of, but for what becomes of the scans."""
+    texts = [line.partition(']: ')[2] for line in process.output().splitlines() if '[WARN]' in line]
+    return [text for text in texts if not text.startswith(('scan ', 'odometry ', 'tf2_msgs '))]
+
+
+@pytest.mark.parametrize('kind', CHANGES)
+def test_the_node_says_of_scans_what_is_said_of_their_recording(kind, start_node, peer, scans, tmp_path):
+    messages = [message(scan, **CHANGES[kind](k)) for k, scan in enumerate(scans[:20])]
+    offline = told_of(write_bag(tmp_path / 'bag', [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
+                                                   for k, each in enumerate(messages)]))
+    assert list(offline) == [kind]
+    node = start_node('-p', 'input.queue:=50')
+    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    speaker = Loudspeaker(peer, LaserScan, 'scan')
+    peer.greet()
+    speaker.tell(*messages)
+    said(node, offline[kind], peer)
+    status = peer.until(lambda: next((s for m in heard for s in m.status if offline[kind][:20] in s.message), None))
+    assert status.level in (status.WARN, status.ERROR)
+    assert warnings(node) == [offline[kind]]
+
+
+@pytest.mark.parametrize('name', ['replay_two_frames', 'millimetres/ranges_only', 'millimetres/ranges_and_range_max'])
+def test_the_node_says_of_a_recording_that_is_played_what_is_said_of_it(cases, name, start_node, player):
+    offline = told_of(cases / name)
+    assert len(offline) == 1
+    node = start_node()
+    player.wait_for_node(20.0)
+    player.play(list(open_recording(cases / name).scans())[:20], patience=0.2)
+    assert warnings(node) == list(offline.values())
+
+
+@pytest.mark.parametrize('words', [('play', '--rate', '5'), ('demo',)], ids=lambda words: words[0])
+def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_command, peer, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if words[0] == 'play':
+        start_node()
+    command = start_command(*words, str(cases / 'millimetres' / 'ranges_and_range_max'))
+    peer.until(lambda: not command.running(), 60.0)
+    assert command.output().count('the ranges look like millimetres') == 1
+
+
+def test_where_no_scan_comes_the_log_says_so_ever_more_rarely(start_node, peer):
+    node = start_node()
+    peer.until(lambda: 'ready' in node.output())
+    ready = time.monotonic()
+    said(node, 'no scans on /scan: nobody publishes there (5 s so far)', peer)
+    assert 4.0 < time.monotonic() - ready < 8.0
+    peer.node.create_publisher(LaserScan, '/front/scan', 10)
+    said(node, 'no scans on /scan: nobody publishes there; scans are published on /front/scan: start the node with -r '
+         'scan:=/front/scan (10 s so far)', peer)
+    peer.node.create_publisher(LaserScan, '/scan', 10)
+    said(node, 'no scans on /scan: published there by /peer (20 s so far)', peer)
+    assert node.output().count('no scans on /scan') == 3
+
+
+def test_another_type_on_the_topic_is_named_where_no_scan_comes(start_node, peer):
+    node = start_node()
+    peer.node.create_publisher(Image, '/scan', 10)
+    said(node, 'no scans on /scan: /peer publishes sensor_msgs/msg/Image on /scan; expected sensor_msgs/msg/LaserScan', peer)
+
+
+def test_a_list_that_is_refused_is_printed_as_numbers(node, peer):
+    results = [Parameters(peer).set(input__mask=value)[0] for value in ([1.0, 2.0], [1, 2, 3])]
+    assert [result.reason for result in results] == ['input.mask = [1.0, 2.0]: expected 8 numbers',
+                                                     'input.mask = [1.0, 2.0, 3.0]: expected 8 numbers']
+
+
+def test_a_list_where_none_is_expected_is_printed_as_numbers(start_node, peer):
+    said(start_node('-p', 'input.every:=[1, 2]'), 'input.every = [1, 2]: expected a whole number', peer)
+    said(start_node('-p', 'input.mask:=[0.5, 1.0]'), 'input.mask = [0.5, 1.0]: expected 8 numbers', peer)

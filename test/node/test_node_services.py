@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be asked of the running node: reset, pause, set_pose, snapshot, dump."""
+import math
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, distances, mounted, played, pose_of, said
+from std_srvs.srv import SetBool, Trigger
+
+from dbscan_reg_ros import SE2, register
+from dbscan_reg_ros import Parameters as MethodParameters
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.node.interfaces.messages import pose_to_message
+from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.robot.parameter_files import read_parameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+
+def trigger(peer, name):
+    return peer.call(Trigger, f'/scan_matcher/{name}', Trigger.Request())
+
+
+def pause(peer, value):
+    return peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=value))
+
+
+def test_after_a_reset_the_next_scan_is_the_origin(node, player, peer, scans, truth):
+    assert played(player, scans[:20]).lost == 0
+    assert trigger(peer, 'reset').success
+    answers = player.play(scans[20:40])
+    assert answers.lost == 0
+    assert pose_of(answers.messages[0]) == SE2()
+    back = truth[20].inverse()
+    assert distances(answers.messages, [back @ pose for pose in truth[20:40]]).max() < 0.05
+    covariance = np.reshape(answers.messages[0].pose.covariance, (6, 6))
+    assert covariance[0, 0] < 1e-5
+
+
+def test_scans_are_not_used_while_paused_and_the_pose_goes_on_afterwards(node, player, peer, scans, truth):
+    assert played(player, scans[:10]).lost == 0
+    assert pause(peer, True).message == 'paused: scans are not used'
+    assert player.play(scans[10:13], patience=0.3).lost == 3
+    assert pause(peer, False).success
+    answers = player.play(scans[13:20])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[13:20]).max() < 0.05
+
+
+def given(pose, frame='odom', variance=0.04):
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = frame
+    message.pose.pose = pose_to_message(pose)
+    message.pose.covariance = (variance * np.eye(6)).ravel()
+    return message
+
+
+def test_a_pose_that_is_set_is_that_of_the_next_scan(start_node, player, peer, scans, truth):
+    laser = SE2(0.3, 0.1, 1.0)
+    node = start_node(*mounted(laser))
+    assert played(player, scans[:10]).lost == 0
+    place = SE2(12.0, -7.0, 2.0)
+    poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
+    poses.until(lambda: 'odometry reset: set_pose to x 12.000 m, y -7.000 m' in node.output(), given(place))
+    answers = player.play(scans[10:30])
+    assert answers.lost == 0
+    assert pose_of(answers.messages[0]).as_array() == pytest.approx(place.as_array())
+    expected = [place @ laser @ truth[10].inverse() @ pose @ laser.inverse() for pose in truth[10:30]]
+    assert distances(answers.messages, expected).max() < 0.05
+    first, last = (np.reshape(answers.messages[k].pose.covariance, (6, 6)) for k in (0, -1))
+    assert np.diag(first)[[0, 1, 5]] == pytest.approx([0.04] * 3, abs=1e-4)
+    moved = np.subtract(pose_of(answers.messages[-1]).as_array()[:2], place.as_array()[:2])
+    assert np.diag(last)[[0, 1]] == pytest.approx(0.04 + 0.04 * moved[::-1]**2, rel=0.1)
+
+
+def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, peer, scans):
+    """Rounding makes an eigenvalue of zero negative, by the size of the others."""
+    spread = np.array([300.0, 700.0, 0.0, 0.0, 0.0, 1.0])
+    message = given(SE2(1.0, 2.0, 0.5))
+    message.pose.covariance = (np.outer(spread, spread) - 1e-9 * np.eye(6)).ravel()
+    poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
+    poses.until(lambda: 'set_pose' in node.output(), message)
+    assert 'set_pose to x 1.000 m' in node.output()
+    [answer] = played(player, scans[:1]).messages
+    assert answer.pose.covariance[1] == pytest.approx(spread[0] * spread[1], rel=0.1)
+
+
+@pytest.mark.parametrize('message, complaint', [
+    (given(SE2(), frame='map'), "the pose is in 'map'; expected 'odom'"),
+    (given(SE2(math.nan)), 'is no pose'),
+    (given(SE2(), variance=-1.0), 'its covariance is none'),
+    (given(SE2(), variance=math.nan), 'its covariance is none'),
+])
+def test_a_pose_that_cannot_be_is_refused_by_name(node, player, peer, scans, truth, message, complaint):
+    assert played(player, scans[:3]).lost == 0
+    poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
+    poses.until(lambda: complaint in node.output(), message)
+    answers = player.play(scans[3:6])
+    assert distances(answers.messages, truth[3:6]).max() < 0.05
+
+
+def test_a_snapshot_holds_the_last_scans_and_registers_them_again(start_node, player, peer, scans, tmp_path):
+    start_node('-p', f'snapshot.folder:={tmp_path}/new', '-p', 'snapshot.scans:=5', '-p', 'scan.range_max:=25.0')
+    player.wait_for_node(TIMEOUT)
+    assert trigger(peer, 'snapshot').message == 'no scan was processed yet'
+    answers = player.play(scans[:12])
+    assert answers.lost == 0
+    answer = trigger(peer, 'snapshot')
+    assert answer.success
+    snapshot = read_snapshot(answer.message)
+    assert [update.stamp for update in snapshot.updates] == [scan.stamp for scan in scans[7:12]]
+    assert NodeParameters().replace(snapshot.parameters).scan.range_max == 25.0
+    assert snapshot.updates[-1].pose.as_array() == pytest.approx(pose_of(answers.messages[-1]).as_array())
+    for update, scan in zip(snapshot.updates, scans[7:12], strict=True):
+        assert update.scan.ranges.tobytes() == scan.ranges.tobytes()
+        assert len(update.registration.hypotheses) >= 1
+    update = snapshot.updates[-1]
+    parameters = MethodParameters()
+    again = register(extract_features(update.reference, parameters), extract_features(update.scan, parameters), parameters)
+    error = update.registration.transform.inverse() @ again.transform
+    assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+
+
+def test_a_snapshot_that_cannot_be_written_says_why(start_node, player, peer, scans):
+    start_node('-p', 'snapshot.folder:=/proc/nowhere')
+    assert played(player, scans[:3]).lost == 0
+    answer = trigger(peer, 'snapshot')
+    assert not answer.success
+    assert 'cannot be written: No such file or directory' in answer.message
+    assert player.play(scans[3:5]).lost == 0
+
+
+def test_a_snapshot_in_the_home_of_nobody_says_so(start_node, player, peer, scans):
+    start_node('-p', 'snapshot.folder:=~nobody_of_this_name/snapshots')
+    assert played(player, scans[:3]).lost == 0
+    answer = trigger(peer, 'snapshot')
+    assert not answer.success
+    assert answer.message == "snapshot.folder = '~nobody_of_this_name/snapshots': no such user"
+    assert player.play(scans[3:5]).lost == 0
+
+
+def test_a_dump_is_taken_back_unchanged(start_node, start_command, peer, tmp_path):
+    first = start_node('-p', 'scan.range_max:=7.5', '-p', 'input.mask:=[0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]', '-p',
+                       'odom_frame:=laser_odom')
+    [result] = Parameters(peer).set(prior__rotation=0.25)
+    assert result.successful
+    one, two = tmp_path / 'one.yaml', tmp_path / 'two.yaml'
+    assert start_command('dump', '--out', one).wait(TIMEOUT) == 0
+    first.stop()
+    peer.until(lambda: not peer.node.count_publishers('/odom'))
+    start_command('scan_matcher', '--ros-args', '--params-file', one)
+    assert start_command('dump', '--out', two).wait(TIMEOUT) == 0
+    assert two.read_text() == one.read_text()
+    assert read_parameters(one).flatten() == NodeParameters().replace({
+        'scan.range_max': 7.5, 'input.mask': (0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 'odom_frame': 'laser_odom',
+        'prior.rotation': 0.25, 'mounting': 'none'}).flatten()
+
+
+def test_a_dump_without_a_node_ends_with_one_line(start_command):
+    process = start_command('dump', '--node', '/nobody', '--wait', '0.5')
+    assert process.wait(TIMEOUT) == 2
+    assert 'no answer from the node /nobody in 0.5 s' in process.output()
+    assert len(process.output().strip().splitlines()) == 1
+
+
+def test_a_dump_of_another_node_says_so(start_command, peer):
+    with peer.spinning():
+        process = start_command('dump', '--node', '/peer')
+        assert process.wait(TIMEOUT) == 2
+    assert '/peer has not the parameters of scan_matcher' in process.output()
+
+
+def test_changes_are_logged_with_old_and_new_value(node, peer):
+    [result] = Parameters(peer).set(input__mask=[1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert result.successful, result.reason
+    said(node, 'input.mask: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) -> (1.0, 2.0, 0.0', peer)

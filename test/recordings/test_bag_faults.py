@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags that cannot be read: what they are and what helps, in one line and in our own words."""
+import os
+import shutil
+import socket
+
+import pytest
+from bags import laser_scan, text, write_bag
+
+from dbscan_reg_ros import ParameterError, RecordingError
+from dbscan_reg_ros.recordings import load_relations, open_recording, read_csv, read_tum
+from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.robot.parameter_files import read_parameters
+
+LIBRARY = ('Error', 'magic', 'please report', 'Unrecognized', 'frame descriptor', 'weakref', 'Exception')
+"""Words of libraries; nobody knows from them what to do."""
+
+
+def refusal(path):
+    with pytest.raises(RecordingError) as caught:
+        open_recording(path)
+    message = str(caught.value)
+    assert message.startswith(f'{path}: ') and '\n' not in message
+    assert not [word for word in LIBRARY if word in message.removeprefix(str(path))]
+    return message
+
+
+@pytest.mark.parametrize(('name', 'what', 'help'), [
+    ('cut_off_by_power_loss.mcap', 'a recording that was not closed', 'mcap recover'),
+    ('cut.bag', 'a ROS 1 bag whose index is damaged or missing', 'rosbag reindex'),
+    ('index_count.bag', 'a ROS 1 bag whose index is damaged or missing', 'rosbag reindex'),
+    ('alone.mcap.zstd', 'a file compressed with zstd', 'zstd -d'),
+    ('alone.db3.zstd', 'a file compressed with zstd', 'name its folder'),
+    ('unpacked_by_hand', 'says that mcap_FILE.mcap is compressed with zstd, it is a plain mcap file',
+     'name the file itself'),
+    ('storage_identifier_empty', "says storage '', mcap_plain.mcap is an mcap file", 'name the file itself'),
+    ('only_multi_echo', '/echoes (sensor_msgs/msg/MultiEchoLaserScan)', 'laser_proc'),
+])
+def test_public_bags_that_cannot_be_read_are_told_what_they_are_and_what_helps(cases, name, what, help):
+    message = refusal(cases / 'unclear_bag_messages' / name)
+    assert what in message and help in message
+
+
+def test_the_file_that_the_message_names_is_read(cases):
+    for folder, file in (('unpacked_by_hand', 'mcap_FILE.mcap'), ('storage_identifier_empty', 'mcap_plain.mcap')):
+        path = cases / 'unclear_bag_messages' / folder / file
+        assert str(path) in refusal(path.parent)
+        assert len(open_recording(path).stamps()) == 100
+
+
+def test_a_bag_that_is_still_recorded_asks_for_its_index(cases, tmp_path):
+    path = tmp_path / 'drive.bag.active'
+    shutil.copyfile(cases / 'unclear_bag_messages' / 'cut.bag', path)
+    assert f'not closed; mend it with ROS 1: rosbag reindex {path}' in refusal(path)
+
+
+def small_bag(path, storage='mcap'):
+    return write_bag(path, [('/scan', stamp, laser_scan(stamp)) for stamp in (1, 2)], storage)
+
+
+def change_metadata(folder, old, new):
+    metadata = folder / 'metadata.yaml'
+    content = metadata.read_text()
+    assert old in content
+    metadata.write_text(content.replace(old, new))
+
+
+@pytest.mark.parametrize(('storage', 'old', 'new', 'reason'), [
+    ('mcap', 'storage_identifier: mcap', 'storage_identifier: sqlite3', "says storage 'sqlite3', bag.mcap is an mcap file"),
+    ('sqlite3', 'storage_identifier: sqlite3', 'storage_identifier: mcap', "says storage 'mcap', bag.db3 is an sqlite3 file"),
+    ('mcap', '- bag.mcap', '- other.mcap', 'names other.mcap, which is not there'),
+    ('mcap', 'rosbag2_bagfile_information', 'something_else', 'its metadata.yaml is damaged'),
+    ('mcap', 'version: 9', 'version: [', 'its metadata.yaml is damaged'),
+])
+def test_a_metadata_file_that_is_wrong_names_the_file_to_name_instead(tmp_path, storage, old, new, reason):
+    folder = small_bag(tmp_path / 'bag', storage)
+    change_metadata(folder, old, new)
+    message = refusal(folder)
+    (file,) = folder.glob('bag.*')
+    assert reason in message and f'name the file itself: {file}' in message
+    assert open_recording(file).stamps() == [1, 2]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_file_of_a_bag_under_another_name_asks_for_its_ending(tmp_path, storage):
+    (file,) = small_bag(tmp_path / 'bag', storage).glob('bag.*')
+    renamed = file.rename(tmp_path / 'drive.data')
+    assert f'holds {storage} data, and its name does not end with {file.suffix}' in refusal(renamed)
+
+
+def test_a_damaged_sqlite_file_says_how_to_save_what_it_holds(tmp_path):
+    (file,) = small_bag(tmp_path / 'a bag', 'sqlite3').glob('*.db3')
+    file.write_bytes(file.read_bytes()[:6000])
+    assert f"sqlite3 '{file}' .recover" in refusal(file)
+
+
+@pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'), (b'PK\x03\x04', 'unzip'),
+                                                (b'\x04\x22\x4d\x18', 'lz4 -d'), (b'7z\xbc\xaf\x27\x1c', '7z x')])
+def test_compressed_files_say_how_to_unpack_them(tmp_path, start, command):
+    (tmp_path / 'drive.log.x').write_bytes(start + b'\0' * 20)
+    assert f'unpack it, {command} {tmp_path / "drive.log.x"}' in refusal(tmp_path / 'drive.log.x')
+
+
+def test_a_gzip_file_of_a_bag_says_how_to_unpack_it(data, tmp_path):
+    import gzip
+    path = tmp_path / 'demo.bag.gz'
+    path.write_bytes(gzip.compress((data / 'ccny_demo' / 'demo.bag').read_bytes()[:5000]))
+    assert 'unpack it, gunzip' in refusal(path)
+
+
+def test_a_bag_without_scans_names_what_it_holds(tmp_path):
+    message = refusal(write_bag(tmp_path / 'bag', [('/chatter', 1, text('hello'))]))
+    assert 'holds no sensor_msgs/msg/LaserScan; there are /chatter (std_msgs/msg/String)' in message
+
+
+def test_the_one_topic_that_has_messages_is_taken_and_said(cases):
+    recording = open_recording(cases / 'topic_without_messages')
+    assert recording.topic == '/scan_back' and len(recording.stamps()) == 15
+    assert recording.notes == ['scans are taken from /scan_back; of the topics of scans (/scan_back, /scan_front) no other '
+                               'holds a message']
+    with pytest.raises(RecordingError, match='no readable scan on /scan_front: there is no message'):
+        open_recording(cases / 'topic_without_messages', '/scan_front')
+
+
+@pytest.fixture(params=['pipe', 'socket', 'device', 'folder'])
+def no_file(request, tmp_path):
+    path = tmp_path / 'metadata.yaml'
+    if request.param == 'pipe':
+        os.mkfifo(path)
+    elif request.param == 'socket':
+        with socket.socket(socket.AF_UNIX) as end:
+            end.bind(str(path))
+            yield request.param, path
+        return
+    elif request.param == 'folder':
+        path.mkdir()
+    else:
+        path = '/dev/zero'
+    yield request.param, path
+
+
+def test_what_is_no_file_is_refused_at_once(no_file):
+    kind, path = no_file
+    readers = [(read_parameters, ParameterError), (load_relations, RecordingError), (read_csv, RecordingError),
+               (read_tum, RecordingError), (read_snapshot, RecordingError)]
+    if kind != 'folder':
+        readers.append((open_recording, RecordingError))
+    for read, error in readers:
+        with pytest.raises(error, match=f'{path}: expected a file, and it is a {kind}'):
+            read(path)
+
+
+def test_a_pipe_in_the_folder_of_a_bag_is_refused_at_once(tmp_path):
+    folder = small_bag(tmp_path / 'bag')
+    (folder / 'bag.mcap').unlink()
+    os.mkfifo(folder / 'bag.mcap')
+    with pytest.raises(RecordingError, match='bag.mcap: expected a file, and it is a pipe'):
+        open_recording(folder)
+    (folder / 'metadata.yaml').unlink()
+    os.mkfifo(folder / 'metadata.yaml')
+    with pytest.raises(RecordingError, match='expected a file, and it is a pipe'):
+        open_recording(folder)

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+
+from dbscan_reg_ros import RecordingError
+from dbscan_reg_ros.__main__ import main
+from dbscan_reg_ros.commands import COMMANDS, command_line
+
+
+@pytest.fixture
+def shell(root, tmp_path):
+    """``shell('replay', ...)``: run a command of the package to its end, in an empty folder."""
+    def shell(*words):
+        return subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *map(str, words)], cwd=tmp_path, timeout=120,
+                              capture_output=True, text=True, check=False, env=os.environ | {'PYTHONPATH': str(root)})
+    return shell
+
+
+def run(work, *argv):
+    return command_line.run(command_line.make_parser('work', 'Tests.'), work, argv)
+
+
+@pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)], ids=lambda words: ' '.join(words) or 'all')
+def test_help_comes_at_once(shell, command):
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        result = shell(*command, '--help')
+        times.append(time.perf_counter() - begin)
+        assert result.returncode == 0 and result.stdout.startswith('usage: ')
+        if times[-1] < 0.3:
+            break
+    assert min(times) < 0.3
+
+
+def test_the_overview_names_every_command(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(['--help'])
+    assert stop.value.code == 0
+    overview = capsys.readouterr().out
+    assert all(f'\n  {name} ' in overview and summary in overview for name, (_, summary) in COMMANDS.items())
+
+
+@pytest.mark.parametrize('argv', [[], ['replai'], ['replay'], ['replay', 'a.log', '--nonsense']])
+def test_wrong_usage_ends_with_2(argv, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(argv)
+    assert stop.value.code == 2
+    assert 'usage: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('words', [['simulate', 'a.log'], ['tune', 'a.log'], ['compare', 'defaults', 'icp', 'a.log']])
+@pytest.mark.parametrize('seed', ['-1', '1.5', str(2**32)])
+def test_a_seed_is_a_whole_number_from_0_on(words, seed, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*words, '--seed', seed])
+    assert stop.value.code == 2
+    assert f'{seed!r}: expected a whole number from 0 to 4294967295' in capsys.readouterr().err
+
+
+def test_bad_input_is_one_line_and_2(shell, tmp_path):
+    result = shell('replay', 'absent.log')
+    assert result.returncode == 2 and result.stdout == ''
+    assert result.stderr == 'replay: absent.log: cannot be read: No such file or directory\n'
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_verbose_shows_where_an_error_comes_from(shell):
+    result = shell('replay', '-v', 'absent.log')
+    assert result.returncode == 2
+    assert result.stderr.startswith('Traceback') and result.stderr.count('open_recording') >= 1
+    assert result.stderr.endswith('replay: absent.log: cannot be read: No such file or directory\n')
+
+
+@pytest.mark.parametrize(('error', 'code', 'line'), [
+    (RecordingError('a.log: empty'), 2, 'work: a.log: empty\n'),
+    (KeyboardInterrupt(), 130, 'work: interrupted\n'),
+    (PermissionError(13, 'Permission denied', 'out/a'), 1, 'work: out/a: Permission denied\n'),
+    (ModuleNotFoundError('no', name='rosbags'), 1,
+     f'work: needs rosbags, not installed here: {shlex.quote(sys.executable)} -m pip install rosbags\n'),
+    (BrokenProcessPool('terminated abruptly'), 1,
+     'work: a worker process was killed, perhaps for want of memory: fewer --processes need less\n'),
+    (ZeroDivisionError('by zero'), 1, 'work: internal error: by zero (-v shows where)\n'),
+])
+def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
+    def work(args):
+        raise error
+    assert run(work) == code
+    assert capsys.readouterr().err == line
+
+
+def test_a_signal_is_an_interruption_whatever_a_library_makes_of_it():
+    usual = signal.getsignal(signal.SIGUSR1)
+    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1):
+        try:
+            signal.raise_signal(signal.SIGUSR1)
+        except KeyboardInterrupt:
+            raise RuntimeError('unable to convert') from None
+    assert signal.getsignal(signal.SIGUSR1) == usual
+    with pytest.raises(RuntimeError), command_line.interruptible(signal.SIGUSR1):
+        raise RuntimeError('no signal came')
+
+
+def test_a_signal_that_is_held_counts_once_the_block_is_over():
+    done = []
+    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1), command_line.held(signal.SIGUSR1):
+        signal.raise_signal(signal.SIGUSR1)
+        done.append('all')
+    assert done == ['all']
+
+
+def test_an_ignored_signal_stays_ignored():
+    """As nohup wants it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with command_line.interruptible(signal.SIGHUP):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
+    code = ('import sys; from dbscan_reg_ros.commands import command_line\n'
+            'def work(args):\n    for _ in range(100_000): print("a line that nobody reads")\n'
+            'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
+    with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b'a line that nobody reads\n'
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait(60) == 1
+
+
+def test_success_is_0_and_a_code_of_the_work_is_kept():
+    assert run(lambda args: None) == 0
+    assert run(lambda args: 3) == 3
+
+
+def test_the_package_imports_nothing_heavy(root):
+    code = ('import sys, dbscan_reg_ros as package; light = set(sys.modules);'
+            '[getattr(package, name) for name in package.__all__];'
+            'print(sorted({"numpy"} & light), sorted({"rclpy", "rosbags", "matplotlib", "sklearn", "tqdm", "yaml"}'
+            ' & set(sys.modules)))')
+    result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
+    assert result.stdout == '[] []\n'
+
+
+def test_recordings_import_no_reader_before_it_is_needed(root):
+    code = ('import sys, dbscan_reg_ros.recordings, dbscan_reg_ros.figures.plots, dbscan_reg_ros.commands.replay;'
+            'print(sorted({"rclpy", "rosbags", "matplotlib", "sklearn", "scipy", "tqdm"} & set(sys.modules)))')
+    result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
+    assert result.stdout == '[]\n'
+
+
+@pytest.mark.parametrize(('words', 'same'), [
+    (['--list', 'a.b', 'FILE'], ['FILE', '--list', 'a.b']),
+    (['--list', 'a.b', 'c.d=1:2', 'FILE', 'FILE2', '--other', '1', 'FILE3'],
+     ['FILE', 'FILE2', '--list', 'a.b', 'c.d=1:2', '--other', '1', 'FILE3']),
+    (['FILE', '--list', 'anything', '--other', '1'], ['FILE', '--list', 'anything', '--other', '1']),
+])
+def test_a_list_ends_where_something_else_begins(words, same):
+    def parsed(words):
+        parser = command_line.make_parser('work', 'Tests.')
+        parser.add_argument('files', nargs='+')
+        parser.add_argument('--other')
+        parser.add_argument('--list', nargs='+')
+        if words is not same:
+            parser.end_list('--list', lambda word: '.' in word)
+        return parser.parse_args(words)
+    assert parsed(words) == parsed(same) and parsed(words).files[0] == 'FILE'
+
+
+@pytest.mark.parametrize('words', [['tune', '--parameters', 'refinement.damping', 'absent.log'],
+                                   ['tune', '--parameters', 'refinement.damping=0.1:1', 'density.reach', 'absent.log'],
+                                   ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
+                                   ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', '/tmp/b.log'],
+                                   ['play', '--topics', '/cmd_vel', 'absent.log']])
+def test_a_list_before_the_file_does_not_swallow_it(shell, words):
+    result = shell(*words)
+    assert result.returncode == 2 and result.stderr.count('\n') == 1
+    assert result.stderr.endswith('absent.log: cannot be read: No such file or directory\n')
+
+
+def test_a_slip_in_the_name_of_a_parameter_is_no_file(shell):
+    result = shell('tune', '--parameters', 'refinement.damping', 'refinement.windowscale', 'absent.log')
+    assert "did you mean 'refinement.window_scale'" in result.stderr
+
+
+def test_the_help_of_compare_lists_all_that_it_takes(shell, root):
+    from dbscan_reg_ros.evaluation.methods import FACTORIES
+    said = ' '.join(shell('compare', '--help').stdout.split())
+    sets = {path.stem for path in (root / 'config').glob('*.yaml')} - {'ekf', 'scan_matcher'}
+    assert len(sets) >= 7 and all(f'{name},' in said or f'{name};' in said or f'{name} (' in said
+                                  for name in ('defaults', *sets, *FACTORIES))
+
+
+@pytest.mark.parametrize('words', [
+    ['replay', 'a.log', '--out'], ['compare', 'defaults', 'icp', 'a.log', '--out'], ['tune', 'a.log', '--out'], ['demo', '--out'],
+    ['register', 'a.log', '0', '1', '--out'], ['dump', '--out'], ['simulate'], ['convert', 'a.log'],
+], ids=lambda words: words[0])
+@pytest.mark.parametrize('place', ['/proc/out', 'file/out', 'file/deep/out'])
+def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, words, place):
+    (tmp_path / 'file').write_text('')
+    (tmp_path / 'a.log').write_text('FLASER 2 1.0 1.0 0 0 0 0 0 0 1.0 host 1.0\n')
+    result = shell(*words, place)
+    assert (result.returncode, result.stdout) == (2, '') and result.stderr.count('\n') == 1
+    assert place in result.stderr or str(os.path.dirname(place)) in result.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {'file', 'a.log'}
+
+
+def test_a_benchmark_whose_result_cannot_be_written_is_refused_before_any_work(root, tmp_path):
+    result = subprocess.run([sys.executable, '-m', 'benchmarks', 'node', '--json', '/proc/a.json'], cwd=tmp_path,
+                            env=os.environ | {'PYTHONPATH': str(root)}, capture_output=True, text=True, check=False, timeout=60)
+    assert (result.returncode, result.stdout) == (2, '') and '/proc/a.json: cannot be written' in result.stderr
+
+
+def test_an_unknown_name_of_the_package_is_an_attribute_error():
+    import dbscan_reg_ros
+    assert 'register' in dir(dbscan_reg_ros)
+    with pytest.raises(AttributeError, match='nonsense'):
+        _ = dbscan_reg_ros.nonsense

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Comparing two parameter sets or methods: no false alarms, and what is worse is found."""
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from dbscan_reg_ros import Parameters, RecordingError
+from dbscan_reg_ros.commands.compare import Competitor, main
+from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.evaluation.comparison import Paired, difference, paired
+from dbscan_reg_ros.evaluation.known_motion import KnownMotion
+from dbscan_reg_ros.replays.track import Track
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+
+def related_errors(rng, count=800, reach=20):
+    """Errors (2, count) of mean 0.01 that resemble their neighbours up to `reach` apart."""
+    noise = rng.normal(size=(2, count + reach - 1))
+    smooth = np.array([np.convolve(row, np.full(reach, reach**-0.5), 'valid') for row in noise])
+    return 0.01 + 0.003 * smooth
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
+    folder = tmp_path_factory.mktemp('recording')
+    assert simulate([str(folder / 'hall'), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
+    return folder / 'hall'
+
+
+@pytest.fixture
+def compare(recording, tmp_path, capsys):
+    """``compare(a, b) -> exit code, printed, comparison.json``."""
+    def compare(a, b, *words):
+        code = main([str(a), str(b), str(recording), *words, '--processes', '1', '--out', str(tmp_path)])
+        return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
+    return compare
+
+
+def test_equal_ones_are_called_different_in_at_most_8_of_100_cases():
+    """Errors that resemble their neighbours, in three recordings, of two methods that are equally good."""
+    alarms = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        pairs = [Paired(related_errors(rng), related_errors(rng), 100) for _ in range(3)]
+        alarms += any(d.worse or d.better for d in (difference(pairs, row, seed) for row in (0, 1)))
+    assert alarms <= 8
+
+
+def test_a_change_of_10_percent_is_seen():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        errors = related_errors(rng)
+        pairs = [Paired(errors, 1.1 * errors + 0.0003 * rng.normal(size=errors.shape), 100)]
+        worse, better = difference(pairs, 0, seed), difference([Paired(p.b, p.a, p.block) for p in pairs], 0, seed)
+        assert worse.worse and not worse.better and better.better and not better.worse
+        assert worse.low < 0.1 * errors[0].mean() < worse.high
+
+
+def test_the_interval_is_reproducible_and_as_wide_as_the_blocks_say():
+    rng = np.random.default_rng(0)
+    pair = [Paired(np.zeros((2, 6400)), rng.normal(1.0, 2.0, (2, 6400)), 1)]
+    d = difference(pair, 1, seed=3)
+    assert (d.low, d.high) == (difference(pair, 1, seed=3).low, difference(pair, 1, seed=3).high)
+    assert d.high - d.low == pytest.approx(2 * 2.2414 * 2.0 / 80.0, rel=0.06)
+
+
+def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(compare, tmp_path):
+    (tmp_path / 'robot.yaml').write_text(
+        '/**: {ros__parameters: {input.every: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
+    code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
+    assert code == 0 and 'B is neither better nor worse.' in printed.out
+    assert printed.err == f'compare: {tmp_path}/robot.yaml: does not count here: mounting, laser_pose, input.every\n'
+    assert set(content['differences']) == {'hall', 'all'}
+    assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
+
+
+def test_a_worse_set_is_found_and_the_exit_status_says_so(compare, tmp_path):
+    (tmp_path / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement:\n      coarse: 0\n      fine: 0\n      polish: 0\n      window: 0\n')
+    code, printed, content = compare('defaults', tmp_path / 'bad.yaml')
+    assert code == 1 and 'B is worse in translation' in printed.out
+    assert content['differences']['all']['m']['low'] > 0.0
+    folder = tmp_path / 'compare' / 'latest'
+    assert {file.name for file in folder.iterdir()} == {'comparison.json', 'comparison.png', 'table.txt'}
+    assert (folder / 'table.txt').read_text() in printed.out
+    assert 0.005 < 1.0 - imread(folder / 'comparison.png')[..., :3].mean() < 0.3
+    assert compare(tmp_path / 'bad.yaml', 'defaults')[0] == 0
+
+
+def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
+    node, odometry = (Competitor(NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
+                      for name in ('prior.source', 'odometry.prior'))
+    assert node == odometry != Parameters().odometry
+
+
+def test_a_baseline_is_compared_like_a_parameter_set(compare):
+    code, printed, content = compare('defaults', 'identity')
+    assert code == 1 and content['differences']['hall']['m']['b'] > 0.5
+
+
+def test_scans_that_only_one_could_use_are_left_out():
+    stamps = np.arange(400) * 10**8
+    truth = np.column_stack((0.05 * np.arange(400), np.zeros((400, 2))))
+    full, lossy = Track(), Track()
+    for number, (stamp, pose) in enumerate(zip(stamps, truth, strict=True)):
+        for track, lost in ((full, False), (lossy, number % 7 == 3)):
+            track.used.append(not lost)
+            if not lost:
+                track.stamps.append(stamp)
+                track.poses.append(pose)
+    pair = paired(KnownMotion((stamps, truth), None, None), full, lossy)
+    assert pair.a.shape == pair.b.shape and np.abs(pair.a - pair.b).max() < 1e-12 and pair.block > 20
+
+
+def test_without_truth_there_is_nothing_to_compare():
+    track = Track(stamps=[1, 2], poses=[(0.0, 0.0, 0.0)] * 2, used=[True, True])
+    with pytest.raises(RecordingError, match='nothing is known of the true motion'):
+        paired(KnownMotion(None, None, None), track, track)
+
+
+def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):
+    assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out', str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
+
+
+def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
+    assert main(['defaults', 'absent', str(recording)]) == 2
+    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: defaults, '
+                                       'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, sick_lms5xx; or a method: '
+                                       'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity\n')
+
+
+def test_results_that_cannot_be_written_are_refused_before_any_work(recording, tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another place\n')

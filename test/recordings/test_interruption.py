@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C, and other ends from outside, of commands that start processes: all have ended soon, and what was done is kept."""
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bags import needs_rosbags
+
+from dbscan_reg_ros.commands.simulate import main as simulate
+
+ANSWER = 2.0
+"""All has ended after so many seconds."""
+STARTED = 90.0
+
+
+def children(pid):
+    """The processes below that of the number."""
+    found = [int(word) for task in Path(f'/proc/{pid}/task').iterdir() for word in (task / 'children').read_text().split()]
+    return found + [deeper for child in found for deeper in children(child)]
+
+
+def running(pid):
+    """Whether the process does something; one that nobody has waited for yet does not."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_until(true, patience):
+    deadline = time.monotonic() + patience
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory):
+    """Two drives that keep the odometry busy for minutes."""
+    folder = tmp_path_factory.mktemp('recordings')
+    files = [folder / 'a.log', folder / 'b.log']
+    for seed, file in enumerate(files):
+        assert simulate([str(file), '--world', 'hall', '--speed', '4', '--rate', '5', '--seed', str(seed)]) == 0
+        lines = file.read_text().splitlines()
+        file.write_text('\n'.join(later(line, 200.0 * lap) for lap in range(40) for line in lines) + '\n')
+    return files
+
+
+def later(line, seconds):
+    """The line of a CARMEN log with its stamps so much later."""
+    words = line.split(' ')
+    if words[0].endswith('LASER1'):
+        words[-3], words[-1] = (f'{float(words[at]) + seconds:.3f}' for at in (-3, -1))
+    return ' '.join(words)
+
+
+@pytest.fixture
+def begun(root, tmp_path):
+    """``begun(ready, *words)``: a command of the package, or of its benchmarks, once it is `ready()` and has workers."""
+    begun = []
+
+    def begin(ready, *words, module='dbscan_reg_ros', workers=2):
+        process = subprocess.Popen([sys.executable, '-m', module, *map(str, words)], cwd=tmp_path, text=True,
+                                   env=os.environ | {'PYTHONPATH': str(root)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        begun.append(process)
+        wait_until(lambda: (process.poll() is None or pytest.fail(process.communicate()[1]))
+                   and len(children(process.pid)) >= workers and ready(), STARTED)
+        return process
+    yield begin
+    for process in begun:
+        for pid in children(process.pid) if process.poll() is None else ():
+            os.kill(pid, signal.SIGKILL)
+        process.kill()
+        process.wait()
+
+
+def interrupted(process, number=signal.SIGINT, answer=ANSWER):
+    """Send the signal: the status, the output and the errors; all processes have ended in time."""
+    below, begin = children(process.pid), time.monotonic()
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=60)
+    assert time.monotonic() - begin < answer, errors
+    wait_until(lambda: not any(map(running, below)), answer)
+    return process.returncode, output, errors
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordings, tmp_path, number):
+    short = recordings[0].with_name(f'short{number}.log')
+    lines = recordings[0].read_text().splitlines(keepends=True)
+    short.write_text(''.join(lines[:len(lines) // 40]))
+    trials = tmp_path / 'out' / 'trials.jsonl'
+    words = ['tune', short, '--trials', '200', '--search', 'random', '--out', 'out', '--processes', '2']
+    process = begun(lambda: trials.exists() and trials.read_bytes().count(b'\n') >= 3, *words)
+    code, output, errors = interrupted(process, number)
+    kept = [json.loads(line)['number'] for line in trials.read_text().splitlines()]
+    assert (code, errors) == (130, 'tune: interrupted\n') and len(set(kept)) == len(kept) >= 3
+    assert f'kept        {len(kept)} of 200 trials, in out: the same command goes on from there' in output
+
+
+def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(begun, recordings, tmp_path):
+    process = begun((tmp_path / 'out' / 'settings.json').exists, 'tune', *recordings, '--search', 'random', '--out', 'out',
+                    '--processes', '2')
+    time.sleep(1.0)
+    code, output, _ = interrupted(process)
+    assert code == 130 and 'kept        0 of 100 trials' in output
+
+
+def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
+    process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
+    assert interrupted(process) == (130, '', 'compare: interrupted\n')
+    assert not (tmp_path / 'results' / 'compare').exists() or not list((tmp_path / 'results/compare').iterdir())
+
+
+@needs_rosbags
+def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, tmp_path):
+    def replaying():
+        return len([bag for bag in tmp_path.glob('results/*/*/bag/*.mcap') if bag.stat().st_size]) == 2
+
+    process = begun(replaying, 'replay', *recordings, '--processes', '2')
+    assert interrupted(process) == (130, '', 'replay: interrupted\n')
+    tracks = list(tmp_path.glob('results/*/*/trajectory.tum'))
+    assert len(tracks) == 2 and all(track.read_bytes() for track in tracks)
+
+
+def test_an_interrupted_demo_ends_its_node(begun, recordings, tmp_path):
+    pytest.importorskip('rclpy')
+    log = tmp_path / 'results' / 'demo-a' / 'scan_matcher.log'
+    process = begun(log.exists, 'demo', recordings[0], workers=1)
+    code, _, errors = interrupted(process)
+    assert (code, errors) == (130, 'demo: interrupted\n')
+
+
+def test_an_interrupted_benchmark_ends_its_process(begun):
+    code, _, errors = interrupted(begun(lambda: True, 'soak', module='benchmarks', workers=2))
+    assert (code, errors) == (130, 'bench: interrupted\n')
+
+
+def test_no_worker_outlives_a_command_that_is_killed(begun, recordings):
+    process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
+    below = children(process.pid)
+    process.kill()
+    process.communicate()
+    wait_until(lambda: not any(map(running, below)), 10.0)
+
+
+def test_a_second_interruption_does_not_wait_for_the_first(begun, recordings):
+    process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
+    below = children(process.pid)
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    process.communicate(timeout=ANSWER)
+    assert process.returncode != 0
+    wait_until(lambda: not any(map(running, below)), ANSWER)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the paper reports, measured: its tables and its example."""
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from benchmarks import figure4, paper, steps, table1, table3
+from benchmarks.intel import Intel
+from benchmarks.relations import common_view
+from benchmarks.report import Report
+from benchmarks.views import two_views
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.registration.records import Status
+from dbscan_reg_ros.evaluation.methods import method, paper_parameters
+from dbscan_reg_ros.simulation import rooms
+
+ABSOLUTE = ((0.0319, 0.0185, 0.0076), (0.0031, 0.002, 0.0056), (0.0232, 0.0065, 0.0027), (0.0011, 0.007, 0.0038))
+"""The absolute errors of the proposed method in Table 3."""
+
+
+@pytest.fixture(scope='module')
+def log(data):
+    return Intel(data / 'intel')
+
+
+def test_the_published_relative_errors_are_the_absolute_ones_over_the_motion():
+    for row, absolute in zip(table3.TABLE, ABSOLUTE, strict=True):
+        np.testing.assert_allclose(row.proposed, np.array(absolute) / np.abs(row.motion.as_array()), atol=6e-4)
+
+
+@pytest.mark.parametrize('sensor', table3.BOUND_FOR)
+def test_on_simulated_pairs_the_median_error_is_below_the_published_one_in_every_column(sensor):
+    trials = table3.simulated(table3.SICK[sensor])
+    assert len(trials) == 400
+    outcomes = table3.run([method('dbscan')], trials, sensor)['dbscan']
+    for row, found in zip(table3.TABLE, table3.relative_errors(outcomes), strict=True):
+        assert np.all(found < row.proposed), row
+
+
+def test_a_bound_that_is_missed_is_named():
+    report = Report()
+    table3.add_simulated(report, [method('identity')], limit=1)
+    assert not report.missed
+    table3.add_simulated(report, [replace(method('identity'), name='dbscan')], limit=1)
+    assert len(report.missed) == 24
+    assert report.missed[0] == 'table3_180_motion1_x = 1, expected at most 0.033'
+
+
+def test_the_way_between_two_views_is_free_and_the_motion_is_the_one_asked_for():
+    """Seen from the first place all around without noise, nothing is nearer than the second one."""
+    world, motion = rooms(2), table3.TABLE[0].motion
+    lidar = replace(table3.SICK['180'], beams=360, noise=0.0)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        reference, _, truth = two_views(world, lidar, rng, lambda _: motion)
+        assert truth == motion
+        turn = (reference.geometry.bearings - math.atan2(truth.y, truth.x) + math.pi) % (2.0 * math.pi) - math.pi
+        assert reference.ranges[np.abs(turn).argmin()] > math.hypot(truth.x, truth.y) + 0.1
+
+
+def test_pairs_of_the_log_are_within_a_fifth_of_the_motion(log):
+    trials = table3.recorded(log)
+    counts = [sum(trial.group == f'motion{number}' for trial in trials) for number in range(1, 5)]
+    assert counts == [54, 1, 153, 336]
+    for trial in trials[::50]:
+        motion = table3.TABLE[int(trial.group[-1]) - 1].motion
+        i, j = map(int, trial.label.split())
+        truth = SE2(*log.reference[i]).inverse() @ SE2(*log.reference[j])
+        np.testing.assert_allclose(trial.truth.as_array(), truth.as_array(), atol=1e-9)
+        assert math.hypot(truth.x - motion.x, truth.y - motion.y) <= 0.2 * math.hypot(motion.x, motion.y)
+        assert abs(truth.theta - motion.theta) <= 0.2 * motion.theta
+
+
+def test_both_sicks_scatter_by_half_a_centimetre_at_rest(data):
+    report = Report()
+    table3.add_noise(report, str(data))
+    assert report.metrics['intel']['rest_noise_m'] == pytest.approx(table3.NOISE, abs=1e-3)
+    assert report.metrics['lms511']['rest_noise_m'] == pytest.approx(table3.NOISE, abs=1e-3)
+
+
+def test_pairs_share_as_much_of_their_view_as_they_are_called():
+    for trial in table1.trials(limit=2):
+        kind, overlap = trial.group.split('_')
+        low, high = table1.OVERLAPS[overlap]
+        assert low <= common_view(trial) <= high
+    assert len(table1.columns().segments) == 0
+
+
+def test_errors_of_table_1_are_those_of_each_group():
+    def outcome(group, metres):
+        return SimpleNamespace(trial=SimpleNamespace(group=group), success=metres < 0.1, translation_error=metres,
+                               rotation_error=0.01, status=Status.OK)
+
+    metrics = table1.summarise([outcome('a_high', 0.01), outcome('a_high', 0.03), outcome('a_low', 0.5)])
+    assert metrics['a_high'] == 1.0 and metrics['a_low'] == 0.0
+    assert metrics['a_high_median_m'] == pytest.approx(0.02) and metrics['a_low_median_m'] == 0.5
+
+
+def test_the_papers_steps_find_what_its_figures_show(log):
+    """Figure 6: the turn; 8: two key clusters, one opposite; 9 to 12: the divergence falls, and is least at the truth."""
+    trial = figure4.trial(log.scans[figure4.EXAMPLE])
+    found = steps.found(trial, paper_parameters())
+    assert found['turn_deg'] < math.degrees(0.001)
+    assert found['true_m'] < 0.02 and found['opposite_m'] < 0.02
+    assert found['true_kl'] < 1e-3 < found['turned_kl'] < found['before_kl'] < found['opposite_kl']
+
+
+def test_all_tables_are_there(data):
+    report = paper.measure(SimpleNamespace(data=str(data), method=['identity'], limit=1, verbose=False))
+    titles = [table.splitlines() for table in report.tables]
+    for words in ('table 1', 'table 3, 180', 'table 3, 381', 'table 3, Intel', 'at rest', 'figures 4-12'):
+        assert any(line.startswith(words) for lines in titles for line in lines), words
+    assert report.measured()['identity']['table3_intel_motion4_count'] == 1

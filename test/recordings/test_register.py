@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Register: one pair of scans, in numbers and in the figures of the paper."""
+import itertools
+import json
+import math
+import os
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import Odometry, Parameters, Scan, Status
+from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
+from dbscan_reg_ros.commands.replay import main as replay
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.ring_band import Outcome
+from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.figures.overlay import ellipse
+from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, draw_figures
+from dbscan_reg_ros.figures.steps import ScanSteps, Steps
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings.files import replacing
+from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
+from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+PICTURES = {f'{name}.png' for name in (*FIGURES, 'sheet')}
+REFERENCE, CURRENT, TRUTH = 380, 390, (0.5697, -0.0126, -0.07692)
+"""Two scans of the Intel log and the motion between them [m, m, rad]."""
+
+
+@pytest.fixture(scope='module')
+def pair(data):
+    scans = list(itertools.islice(open_recording(data / 'intel' / 'intel.log.gz').scans(), CURRENT + 1))
+    return scans[REFERENCE], scans[CURRENT]
+
+
+@pytest.fixture
+def intel(data, tmp_path):
+    """``intel(*words) -> exit code``: into the test's folder."""
+    return lambda *words: main(['intel/intel.log.gz', *map(str, words), '--data', str(data), '--out', str(tmp_path)])
+
+
+@pytest.fixture(scope='module')
+def updates(drive):
+    odometry = Odometry()
+    return [odometry.process(scan) for scan in drive.scans[:6]]
+
+
+@pytest.fixture
+def snapshot(updates, tmp_path):
+    values = {name: list(value) if isinstance(value, tuple) else value for name, value in Parameters().flatten().items()}
+    write_snapshot(tmp_path / 'kept.npz', Snapshot(values, [SnapshotUpdate.of(update) for update in updates]))
+    return tmp_path / 'kept.npz'
+
+
+def printed_motion(text):
+    return [float(value) for value in re.search(r'^transform +x (\S+) m  y (\S+) m  theta (\S+) deg$', text,
+                                                re.MULTILINE).groups()]
+
+
+def ink(path):
+    from matplotlib.image import imread
+    return 1.0 - imread(path)[..., :3].mean(axis=2)
+
+
+def check_pictures(folder):
+    assert {file.name for file in folder.iterdir()} == PICTURES
+    for name in PICTURES:
+        shares = ink(folder / name)
+        assert shares.shape[1] > 1000 and 0.005 < shares.mean() < 0.3, name
+    assert ink(folder / 'sheet.png').size > 4 * ink(folder / 'points.png').size
+
+
+def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, capsys):
+    (tmp_path / 'rivals.yaml').write_text('/**: {ros__parameters: {selection.hopeful: 0.0}}')
+    assert intel(REFERENCE, CURRENT, '--params-file', tmp_path / 'rivals.yaml') == 0
+    text = capsys.readouterr().out
+    result = register(*map(extract_features, pair), read_parameters(tmp_path / 'rivals.yaml'))
+    x, y, degrees = printed_motion(text)
+    assert (x, y) == pytest.approx((result.transform.x, result.transform.y), abs=6e-5)
+    assert math.hypot(x - TRUTH[0], y - TRUTH[1]) < 0.02 and degrees == pytest.approx(math.degrees(TRUTH[2]), abs=0.5)
+    assert text.startswith(f'status      {result.status.value}\n')
+    covariance = np.array([line.split() for line in text.split('covariance')[1].splitlines()[1:4]], dtype=float)
+    np.testing.assert_allclose(covariance, result.covariance, rtol=1e-4, atol=1e-12)
+    assert len(re.findall(r'^ +score', text, re.MULTILINE)) == len(result.hypotheses) > 1
+    latest = tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest'
+    assert text.endswith(f'figures     {latest.resolve()}\n')
+    check_pictures(latest)
+
+
+def test_the_paper_to_the_letter(intel, root, tmp_path, capsys):
+    assert intel(REFERENCE, CURRENT, '--params-file', root / 'config' / 'paper.yaml') == 0
+    text = capsys.readouterr().out
+    assert math.dist(printed_motion(text)[:2], TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
+    check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
+
+
+def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, tmp_path, capsys):
+    assert main([str(snapshot), '--out', str(tmp_path)]) == 0
+    told, transform = printed_motion(capsys.readouterr().out), updates[-1].registration.transform
+    assert told == pytest.approx([transform.x, transform.y, math.degrees(transform.theta)], abs=6e-4)
+    check_pictures(tmp_path / 'kept_5' / 'latest')
+
+
+def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_anew(snapshot, updates, tmp_path, capsys):
+    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {selection.finalists: 3, selection.hopeful: 0.0}}')
+    assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
+    text, update = capsys.readouterr().out, updates[2]
+    again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
+    assert len(again.hypotheses) > len(update.registration.hypotheses)
+    assert f'\nhypotheses  {len(again.hypotheses)}, best first\n' in text
+
+
+def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel, tmp_path, capsys):
+    reference, current = map(extract_features, pair)
+    own = Parameters()
+    drive = [each for each in Parameters.describe() if each.name.startswith(OF_A_DRIVE)]
+    others = own.replace({each.name: next(c for c in each.choices if c != each.default) if each.choices
+                          else not each.default if each.type is bool else each.maximum for each in drive})
+    told = register(reference, current, others)
+    assert told.transform == register(reference, current, own).transform
+    np.testing.assert_array_equal(told.covariance, register(reference, current, own).covariance)
+    file = tmp_path / 'a.yaml'
+    write_parameters(file, NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
+    assert intel(3, 5505, '--params-file', file) == 2
+    note, refused = capsys.readouterr().err.splitlines()
+    assert note == f'register: {file}: does not count here: ' + ', '.join([*(each.name for each in drive), 'mounting'])
+
+
+@pytest.mark.parametrize(('words', 'complaint'), [
+    ((), r'expected the numbers of two scans, REF and CUR, from 0; got \[\]'),
+    ((1,), r'expected the numbers of two scans, REF and CUR, from 0; got \[1\]'),
+    ((-1, 3), r'expected the numbers of two scans, REF and CUR, from 0; got \[-1, 3\]'),
+    ((3, 5505), 'no scan 5505; it holds 5505, numbered from 0'),
+])
+def test_scans_that_are_not_there_are_named(intel, tmp_path, capsys, words, complaint):
+    assert intel(*words) == 2
+    assert re.fullmatch(rf'register: \S+intel\.log\.gz: {complaint}\n', capsys.readouterr().err)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(('words', 'complaint'), [
+    (['0'], 'scan 0 was not registered; those of the snapshot that were: 1, 2, 3, 4, 5'),
+    (['1', '2'], r'expected the number of one scan of the snapshot; got \[1, 2\]'),
+])
+def test_scans_that_a_snapshot_does_not_hold_are_named(snapshot, capsys, words, complaint):
+    assert main([str(snapshot), *words]) == 2
+    assert re.fullmatch(rf'register: \S+kept\.npz: {complaint}\n', capsys.readouterr().err)
+
+
+def test_what_is_no_snapshot_and_what_is_nowhere_is_named(tmp_path, capsys):
+    (tmp_path / 'a.npz').write_bytes(b'nonsense')
+    assert main([str(tmp_path / 'a.npz')]) == 2 and main([str(tmp_path / 'b.log'), '0', '1']) == 2
+    first, second = capsys.readouterr().err.splitlines()
+    assert 'a.npz: no snapshot' in first and second.endswith('b.log: cannot be read: No such file or directory')
+
+
+def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path):
+    log = tmp_path / "the robot's.log"
+    log.write_bytes(b''.join(itertools.islice(unpacked(data / 'intel' / 'intel.log.gz'), 120)))
+    assert replay([str(log), '--out', str(tmp_path)]) == 0
+    page = (tmp_path / "the robot's" / 'latest' / 'report.html').read_text()
+    found = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
+    spot = found['spots'][-1]
+    assert spot['on'] < spot['scan']
+    elsewhere = tmp_path / 'elsewhere'
+    elsewhere.mkdir()
+    environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
+    subprocess.run(f'{found["register"]} {spot["on"]} {spot["scan"]}', shell=True, cwd=elsewhere, env=environment, check=True,
+                   timeout=120)
+    assert (elsewhere / 'results' / f"the robot's_{spot['on']}_{spot['scan']}" / 'latest' / 'sheet.png').exists()
+
+
+def unpacked(path):
+    import gzip
+    with gzip.open(path) as file:
+        yield from file
+
+
+def test_the_steps_are_those_of_the_registration(pair):
+    steps = Steps.of(*pair, Parameters())
+    for (_, scan), raw in zip(steps.scans, pair, strict=True):
+        kept = np.isfinite(scan.filtered[:, 0])
+        np.testing.assert_array_equal(scan.filtered[kept], scan.features.points)
+        np.testing.assert_array_equal(np.isfinite(scan.measured[:, 0]), raw.valid)
+        assert np.count_nonzero(scan.outcome == Outcome.REMOVED) == np.count_nonzero(raw.valid & ~kept) > 0
+        assert len(scan.breaks) == len(scan.features.points) - 1 and scan.breaks.any()
+    assert steps.registration.transform == register(*map(extract_features, pair)).transform
+    assert steps.rotations.phi[steps.rotation] == pytest.approx(steps.registration.transform.theta, abs=0.02)
+    distances, k = steps.rotation_distances()
+    assert k == 1 and distances[-1] < steps.rotations.sigma < distances[0]
+
+
+def test_the_filter_is_drawn_as_the_registration_had_it(data):
+    """Beside outliers, which make the ranges seem noisier before they are gone."""
+    for scan in itertools.islice(open_recording(data / 'intel' / 'intel.log.gz').scans(), 100, 160, 20):
+        steps = ScanSteps.of(scan, Parameters())
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(steps.filtered[:, 0])), steps.features.beams)
+
+
+def test_points_beyond_the_limits_of_the_parameters_are_not_measured(pair):
+    steps = Steps.of(*pair, Parameters().replace({'scan.range_min': 1.0, 'scan.range_max': 5.0}))
+    radius = np.hypot(*steps.reference.measured.T)
+    assert np.nanmin(radius) >= 1.0 and np.nanmax(radius) <= 5.0 and np.nanmax(np.hypot(*pair[0].points.T)) > 5.0
+
+
+def test_scans_without_any_line_are_drawn_as_well(tmp_path):
+    rng = np.random.default_rng(1)
+    scans = [Scan.from_points(rng.uniform(2.0, 30.0, (60, 1)) * [(math.cos(a), math.sin(a)) for a in
+                                                                   np.linspace(-3.0, 3.0, 60)]) for _ in range(2)]
+    steps = Steps.of(*scans, Parameters().replace({'filter.test': 'off'}))
+    assert not len(steps.reference.features.segments) and steps.rotation is None
+    assert steps.registration.status is Status.FAILED
+    draw_figures(tmp_path, steps, 'nothing')
+    check_pictures(tmp_path)
+
+
+def test_the_ellipse_holds_95_per_cent():
+    covariance = np.array([[4.0, 1.5], [1.5, 1.0]]) * 1e-4
+    edge = ellipse(covariance)
+    distance = np.einsum('ni,ij,nj->n', edge, np.linalg.inv(covariance), edge)
+    np.testing.assert_allclose(distance, 5.9915, rtol=1e-4)
+    drawn = np.random.default_rng(0).multivariate_normal((0.0, 0.0), covariance, 20000)
+    inside = np.einsum('ni,ij,nj->n', drawn, np.linalg.inv(covariance), drawn) < distance[0]
+    assert inside.mean() == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize('name', FIGURES)
+@pytest.mark.parametrize('parameters', ['scan_matcher', 'paper'])
+def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=SIZE, layout='constrained')
+    FIGURES[name][1](figure, Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml')))
+    FigureCanvasAgg(figure).draw()
+    boxes = [(text.get_text(), text.get_window_extent()) for text in words_of(figure)]
+    page = figure.bbox
+    for text, box in boxes:
+        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= page.x1 and box.y1 <= page.y1, text
+    for (one, first), (two, second) in itertools.combinations(boxes, 2):
+        assert not first.overlaps(second), (one, two)
+    for axes in figure.axes:
+        assert not axes.axison or re.search(r'\[.+\]|segment|rank', axes.get_xlabel()) and axes.get_ylabel()
+
+
+@pytest.mark.parametrize('name', ['points', 'segments', 'rotation', 'overlay'])
+def test_ticks_are_round_numbers_and_plans_of_both_scans_show_the_same(pair, name):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=SIZE, layout='constrained')
+    FIGURES[name][1](figure, Steps.of(*pair, Parameters()))
+    FigureCanvasAgg(figure).draw()
+    panels = {axes.get_label(): axes for axes in figure.axes if axes.axison}
+    for axes in panels.values():
+        for axis in (axes.xaxis, axes.yaxis):
+            step = np.diff(axis.get_ticklocs()[:2])[0]
+            assert round(step / 10.0 ** math.floor(math.log10(step) + 1e-9), 6) in (1, 2, 5) or step == 45.0
+    if name == 'rotation':
+        assert panels['all'].get_xticks().tolist() == [-180, -135, -90, -45, 0, 45, 90, 135, 180]
+    else:
+        limits = [(axes.get_xlim(), axes.get_ylim()) for label, axes in panels.items() if label != 'ellipse']
+        assert len(limits) > 1
+        np.testing.assert_allclose(limits, np.broadcast_to(limits[0], np.shape(limits)), atol=1e-6)
+
+
+def words_of(figure):
+    """Every text to be seen in a figure that was drawn."""
+    for axes in figure.axes:
+        if axes.get_legend():
+            yield from axes.get_legend().get_texts()
+        if not axes.axison:
+            continue
+        yield from (text for text in (axes.title, axes.xaxis.label, axes.yaxis.label) if text.get_text())
+        for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            yield from (label for place, label in zip(axis.get_ticklocs(), axis.get_ticklabels(), strict=True)
+                        if low <= place <= high)
+
+
+def test_a_file_appears_whole_or_not_at_all(tmp_path):
+    path = tmp_path / 'a.png'
+    path.write_bytes(b'before')
+    with pytest.raises(KeyboardInterrupt), replacing(path, binary=True) as file:
+        file.write(b'half')
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b'before' and list(tmp_path.iterdir()) == [path]
+    with replacing(path, binary=True) as file:
+        file.write(b'whole')
+    assert path.read_bytes() == b'whole' and list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupted_drawing_leaves_whole_pictures(intel, tmp_path, monkeypatch, capsys):
+    def interrupted(figure, steps):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(FIGURES, 'densities', ('', interrupted))
+    assert intel(REFERENCE, CURRENT) == 130
+    folder, = (tmp_path / f'intel_{REFERENCE}_{CURRENT}').iterdir()
+    assert sorted(file.name for file in folder.iterdir()) == ['points.png', 'rotation.png', 'segments.png', 'translation.png']
+    assert all(ink(file).any() for file in folder.iterdir())
+    assert capsys.readouterr().err == 'register: interrupted\n'

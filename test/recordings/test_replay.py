@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replay: recordings in, a folder of results each."""
+import gzip
+import itertools
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+
+import numpy as np
+import pytest
+from bags import needs_rosbags, scan_bag
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.commands.replay import main
+from dbscan_reg_ros.evaluation.metrics import evaluate
+from dbscan_reg_ros.figures.plots import plot_map
+from dbscan_reg_ros.recordings import open_recording, read_csv, read_tum, true_poses, write_tum
+from dbscan_reg_ros.recordings.carmen.log import CarmenLog
+from dbscan_reg_ros.robot.parameter_files import read_parameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+
+def picture(path):
+    """Shares of ink ``(rows, columns)`` of a picture: 0 is white, 1 is black."""
+    from matplotlib.image import imread
+    return 1.0 - imread(path)[..., :3].mean(axis=2)
+
+
+pytestmark = needs_rosbags
+
+FILES = {'bag', 'map.png', 'metrics.json', 'parameters.yaml', 'report.html', 'trajectory.tum'}
+
+
+@pytest.fixture
+def replay(data, tmp_path):
+    """``replay(*words) -> exit code``: into the test's folder."""
+    return lambda *words: main([*map(str, words), '--data', str(data), '--out', str(tmp_path)])
+
+
+def names(folder):
+    return {file.name for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize(('path', 'name', 'count', 'first', 'more'), [
+    ('lms511/static', 'static', 173, 4101310801000, set()),
+    ('urg04lx/exp1', 'exp1', 756, 212387282000, set()),
+    ('ccny_demo/demo.bag', 'demo', 360, 1282836370970876375, set()),
+    ('aces/aces.log.gz', 'aces', 440, 21019900000, {'truth.tum'}),
+])
+def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, path, name, count, first, more):
+    assert replay(path) == 0
+    latest = tmp_path / name / 'latest'
+    assert names(latest) == FILES | more
+    assert names(latest.parent) == {'latest', latest.resolve().name} and names(tmp_path) == {name}
+    stamps, poses = read_tum(latest / 'trajectory.tum')
+    assert stamps.tolist() == open_recording(data / path).stamps() and len(stamps) == count and stamps[0] == first
+    assert poses[0].tolist() == [0.0, 0.0, 0.0] and np.isfinite(poses).all()
+    assert 0.003 < picture(latest / 'map.png').mean() < 0.5
+    assert (orange(latest / 'map.png') > 300) == bool(more)
+    printed = capsys.readouterr().out
+    assert re.search(rf'^scans +{count} skipped 0 ', printed, re.MULTILINE)
+    assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan', printed, re.MULTILINE)
+    metrics = json.loads((latest / 'metrics.json').read_text())
+    assert (metrics['recording'], metrics['scans'], metrics['skipped']) == (name, count, 0)
+    assert read_parameters(latest / 'parameters.yaml') == NodeParameters()
+
+
+def test_the_bag_holds_what_the_node_would_have_published(replay, tmp_path):
+    """Poses as in the trajectory, with the scans' stamps, in their order; /tf says the same; segments near the scan."""
+    from rosbags.highlevel import AnyReader
+    assert replay('urg04lx/exp1') == 0
+    stamps, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
+    messages = {}
+    with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
+        for connection, time, raw in reader.messages():
+            messages.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
+    assert {topic: len(found) for topic, found in messages.items()} == dict.fromkeys(('/odom', '/tf', '/segments'), 756)
+    for (time, odom), (_, tf), stamp, pose in zip(messages['/odom'], messages['/tf'], stamps, poses, strict=True):
+        header, transform = odom.header, tf.transforms[0]
+        assert time >= header.stamp.sec * 10**9 + header.stamp.nanosec == stamp
+        assert (header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
+        place = odom.pose.pose.position
+        np.testing.assert_allclose((place.x, place.y), pose[:2], atol=1e-8)
+        assert (transform.transform.translation.x, transform.transform.translation.y) == (place.x, place.y)
+        assert transform.header == header and odom.pose.covariance[0] > 0.0
+    markers = messages['/segments'][-1][1].markers
+    assert [(marker.ns, marker.id) for marker in markers] == [
+        ('reference', 1), ('reference', 0), ('current', 1), ('current', 0)]
+    points = np.array([(point.x, point.y) for marker in markers for point in marker.points])
+    assert len(points) > 4 and np.hypot(*(points - poses[-1, :2]).T).max() < 4.5
+
+
+def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(replay, tmp_path):
+    from rosbags.highlevel import AnyReader
+    (tmp_path / 'a.yaml').write_text(
+        '/**:\n  ros__parameters:\n    mounting: laser_pose\n    laser_pose: [0.145, 0.0, 0.0]\n    base_frame: base\n')
+    assert replay('urg04lx/exp1', '--params-file', tmp_path / 'a.yaml') == 0
+    _, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
+    with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
+        odom = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()
+                if connection.topic == '/odom']
+    base = np.array([(message.pose.pose.position.x, message.pose.pose.position.y) for message in odom])
+    ahead = 0.145 * np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1)
+    np.testing.assert_allclose(base + ahead, poses[:, :2] + (0.145, 0.0), atol=1e-8)
+    assert odom[0].child_frame_id == 'base'
+
+
+def test_a_replay_is_what_the_node_answers_however_the_laser_sits(start_node, scans, tmp_path):
+    """To the last bit, by the real node; the trajectory of the sensor tells the same motion."""
+    from ros_helpers import played
+    from rosbags.highlevel import AnyReader
+
+    from dbscan_reg_ros.node.playback.player import Player
+    laser = SE2(0.3, -0.1, 2.0)
+    bag = scan_bag(tmp_path / 'drive', scans[:40])
+    file = tmp_path / 'a.yaml'
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, laser_pose: [0.3, -0.1, 2.0], prior.source: none}}')
+    start_node('--params-file', str(file), '-p', 'mounting:=laser_pose')
+    with Player() as player:
+        answers = played(player, scans[:40])
+    assert main([str(bag), '--params-file', str(file), '--out', str(tmp_path / 'out')]) == 0
+    results = tmp_path / 'out' / 'drive' / 'latest'
+    with AnyReader([results / 'bag']) as reader:
+        odom = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()
+                if connection.topic == '/odom']
+    for answer, message in zip(answers.messages, odom, strict=True):
+        for online, offline in ((answer.pose, message.pose), (answer.twist, message.twist)):
+            np.testing.assert_array_equal(offline.covariance, online.covariance)
+        assert values(message.pose.pose.position) == values(answer.pose.pose.position)
+        assert values(message.pose.pose.orientation, 'xyzw') == values(answer.pose.pose.orientation, 'xyzw')
+        assert values(message.twist.twist.linear) == values(answer.twist.twist.linear)
+    _, poses = read_tum(results / 'trajectory.tum')
+    of_base = [(laser @ SE2.from_array(pose) @ laser.inverse()).as_array() for pose in poses]
+    np.testing.assert_allclose(of_base, answers.poses(), atol=1e-7)
+
+
+def values(vector, names='xyz'):
+    return [getattr(vector, name) for name in names]
+
+
+def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
+    file = tmp_path / 'a.yaml'
+    for settings, names in (('input.every: 2, prior.source: imu, scan.range_max: 5.0', 'prior.source, input.every'),
+                            ('prior.source: none, mounting: none, base_frame: base, prior.weight: 0.1', '')):
+        file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
+        assert main([str(data / 'absent.log'), '--params-file', str(file), '--out', str(tmp_path)]) == 2
+        said = f'replay: {file}: does not count here: {names}\n' if names else ''
+        assert capsys.readouterr().err.startswith(f'{said}replay: {data}/absent.log: ')
+
+
+def test_a_sensor_that_stands_still_stays_where_it_is(replay, tmp_path):
+    assert replay('lms511/static') == 0
+    _, poses = read_tum(tmp_path / 'static' / 'latest' / 'trajectory.tum')
+    assert np.hypot(poses[:, 0], poses[:, 1]).max() < 2e-3
+    assert np.degrees(np.abs(poses[:, 2])).max() < 0.05
+
+
+def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_path, capsys):
+    """Closed where the robot came back, the relations between all places are kept better than by published graph SLAM:
+    0.031 m (Kuemmerle et al. 2009)."""
+    assert replay('intel/intel.log.gz', '--close-loops') == 0
+    printed = capsys.readouterr().out
+    assert re.search(r'^scans +5505 skipped 0 ', printed, re.MULTILINE)
+    metres, degrees = re.search(r'^neighbours +mean (\d\.\d+) m (\d\.\d+) deg', printed, re.MULTILINE).groups()
+    assert float(metres) < 0.03 and float(degrees) < 0.5
+    metrics = json.loads((tmp_path / 'intel' / 'latest' / 'metrics.json').read_text())
+    assert metrics['relations'] == 1030 and metrics['rpe_1m_median_m'] < 0.02
+    assert metrics['relations_neighbour_mean_m'] == pytest.approx(float(metres), abs=6e-4)
+    assert metrics['closed_relations_all_mean_m'] < 0.031 < metrics['relations_all_mean_m']
+    latest = tmp_path / 'intel' / 'latest'
+    assert names(latest) == FILES | {'closed.tum', 'map_closed.png', 'truth.tum'}
+    assert read_tum(latest / 'closed.tum')[0].tolist() == read_tum(latest / 'trajectory.tum')[0].tolist()
+    assert 0.003 < picture(latest / 'map_closed.png').mean() < 0.5
+
+
+def test_corrected_poses_in_the_log_are_the_truth(replay, tmp_path, capsys):
+    assert replay('aces/aces.log.gz', '--close-loops') == 0
+    printed = capsys.readouterr().out
+    assert re.search(r'(?ms)^over 1 m +mean \d+\.\d+ m .*^over 5 m +mean .*^position +\d+\.\d+ m', printed)
+    latest = tmp_path / 'aces' / 'latest'
+    stamps, _ = read_tum(latest / 'truth.tum')
+    assert stamps.tolist() == read_tum(latest / 'trajectory.tum')[0].tolist()
+    assert min(orange(latest / name) for name in ('map.png', 'map_closed.png')) > 300
+
+
+def orange(path):
+    """How many points of a picture have the colour of the truth."""
+    from matplotlib.image import imread
+    red, green, blue = imread(path)[..., :3].transpose(2, 0, 1)
+    return int(((red > 0.8) & (np.abs(green - 0.5) < 0.15) & (blue < 0.3)).sum())
+
+
+@pytest.mark.parametrize('path', ['aces/aces.log.gz', 'intel/intel.log.gz'])
+def test_evo_measures_the_same(data, tmp_path, path):
+    """Position error and steps by ``evo``, run as a command, on the files that a replay writes."""
+    for command in ('evo_ape', 'evo_rpe'):
+        if not shutil.which(command):
+            pytest.skip(f'needs {command} on the PATH, as scripts/test without arguments has it')
+    recording = open_recording(data / path)
+    stamps, truth = true_poses(recording)
+    wheels = recording.wheel_odometry()[1]
+    order = np.sort(np.unique(stamps, return_index=True)[1])
+    order = order[np.diff(np.maximum.accumulate(stamps[order]), prepend=-1) > 10**7]
+    measures = evaluate(wheels[order], reference=truth[order])
+    write_tum(tmp_path / 'truth.tum', stamps[order], truth[order])
+    write_tum(tmp_path / 'trajectory.tum', stamps[order], wheels[order])
+    ape = evo(tmp_path, 'evo_ape', '-a')
+    steps = evo(tmp_path, 'evo_rpe', '--delta', '1', '--delta_unit', 'f')
+    turns = evo(tmp_path, 'evo_rpe', '--delta', '1', '--delta_unit', 'f', '-r', 'angle_deg')
+    assert ape['rmse'] == pytest.approx(measures['ate_m'], abs=1e-6) and ape['rmse'] > 0.1
+    for statistic in ('mean', 'median', 'std'):
+        assert steps[statistic] == pytest.approx(measures[f'step_{statistic}_m'], abs=1e-6)
+        assert turns[statistic] == pytest.approx(measures[f'step_{statistic}_deg'], abs=1e-5)
+
+
+def evo(folder, command, *options):
+    """The statistics that an evo command finds of trajectory.tum against truth.tum."""
+    result = folder / f'{command}{"".join(options)}.zip'
+    subprocess.run([command, 'tum', 'truth.tum', 'trajectory.tum', *options, '--save_results', result.name,
+                    '--no_warnings'], cwd=folder, check=True, capture_output=True, timeout=120,
+                   env=os.environ | {'HOME': str(folder)})
+    with zipfile.ZipFile(result) as archive:
+        return json.loads(archive.read('stats.json'))
+
+
+def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp_path, capsys):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        lines = whole.readlines()[:30]
+    lines[9] = lines[9][:200] + '\n'
+    words = lines[19].split()
+    lines[19] = ' '.join([*words[:2], *(['81.83'] * 180), *words[182:]]) + '\n'
+    (tmp_path / 'a.log').write_text(''.join(lines))
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert 'a.log:10: damaged FLASER skipped' in printed
+    assert re.search(r'^scan 17 not used: ', printed, re.MULTILINE)
+    assert re.search(r'^scans +28 skipped 1 ', printed, re.MULTILINE)
+    assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
+
+
+@pytest.mark.parametrize('returns, code, says', [(150, 0, 'and 10 more'), (181, 2, 'not one of 30 scans could be used')])
+def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(data, tmp_path, capsys, returns, code, says):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        lines = whole.readlines()[:40]
+    scans = [k for k, line in enumerate(lines) if line.startswith('FLASER')][:30]
+    for k in scans[::2]:
+        words = lines[k].split()
+        lines[k] = ' '.join([*words[:2], *(['81.83'] * 180), *words[182:]]) + '\n'
+    (tmp_path / 'a.log').write_text(''.join(lines[:scans[-1] + 1]))
+    (tmp_path / 'p.yaml').write_text(f'/**:\n  ros__parameters:\n    scan: {{min_returns: {returns}}}\n')
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path), '--params-file', str(tmp_path / 'p.yaml')]) == code
+    printed = ''.join(capsys.readouterr())
+    assert says in printed and printed.count('not used') <= 5
+
+
+def test_several_recordings_in_several_processes_give_what_one_gives(data, replay, tmp_path, capfd):
+    for name, length in (('a', 80), ('b', 60)):
+        with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+            (tmp_path / f'{name}.log').write_text(''.join(itertools.islice(whole, length)))
+    absent = [tmp_path / 'absent.log', tmp_path / 'missing.log']
+    files = [tmp_path / 'a.log', tmp_path / 'b.log', *absent, tmp_path / 'a.log']
+    assert replay(*files, '--processes', 1) == 2
+    once = {name: (tmp_path / name / 'latest' / 'trajectory.tum').read_bytes() for name in 'ab'}
+    capfd.readouterr()
+    assert replay(*files, '--processes', 2) == 2
+    out, error = capfd.readouterr()
+    assert error == ''.join(f'replay: {path}: cannot be read: No such file or directory\n' for path in absent)
+    assert len(re.findall('^results', out, re.MULTILINE)) == 3
+    assert len(names(tmp_path / 'a')) == 5 and len(names(tmp_path / 'b')) == 3
+    for name, trajectory in once.items():
+        for folder in (tmp_path / name).iterdir():
+            assert (folder / 'trajectory.tum').read_bytes() == trajectory and names(folder) == FILES
+
+
+def test_a_reader_that_goes_away_is_no_failed_recording(data, root, tmp_path):
+    words = ['replay', str(data / 'lms511' / 'static'), '--processes', '1']
+    with subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path, stdout=subprocess.PIPE,
+                          env=os.environ | {'PYTHONPATH': str(root)}, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b''
+        assert process.wait(60) == 1
+
+
+def test_an_interrupted_replay_keeps_what_it_has(replay, tmp_path, capsys, monkeypatch):
+    def interrupted(self):
+        yield from itertools.islice(scans(self), 50)
+        raise KeyboardInterrupt
+
+    scans = CarmenLog.scans
+    monkeypatch.setattr(CarmenLog, 'scans', interrupted)
+    assert replay('intel/intel.log.gz') == 130
+    folder, = (tmp_path / 'intel').iterdir()
+    assert len(read_tum(folder / 'trajectory.tum')[0]) == 50 and messages_of(folder / 'bag') == 150
+    assert names(folder) == {'bag', 'parameters.yaml', 'trajectory.tum'}
+    assert capsys.readouterr().err == 'replay: interrupted\n'
+
+
+def messages_of(bag):
+    from rosbags.highlevel import AnyReader
+    with AnyReader([bag]) as reader:
+        return sum(1 for _ in reader.messages())
+
+
+@pytest.mark.parametrize('processes', [1, 2])
+def test_ctrl_c_leaves_valid_files_and_ends_with_130(data, root, tmp_path, processes):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        (tmp_path / 'long.log').write_text(whole.read() * 20)
+    words = ['replay', 'long.log', 'long.log', '--processes', str(processes)]
+    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path,
+                               env=os.environ | {'PYTHONPATH': str(root)}, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+
+    def writing():
+        return [bag for bag in tmp_path.glob('results/long/*/bag/*.mcap') if bag.stat().st_size]
+
+    while len(writing()) < processes and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (130, 'replay: interrupted\n')
+    folders = list((tmp_path / 'results' / 'long').iterdir())
+    assert len(folders) == processes
+    for folder in folders:
+        stamps, _ = read_tum(folder / 'trajectory.tum')
+        assert len(stamps) < 20 * 5505 and messages_of(folder / 'bag') == 3 * len(stamps)
+
+
+def test_nothing_is_written_outside_the_result_folder(data, root, tmp_path):
+    """With a home of its own and caches off, every new file is below results/."""
+    work, home = tmp_path / 'work', tmp_path / 'home'
+    work.mkdir()
+    home.mkdir()
+    environment = os.environ | {'PYTHONPATH': str(root), 'HOME': str(home), 'PYTHONDONTWRITEBYTECODE': '1',
+                                'TMPDIR': str(home)}
+    environment.pop('MPLCONFIGDIR', None)
+    words = ['replay', str(data / 'lms511' / 'static'), '--processes', '2']
+    subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=work, env=environment,
+                   check=True, capture_output=True, timeout=120)
+    assert names(work) == {'results'}
+    left = {path.relative_to(home).parts[:2] for path in home.rglob('*') if path.is_file()}
+    assert left <= {('.cache', 'matplotlib'), ('.config', 'matplotlib')}
+
+
+def test_walls_are_single_lines_where_the_poses_are_right(data, tmp_path):
+    recording = open_recording(data / 'intel' / 'intel.log.gz')
+    _, reference = read_csv(data / 'intel' / 'reference.csv')
+    for name, poses in (('right', reference), ('wrong', reference + np.linspace(0, 1, 5505)[:, None] * [1, 1, 0.2])):
+        plot_map(tmp_path / f'{name}.png', recording.scans(), poses, name)
+    right, wrong = (picture(tmp_path / f'{name}.png') for name in ('right', 'wrong'))
+    assert right.shape[0] > 1500 and (right > 0.5).mean() > 0.005
+    assert (right > 0.1).mean() < 0.8 * (wrong > 0.1).mean()
+
+
+def test_a_map_of_hardly_anything_is_drawn(tmp_path, data):
+    plot_map(tmp_path / 'none.png', [], np.empty((0, 3)))
+    scan = next(open_recording(data / 'lms511' / 'static').scans())
+    plot_map(tmp_path / 'one.png', [scan], [[0.0, 0.0, 0.0]], truth=np.zeros((1, 3)))
+    assert picture(tmp_path / 'none.png').mean() < picture(tmp_path / 'one.png').mean()

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay writes whatever goes wrong with its reports, and what it says of scans, distance and restarts."""
+import dataclasses
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from bags import SECOND, scan_bag
+
+from dbscan_reg_ros import SE2, Odometry
+from dbscan_reg_ros.commands.replay import main
+from dbscan_reg_ros.core.odometry.pipeline import Odometry as CoreOdometry
+from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
+from dbscan_reg_ros.recordings import read_tum
+from dbscan_reg_ros.replays.loops import Loops
+from dbscan_reg_ros.replays.spots import Spots
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+
+pytest.importorskip('rosbags')
+
+
+@pytest.fixture(scope='module')
+def drive():
+    """A robot with a rotating lidar: 10 Hz, each scan over the whole interval."""
+    world = rooms(seed=1)
+    lidar = Lidar(beams=360, angle_min=-math.pi + 0.01, duration=359 / 3600)
+    return simulate(world, follow(world.tour[:4], speed=0.6), lidar, seed=1)
+
+
+@pytest.fixture(scope='module')
+def rotating(drive):
+    """Scans from a robot that drives when they begin."""
+    return drive.scans[15:75]
+
+
+@pytest.fixture
+def replay(tmp_path):
+    """``replay(scans, *words) -> (exit code, folder of the results)``."""
+    def replay(scans, *words):
+        bag = scan_bag(tmp_path / 'drive', scans) if scans else tmp_path / 'drive'
+        code = main([str(bag), '--out', str(tmp_path / 'out'), *words])
+        return code, tmp_path / 'out' / 'drive' / 'latest'
+    return replay
+
+
+def moved_on(scans, seconds):
+    return [dataclasses.replace(scan, stamp=scan.stamp + round(seconds * SECOND)) for scan in scans]
+
+
+CLOCKS = {
+    'steady': lambda scans: scans,
+    'one stamp in the future': lambda scans: scans[:30] + moved_on(scans[30:31], 5.0) + scans[31:],
+    'back': lambda scans: moved_on(scans[:30], 60.0) + scans[30:],
+    'ten years': lambda scans: scans[:30] + moved_on(scans[30:], 3.2e8),
+    'five seconds without scans': lambda scans: scans[:10] + moved_on(scans[40:], 2.0),
+    'back twice': lambda scans: moved_on(scans[:20], 90.0) + moved_on(scans[20:40], 60.0) + scans[40:],
+}
+
+
+@pytest.mark.parametrize('clock', CLOCKS)
+def test_pairs_to_review_name_scans_whatever_becomes_of_the_clock(rotating, clock):
+    """A scan whose features are made anew, once the motion is known, keeps its number."""
+    scans = CLOCKS[clock](rotating)
+    odometry, spots, loops, references = Odometry(), Spots(), Loops(), {}
+    made_anew = 0
+    for number, scan in enumerate(scans):
+        update = odometry.process(scan)
+        spots.add(update)
+        loops.add(update)
+        assert update.number == number
+        if update.reference is None:
+            assert update.reference_number is None
+        else:
+            assert update.reference.scan.stamp == scans[update.reference_number].stamp
+            made_anew += update.reference is not references.setdefault(update.reference_number, update.reference)
+        references[number] = update.features
+    assert made_anew >= 1
+    assert spots.found() and all(spot.reference_number < spot.number for spot in spots.found())
+
+
+def test_numbers_go_on_after_a_reset(rotating):
+    odometry = Odometry()
+    for scan in rotating[:5]:
+        odometry.process(scan)
+    odometry.reset(SE2(1.0, 2.0, 0.5))
+    first, second = (odometry.process(scan) for scan in rotating[5:7])
+    assert (first.number, first.reference_number) == (5, None)
+    assert (second.number, second.reference_number) == (6, 5)
+
+
+def broken(*_args, **_options):
+    raise KeyError('a thing')
+
+
+def whole(folder, count):
+    """The trajectory and the measures are there."""
+    stamps, poses = read_tum(folder / 'trajectory.tum')
+    metrics = json.loads((folder / 'metrics.json').read_text())
+    assert len(stamps) == len(poses) == metrics['scans'] - metrics['skipped'] == count
+    return metrics
+
+
+PARTS = {
+    'pairs to review': ('dbscan_reg_ros.replays.spots.Spots.add', {'report.html', 'map.png', 'bag'}),
+    'bag': ('dbscan_reg_ros.replays.bag.odometry_fields', {'report.html', 'map.png'}),
+    'map.png': ('dbscan_reg_ros.replays.results.draw_map', {'report.html', 'bag'}),
+    'report.html': ('dbscan_reg_ros.replays.results.write_report', {'map.png', 'bag'}),
+    'parameters.yaml': ('dbscan_reg_ros.robot.parameter_files.write_parameters', {'report.html', 'map.png', 'bag'}),
+    'errors against the truth': ('dbscan_reg_ros.recordings.truth.KnownMotion.measures', {'report.html', 'map.png', 'bag'}),
+    'closed.tum': ('dbscan_reg_ros.replays.loops.Loops.close', {'report.html', 'map.png', 'bag'}),
+    'latest': ('dbscan_reg_ros.replays.folder.point_latest', {'report.html', 'map.png', 'bag'}),
+}
+
+
+@pytest.mark.parametrize('part', PARTS)
+def test_a_fault_of_the_reporting_is_one_line_and_costs_no_result(replay, rotating, tmp_path, capsys, monkeypatch, part):
+    place, others = PARTS[part]
+    monkeypatch.setattr(place, broken)
+    code, _ = replay(rotating[:20], *(['--close-loops'] if part == 'closed.tum' else []))
+    said = capsys.readouterr()
+    folder, = (path for path in (tmp_path / 'out' / 'drive').iterdir() if not path.is_symlink())
+    assert code == 0
+    assert whole(folder, 20)['ok'] >= 18
+    assert others <= {path.name for path in folder.iterdir()}
+    assert said.err == f"replay: {tmp_path}/drive: {part} not written: internal error: 'a thing' (-v shows where)\n"
+    assert re.search(r'^scans +20 skipped 0 ok', said.out, re.MULTILINE)
+
+
+def test_a_damaged_truth_costs_the_errors_against_it_not_the_result(data, tmp_path, capsys):
+    import gzip
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as log:
+        (tmp_path / 'a.log').write_text(''.join(line for line, _ in zip(log, range(40))))
+    (tmp_path / 'a.relations').write_text('1 2 three\n')
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 0
+    assert 'relations_all_mean_m' not in whole(tmp_path / 'a' / 'latest', json.loads(
+        (tmp_path / 'a' / 'latest' / 'metrics.json').read_text())['scans'])
+    assert (f'errors against the truth not written: {tmp_path}/a.relations:1: expected t1 t2 x y z roll pitch yaw'
+            in capsys.readouterr().err)
+
+
+def test_v_shows_where_a_fault_of_the_reporting_comes_from(replay, rotating, capsys, monkeypatch):
+    monkeypatch.setattr('dbscan_reg_ros.replays.results.draw_map', broken)
+    assert replay(rotating[:5], '-v')[0] == 0
+    said = capsys.readouterr().err
+    assert said.startswith('Traceback') and said.count('Traceback') == 1 and 'in broken' in said
+
+
+def test_an_odometry_that_breaks_off_leaves_what_it_found_until_then(replay, rotating, capsys, monkeypatch):
+    process, left = CoreOdometry.process, iter(range(12))
+
+    def breaks_off(self, scan):
+        if next(left, None) is None:
+            raise ZeroDivisionError('by zero')
+        return process(self, scan)
+
+    monkeypatch.setattr(CoreOdometry, 'process', breaks_off)
+    code, folder = replay(rotating[:20])
+    assert code == 1
+    whole(folder, 12)
+    assert {'map.png', 'report.html', 'bag'} <= {path.name for path in folder.iterdir()}
+    assert 'the results end before scan 12: internal error: by zero (-v shows where)\n' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('count', 'says'), [
+    (1, 'holds one scan; expected at least two, between which there is a motion')])
+def test_fewer_than_two_scans_are_one_clear_line(replay, rotating, tmp_path, capsys, count, says):
+    code, _ = replay(rotating[:count])
+    assert code == 2
+    assert capsys.readouterr().err == f'replay: {tmp_path}/drive: {says}\n'
+
+
+def test_one_usable_scan_of_many_is_one_clear_line(replay, rotating, tmp_path, capsys):
+    empty = [dataclasses.replace(scan, ranges=np.full_like(scan.ranges, np.inf)) for scan in rotating[:6]]
+    code, _ = replay([*empty[:3], rotating[3], *empty[4:]])
+    assert code == 2
+    error, = capsys.readouterr().err.splitlines()
+    assert error.startswith(f'replay: {tmp_path}/drive: only one of 6 scans could be used; scan 0 not used: ')
+
+
+def test_without_truth_the_distance_the_time_and_the_ends_are_told(replay, drive, rotating, capsys):
+    """What could not be used and what could not be registered have two names."""
+    blind = dataclasses.replace(rotating[20], ranges=np.full_like(rotating[20].ranges, np.inf))
+    code, folder = replay([*rotating[:20], blind, *rotating[21:]])
+    metrics = whole(folder, 59)
+    assert code == 0
+    driven, seconds, metres, degrees = map(float, re.search(
+        r'^driven +([\d.]+) m in ([\d.]+) s, the end is ([\d.]+) m ([\d.]+) deg from the start$',
+        capsys.readouterr().out, re.MULTILINE).groups())
+    assert driven == pytest.approx(path_lengths(drive.truth[15:75])[-1], rel=0.02) and seconds == 5.9
+    _, poses = read_tum(folder / 'trajectory.tum')
+    assert metres == pytest.approx(np.hypot(*poses[-1, :2]), abs=1e-3)
+    assert degrees == pytest.approx(abs(math.degrees(poses[-1, 2])), abs=0.1)
+    assert (metrics['skipped'], metrics['failed'], metrics['restarts']) == (1, 0, 0)
+    assert metrics['driven_m'] == pytest.approx(driven, abs=0.01) and metrics['duration_s'] == pytest.approx(5.9)
+
+
+def test_a_restart_is_counted_and_the_jump_of_the_clock_is_no_driving_time(replay, rotating, capsys):
+    code, folder = replay(CLOCKS['ten years'](rotating))
+    metrics = whole(folder, 60)
+    assert code == 0 and (metrics['stamp_jumps'], metrics['duration_s']) == (1, pytest.approx(5.8))
+    printed = capsys.readouterr().out
+    assert 'in 5.8 s (jumps of the stamps left out: 1), the end is' in printed
+    assert metrics['restarts'] == len(re.findall('restarts 1$', printed, re.MULTILINE))
+
+
+@pytest.mark.parametrize(('stamps', 'seconds', 'jumps'), [
+    ([], 0.0, 0), ([5], 0.0, 0), ([0, 1, 2, 3], 3.0, 0), ([0, 1, 0.5, 3], 3.0, 0), ([0, 1, 2, 100, 3, 4], 3.0, 2),
+    ([7, 7, 7], 0.0, 0), ([0, 5, 10, 15, 20], 20.0, 0), ([0, 5, 10, 100, 105], 15.0, 1), ([3, 2, 1], 0.0, 0)])
+def test_jumps_of_the_stamps_are_not_time_that_passed(stamps, seconds, jumps):
+    assert duration([round(stamp * SECOND) for stamp in stamps], 2.0) == (seconds, jumps)

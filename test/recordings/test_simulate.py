@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command that simulates: what was asked for is measured back from the files."""
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from dbscan_reg_ros.commands.simulate import PRESETS, main
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.recordings import interpolate, open_recording
+from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.simulation import LIDARS, rooms, with_people
+from dbscan_reg_ros.simulation.worlds import clearance
+
+SHORT = '--world', 'corridor', '--speed', '2'
+
+
+@pytest.fixture
+def simulated(tmp_path):
+    """``simulated('bag', ...) -> path`` of what was written."""
+    def simulated(name, *words):
+        assert main([str(tmp_path / name), *SHORT, *map(str, words)]) == 0
+        return tmp_path / name
+    return simulated
+
+
+def messages(bag, topic):
+    from rosbags.highlevel import AnyReader
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+
+
+def test_a_bag_holds_scans_wheels_gyroscope_and_truth(simulated, capsys):
+    bag = simulated('bag', '--lidar', 'hokuyo_urg04lx', '--mounting', 0.2, -0.1, 90)
+    printed = capsys.readouterr().out
+    recording = open_recording(bag)
+    scans = list(recording.scans())
+    assert recording.topic == '/scan' and f'{len(scans)} /scan, ' in printed
+    assert scans[0].geometry == LIDARS['hokuyo_urg04lx'].geometry
+    assert np.diff(recording.stamps()).tolist() == [10**8] * (len(scans) - 1)
+    stamps, truth = recording.truth()
+    assert stamps.tolist() == recording.stamps()
+    np.testing.assert_allclose(truth[0], [1.5 + 0.2, -0.1, np.pi / 2], atol=1e-6)
+    transform = messages(bag, '/tf_static')[0].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ('base_link', 'laser')
+    assert (transform.transform.translation.x, transform.transform.translation.y) == (0.2, -0.1)
+    assert transform.transform.rotation.z == pytest.approx(np.sqrt(0.5))
+    assert len(recording.wheel_odometry()[0]) > 1.9 * len(scans)
+    assert messages(bag, '/imu')[0].orientation_covariance[0] == -1.0
+
+
+def test_a_log_holds_the_same_scans_and_the_same_truth(simulated):
+    bag, log = (open_recording(simulated(name, '--seed', 5)) for name in ('bag', 'a.log.gz'))
+    for ours, other in zip(bag.scans(), log.scans(), strict=True):
+        assert ours.stamp == other.stamp and np.array_equal(ours.ranges, other.ranges)
+        assert ours.geometry.bearings == pytest.approx(other.geometry.bearings, abs=1e-6)
+    np.testing.assert_allclose(bag.truth()[1], log.truth()[1], atol=1e-8)
+    np.testing.assert_allclose(interpolate(*bag.wheel_odometry(), log.stamps()[:-1]), log.wheel_odometry()[1][:-1],
+                               atol=1e-8)
+
+
+def test_there_is_a_lidar_for_every_file_of_a_sensor(root):
+    assert set(PRESETS) == set(LIDARS)
+    sensors = {path.stem for path in (root / 'config').glob('*.yaml')} - {'scan_matcher', 'paper', 'ekf'}
+    assert set(PRESETS) - sensors == {'sick_lms200'} and sensors <= set(PRESETS)
+
+
+def test_one_seed_gives_one_recording_and_another_another(simulated):
+    first, same, other = (simulated(name, '--seed', seed, '--outliers', 0.1).read_bytes()
+                          for name, seed in (('a.log', 1), ('b.log', 1), ('c.log', 2)))
+    assert first == same != other
+
+
+def test_noise_dropouts_and_outliers_are_those_asked_for(simulated):
+    exact = open_recording(simulated('exact', '--noise', 0, '--resolution', 0))
+    noisy = open_recording(simulated('noisy', '--noise', 0.02, '--resolution', 0, '--dropouts', 0.1,
+                                     '--outliers', 0.05))
+    true, ranges = (np.concatenate([scan.ranges for scan in recording.scans()]) for recording in (exact, noisy))
+    lost = np.isinf(ranges) & np.isfinite(true)
+    assert lost.sum() / np.isfinite(true).sum() == pytest.approx(0.1, abs=0.006)
+    both = np.isfinite(ranges) & np.isfinite(true)
+    error = ranges[both] - true[both]
+    wild = np.abs(error) > 0.1
+    assert wild.mean() == pytest.approx(0.05 / 0.9, abs=0.006)
+    assert error[~wild].std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_wheels_slip_and_are_off_by_their_scale(simulated):
+    recording = open_recording(simulated('bag', '--wheel-scale', 1.1, 0.9, '--wheel-noise', 0, 0, '--slip', 5, 8, 1.5,
+                                         '--laps', 2))
+    stamps, wheels = recording.wheel_odometry()
+    truth = interpolate(*recording.truth(), stamps)
+    known = np.isfinite(truth).all(axis=1)
+    seconds, wheels, truth = (stamps[known][1:] - stamps[0]) / 1e9, wheels[known], truth[known]
+    steps, true_steps = relative(wheels[:-1], wheels[1:]), relative(truth[:-1], truth[1:])
+    slipping = (seconds > 5.1) & (seconds < 7.9)
+    rolling = ((seconds < 4.9) | (seconds > 8.1)) & (np.abs(true_steps[:, 0]) > 0.02)
+    assert np.median(steps[slipping, 0] / true_steps[slipping, 0]) == pytest.approx(1.65, abs=0.01)
+    assert np.median(steps[rolling, 0] / true_steps[rolling, 0]) == pytest.approx(1.1, abs=0.01)
+    turning = np.abs(true_steps[:, 2]) > 0.02
+    assert turning.sum() > 20 and np.median(steps[turning, 2] / true_steps[turning, 2]) == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_gyroscope_has_its_bias_and_its_noise(simulated):
+    bag = simulated('bag', '--gyro-bias', 0.03, '--gyro-noise', 0.01)
+    rates = np.array([message.angular_velocity.z for message in messages(bag, '/imu')])
+    truth = open_recording(bag).truth()[1]
+    assert np.ptp(wrap(truth[:, 2])) < 1e-6, 'the corridor is straight'
+    assert rates.mean() == pytest.approx(0.03, abs=0.001) and rates.std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_people_walk_where_nothing_stands_and_are_seen(simulated):
+    world = rooms(2)
+    crowd = with_people(world, 20, 2)
+    places = np.array([person.circle_at(time)[:2] for person in crowd.people for time in np.arange(0.0, 30.0, 0.2)])
+    assert clearance(places, world.segments, world.circles).min() > 0.15
+    alone, visited = (open_recording(simulated(f'bag{count}', '--people', count)) for count in (0, 2))
+    nearer = [np.nanmean(b.ranges < a.ranges - 0.2) for a, b in zip(alone.scans(), visited.scans(), strict=True)]
+    assert 0.005 < np.mean(nearer) < 0.2
+
+
+def test_the_picture_shows_the_floor_plan(simulated):
+    bag = simulated('bag', '--people', 1)
+    picture = imread(bag.with_name('bag.png'))[..., :3]
+    assert 0.005 < 1.0 - picture.mean() < 0.2 and picture.shape[1] > 1000
+
+
+@pytest.mark.parametrize(('words', 'says'), [
+    (['--beams', '0'], 'a scan of 0 beams'), (['--angle-increment', '0'], 'angle_increment is 0'),
+    (['--rate', '0'], '--rate 0.0'), (['--speed', '-1'], '--speed -1.0'), (['--dropouts', '2'], '--dropouts 2.0'),
+    (['--laps', '0'], '--laps 0'), (['--noise', '-1'], '--noise -1.0'), (['--people', '-1'], '--people -1'),
+    (['--range-min', '5', '--range-max', '2'], '--range-min 5: expected less than'),
+])
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, capsys, words, says):
+    assert main([str(tmp_path / 'bag'), *SHORT, *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error and error.count('\n') == 1 and list(tmp_path.iterdir()) == []
+
+
+def test_a_ros_1_bag_is_made_by_convert(tmp_path, capsys):
+    assert main([str(tmp_path / 'a.bag'), *SHORT]) == 2
+    assert 'a.bag: expected NAME.log' in capsys.readouterr().err and list(tmp_path.iterdir()) == []
+
+
+def test_a_lidar_may_see_far_things_only(simulated):
+    scans = open_recording(simulated('bag', '--range-min', 12, '--outliers', 0.1)).scans()
+    ranges = np.concatenate([scan.ranges for scan in scans])
+    assert ranges.min() == 12.0 and np.isfinite(ranges).mean() > 0.1
+
+
+def test_nothing_is_overwritten(simulated, tmp_path, capsys):
+    before = simulated('a.log').read_bytes()
+    assert main([str(tmp_path / 'a.log'), *SHORT]) == 2
+    assert 'a.log: exists already' in capsys.readouterr().err and (tmp_path / 'a.log').read_bytes() == before
+    (tmp_path / 'b.log.png').write_text('mine')
+    assert main([str(tmp_path / 'b.log'), *SHORT]) == 2
+    assert 'b.log.png: exists already' in capsys.readouterr().err and not (tmp_path / 'b.log').exists()
+    assert (tmp_path / 'b.log.png').read_text() == 'mine'

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is kept of a scan: noise and normals."""
+import math
+
+import numpy as np
+import pytest
+from rooms import DEGREE, FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import Parameters, Scan, ScanGeometry
+from dbscan_reg_ros.core.features.extraction import estimate_normals, extract_features
+from dbscan_reg_ros.core.features.range_noise import estimate_noise
+from dbscan_reg_ros.core.geometry.line_fit import summed_moments
+from dbscan_reg_ros.core.geometry.se2 import as_complex
+from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
+
+PLAIN = Parameters().replace({'filter.test': 'off'})
+
+
+def normals_of(points, breaks=None, increment=DEGREE, **changes):
+    points = np.asarray(points, dtype=float)
+    breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
+    return estimate_normals(as_complex(points), summed_moments(as_complex(points)), breaks, increment, 0.0, SegmentParameters(**changes))
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_normals_are_those_of_the_walls_and_face_the_sensor(sign):
+    geometry = ScanGeometry(-sign * math.pi, sign * DEGREE, 360)
+    found = extract_features(look(outline(L_ROOM), geometry=geometry), PLAIN)
+    assert (np.einsum('pi,pi->p', found.points, found.normals) <= 0.0).all()
+    known = found.normals.any(axis=1)
+    assert known.mean() > 0.9
+    assert np.hypot(*found.normals[known].T) == pytest.approx(1.0)
+    # All walls are parallel to an axis; only around the six corners a normal belongs to both.
+    straight = np.abs(found.normals).min(axis=1) < 1e-6
+    assert straight[known].mean() > 0.8
+
+
+def test_a_window_grows_to_its_reach_and_to_its_beams():
+    """A wall at y = 1 m with one point, at x = 0, that lies 3 mm nearer: who sees it has a normal that is not (0, -1)."""
+    x = 0.04 * np.arange(20, -21, -1)
+    wall = np.column_stack((x, np.where(np.abs(x) < 0.01, 0.997, 1.0)))
+    for changes, seen in (({'normal_reach': 0.0, 'normal_beams': 1}, 1), ({'normal_reach': 0.0, 'normal_beams': 3}, 3),
+                          ({'normal_reach': 0.21, 'normal_beams': 1}, 5)):
+        normals = normals_of(wall, **changes)
+        turned = np.abs(normals[:, 0]) > 1e-6
+        # The point itself is in the middle of its window, which is not turned.
+        expected = (np.abs(np.arange(-20, 21)) <= seen) & (np.arange(-20, 21) != 0)
+        assert turned.tolist() == expected.tolist(), changes
+
+
+def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_normal():
+    points = [(1.0, 1.0), (0.9, 1.0), (0.8, 1.0), (0.3, 2.0), (0.2, 2.0)]
+    normals = normals_of(points, [False, False, True, False])
+    assert normals.tolist() == [pytest.approx([0.0, -1.0], abs=1e-9)] * 3 + [[0.0, 0.0]] * 2
+    normals = normals_of([(0.0, 2.0), (0.02, 2.02), (0.04, 2.0)], normal_beams=2)
+    assert normals.tolist() == [[0.0, 0.0]] * 3
+
+
+@pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
+def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
+    """Noise lies along the beams: fitted to little more than the noise, the normals of a wall turn towards the sensor."""
+    walls = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]])
+    parameters, turned = PLAIN.replace({'segments.normal_noise': reach}), []
+    for seed in range(20):
+        found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), parameters)
+        bearing = np.arctan2(found.points[:, 1], found.points[:, 0])
+        aside = found.normals.any(axis=1) & (np.radians(30.0) < bearing) & (bearing < np.radians(60.0))
+        turned.append(np.arctan2(found.normals[aside, 0], -found.normals[aside, 1]))
+    assert (abs(np.degrees(np.concatenate(turned).mean())) > 5.0) == biased
+
+
+def test_noise_finer_beams_than_itself_do_not_make_the_normals_stray():
+    """A wall 1 m away, a beam every 0.5 deg, 20 mm of noise: neighbours lie 9 mm apart along it and 28 mm across."""
+    rng = np.random.default_rng(0)
+    bearing = np.radians(np.arange(60.0, 120.0, 0.5))
+    found = []
+    for _ in range(20):
+        ranges = 1.0 / np.sin(bearing) + rng.normal(0.0, 0.02, len(bearing))
+        normals = normals_of(ranges[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing))))
+        found.append(np.degrees(np.arcsin(normals[normals.any(axis=1), 0])))
+    assert np.percentile(np.abs(np.concatenate(found)), 90.0) < 18.0
+
+
+def test_the_noise_that_is_kept_is_that_of_what_the_filter_leaves():
+    """A fifth of the beams is wrong: a second difference in two."""
+    rng = np.random.default_rng(0)
+    for sigma in (0.005, 0.01):
+        ranges = look(outline(L_ROOM)).ranges + rng.normal(0.0, sigma, 360)
+        wrong = rng.random(360) < 0.2
+        ranges[wrong] = rng.uniform(0.2, 6.0, np.count_nonzero(wrong))
+        kept = extract_features(Scan(0, ranges, FULL)).noise
+        assert kept < 0.8 * estimate_noise(ranges, ScanParameters())
+        assert kept == pytest.approx(sigma, rel=0.5)
+
+
+def test_ranges_beyond_the_parameters_limits_are_left_out_and_the_limits_are_not():
+    ranges = np.where(np.arange(360) < 120, 1.0, np.where(np.arange(360) < 240, 2.0, 4.0))
+    scan = Scan(0, ranges, FULL)
+
+    def left(**limits):
+        found = extract_features(scan, PLAIN.replace({f'scan.{name}': value for name, value in limits.items()}))
+        return found.beams.min(), found.beams.max(), len(found.beams)
+
+    assert left() == left(range_min=1.0, range_max=4.0) == (0, 359, 360)
+    assert left(range_min=1.5, range_max=3.0) == (120, 239, 120)

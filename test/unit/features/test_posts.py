@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small things without normals that stand free count as round posts; among chairs and trees they hold the odometry."""
+import math
+
+import numpy as np
+import pytest
+from benchmarks.courses import chairs, simulated, trees, wood
+from rooms import FULL, L_ROOM, outline
+
+from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.small_objects import with_posts
+from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.simulation.raycasting import cast
+
+UNFILTERED = Parameters().replace({'filter.test': 'off'})
+SEGMENTS = UNFILTERED.segments
+LEG, OTHER = (1.2, 0.6, 0.02), (0.4, 1.3, 0.025)
+WALLS = outline(L_ROOM)[[0, 5]]
+"""Two walls of a room; the legs stand where nothing is behind them."""
+
+
+def place_with(*circles, pose=SE2(), geometry=FULL):
+    """Features of what a lidar at `pose` measures of two walls and of round things [m]."""
+    directions = np.exp(1j * (geometry.bearings + pose.theta))
+    ranges = cast(np.array([[pose.x, pose.y]]), np.column_stack((directions.real, directions.imag)), WALLS,
+                  np.array(circles).reshape(-1, 3))
+    return extract_features(Scan(0, ranges, geometry), UNFILTERED)
+
+
+def middles(features):
+    """Middles of the posts, complex [m]."""
+    return features.posts.points.reshape(-1, 8).mean(axis=1)
+
+
+def test_a_leg_is_points_all_around_it():
+    features = with_posts(place_with(LEG), 0.3, SEGMENTS)
+    posts = features.posts.points.reshape(-1, 8)
+    beams = np.flatnonzero(np.abs(features.scan.ranges - math.hypot(*LEG[:2])) < 0.05)
+    assert len(posts) == 1 and set(features.posts.beams) == {beams[0]}
+    middle, = middles(features)
+    assert abs(middle - complex(*LEG[:2])) < 0.01
+    half = 0.5 * len(beams) * math.radians(1.0) * abs(middle)
+    assert np.abs(posts - middle) == pytest.approx(half, rel=0.02)
+    away = features.posts.points - middle
+    assert (features.posts.normals * away.conj()).real == pytest.approx(np.abs(away))
+    assert features.posts.worth.sum() == pytest.approx(2.0 * len(beams))
+
+
+def test_it_does_not_matter_at_which_beam_the_scan_begins():
+    """Twelve legs all around, one of them on both sides of the seam now and then."""
+    legs = [(1.2 * math.cos(a), 1.2 * math.sin(a), 0.025) for a in np.radians(np.arange(0.5, 360.0, 30.0))]
+    for first in range(-180, 180, 5):
+        geometry = ScanGeometry(math.radians(first), math.radians(1.0), 360)
+        features = with_posts(place_with(*legs, geometry=geometry), 0.3, SEGMENTS)
+        assert len(features.posts) == 8 * len(legs)
+        assert features.posts.beams.min() >= 0 and features.posts.beams.max() < 360
+
+
+def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
+    features = with_posts(place_with(LEG, OTHER), 0.3, SEGMENTS)
+    cloud, walls = features.dense_cloud, len(features.walls)
+    assert len(cloud) == walls + 16 and (cloud.worth[:walls] == 1.0).all()
+    assert np.array_equal(cloud.worth[walls:], features.posts.worth)
+    left_out = np.zeros(len(cloud), dtype=bool)
+    left_out[[3, 4, *range(walls, walls + 8)]] = True
+    less = features.without(left_out)
+    assert np.array_equal(less.dense_cloud.points, cloud.points[~left_out]) and len(less.posts) == 8
+    assert np.array_equal(less.dense_cloud.worth, cloud.worth[~left_out])
+    doubted = features.doubting(np.arange(walls, walls + 16), 0.1).dense_cloud
+    assert doubted.worth[walls:] == pytest.approx(0.1 * features.posts.worth) and (doubted.worth[:walls] == 1.0).all()
+
+
+@pytest.mark.parametrize('circle', [(0.6, -1.42, 0.03), (1.2, 0.6, 0.3)], ids=['before a wall', 'large'])
+def test_what_is_large_or_stands_close_before_a_wall_is_no_post(circle):
+    features = place_with(circle)
+    assert with_posts(features, 0.3, SEGMENTS) is features
+
+
+def test_what_is_no_smaller_than_asked_for_is_no_post():
+    features = place_with(LEG)
+    assert with_posts(features, 0.005, SEGMENTS) is features
+
+
+def test_walls_are_no_posts():
+    features = place_with()
+    assert with_posts(features, 0.3, SEGMENTS) is features and len(features.dense_cloud) == len(features.walls)
+
+
+def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_not():
+    """Two returns with none around them; then with one of something nearer beside them."""
+    ranges = np.full(360, np.inf)
+    ranges[100:180] = 2.0 / np.cos(np.radians(np.arange(100, 180) - 140.0))
+    ranges[200:202] = 1.5
+    alone = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert abs(middles(alone)[0]) == pytest.approx(1.5 + 1.5 * math.radians(1.0), abs=0.01) and len(alone.posts) == 8
+    ranges[202] = 0.9
+    beside = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert beside.posts is None or np.abs(middles(beside)).max() < 1.0
+
+
+@pytest.mark.parametrize('closed', [True, False])
+def test_where_a_scan_ends_nobody_knows_what_lies_beside(closed):
+    """The first beam sees a leg; only a scan that goes all the way round tells what lies before it."""
+    geometry = FULL if closed else ScanGeometry(-math.pi, math.radians(1.0), 330)
+    assert geometry.closed == closed
+    features = with_posts(place_with((-1.2, 0.0, 0.012), geometry=geometry), 0.3, SEGMENTS)
+    assert (features.posts is not None) == closed
+
+
+def test_a_post_holds_both_directions():
+    """Two legs in an empty place, seen from 5 cm beside and turned by 0.02 rad."""
+    def seen(pose):
+        legs = place_with(LEG, OTHER, pose=pose)
+        features = with_posts(legs, 0.3, SEGMENTS)
+        return features.without(np.arange(len(features.dense_cloud)) < len(features.walls))
+    pose = SE2(0.04, -0.03, 0.02)
+    reference, current = seen(SE2()), seen(pose)
+    assert len(reference.dense_cloud) == len(current.dense_cloud) == 16
+    found, _ = refine(np.zeros((1, 3)), current.cloud, reference.surface, [0.2] * 10, 0.5, 0.003)
+    assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
+
+
+def drive(course, **changes):
+    """The mean error [m] of the way since 60 scans before, 5 m."""
+    odometry = Odometry(Parameters().replace(changes))
+    truth = [SE2.from_array(pose) for pose in course.reference]
+    def way(poses, k):
+        return poses[k - 60].inverse() @ poses[k]
+    poses = [odometry.process(scan).pose for scan in course.scans]
+    off = [way(truth, k).inverse() @ way(poses, k) for k in range(60, len(poses))]
+    return np.mean([math.hypot(each.x, each.y) for each in off])
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_chair_legs_hold_the_odometry_where_walls_are_out_of_sight(seed):
+    """And they hide one another: a single key frame knows too few of them."""
+    course = chairs(None)[seed]
+    off = drive(course)
+    assert off < 0.03
+    assert off < 0.75 * drive(course, **{'odometry.post_size': 0.0})
+    assert off < 0.1 * drive(course, **{'odometry.window': 1})
+
+
+def test_a_few_trunks_are_enough():
+    """Fifteen metres through a wood, of which a lidar of 180 beams sees a few trunks, with a beam or two on each."""
+    course = trees(None)[0].take(slice(150))
+    end = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse()
+    found = []
+    for changes in ({}, {'scan.min_returns': 20}):
+        odometry, skipped = Odometry(Parameters().replace(changes)), 0
+        for scan in course.scans:
+            try:
+                pose = odometry.process(scan).pose
+            except ScanError:
+                skipped += 1
+        off = end @ pose
+        found.append((skipped, math.hypot(off.x, off.y)))
+    (skipped, off), (more, farther) = found
+    assert skipped <= 5 and off < 0.3
+    assert more > 30 and farther > 2.0
+
+
+def test_who_sets_off_unnoticed_is_found_where_the_motion_may_have_led():
+    """In a wood of which a few trunks on one side hold hardly anything; no scan is looked for where the first one was for ever."""
+    course = simulated(wood(23), seed=23).take(slice(150))
+    odometry = Odometry()
+    statuses = [(update := odometry.process(scan)).status for scan in course.scans]
+    off = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse() @ update.pose
+    assert Status.AMBIGUOUS in statuses[1:30]
+    assert math.hypot(off.x, off.y) < 0.3

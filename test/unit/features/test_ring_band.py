@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ring band filter: the panels of Figure 1, the regions of Figure 2, and what the paper leaves open."""
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.ring_band import Outcome, ring_band_filter
+from dbscan_reg_ros.core.parameters.features import RingBandParameters
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.scan import Scan
+
+STEP = 0.02
+NOISE = 0.004
+KEPT, SMOOTHED, CORNER, REMOVED = Outcome
+TESTS = ('anchor', 'consensus')
+P1, P4, P5, P6, P8 = 6, 9, 10, 11, 13
+"""The beams of Figure 1 within 21 beams, P5 in the middle."""
+
+
+def seen(bearings, *walls):
+    """Points (N, 2) where beams meet the first of the lines ``n . p = d``."""
+    directions = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
+    ranges = np.full(len(bearings), np.inf)
+    for normal, distance in walls:
+        ranges = np.minimum(ranges, distance / np.maximum(directions @ np.array(normal), 1e-9))
+    return ranges[:, None] * directions
+
+
+def wall(size=21):
+    """A straight wall 2 m ahead."""
+    return seen(STEP * (np.arange(size) - size // 2), ((1.0, 0.0), 2.0))
+
+
+def corner(vertex=float(P5)):
+    """21 beams into a square corner that lies at beam `vertex`, counted in fractions of a beam."""
+    half = math.sqrt(0.5)
+    return seen(STEP * (np.arange(21) - vertex), ((half, half), 2.0), ((half, -half), 2.0))
+
+
+def pushed(points, **metres):
+    """`points` with ``b10=0.1``: beam 10 is 0.1 m too long."""
+    points = points.copy()
+    for beam, error in metres.items():
+        points[int(beam[1:])] *= 1.0 + error / np.hypot(*points[int(beam[1:])])
+    return points
+
+
+def filtered(points, test, **changes):
+    return ring_band_filter(points, NOISE, RingBandParameters(**({'test': test, 'gross': 0.0} | changes)))
+
+
+def only(beam, outcome, size=21):
+    expected = np.zeros(size, dtype=int)
+    expected[beam] = outcome
+    return expected
+
+
+@pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('error', [0.12, -0.12])
+def test_figure_1a_noise_on_a_wall_becomes_the_mean_of_the_inner_ring(test, error):
+    points = pushed(wall(), b10=error)
+    after, outcome = filtered(points, test)
+    np.testing.assert_array_equal(outcome, only(P5, SMOOTHED))
+    np.testing.assert_allclose(after[P5], points[P4:P6 + 1].mean(axis=0))
+    assert after[P5, 0] - 2.0 == pytest.approx(error / 3.0, rel=0.01)
+    np.testing.assert_array_equal(np.delete(after, P5, axis=0), np.delete(points, P5, axis=0))
+
+
+@pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('vertex', [9.75, 10.0, 10.25])
+def test_figure_1b_a_corner_keeps_its_place(test, vertex):
+    points = corner(vertex)
+    after, outcome = filtered(points, test)
+    assert not outcome.any()
+    np.testing.assert_array_equal(after, points)
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_figure_1c_noise_next_to_a_corner_is_removed(test):
+    """The second wall begins just before P6, which would draw the mean off the first wall."""
+    points = pushed(corner(9.9), b10=0.15)
+    after, outcome = filtered(points, test)
+    np.testing.assert_array_equal(outcome, only(P5, REMOVED))
+    assert np.isnan(after[P5]).all()
+    np.testing.assert_array_equal(np.delete(after, P5, axis=0), np.delete(points, P5, axis=0))
+
+
+ROOM = (((1.0, 0.0), 3.0), ((0.0, 1.0), 2.5), ((-1.0, 0.0), 1.918), ((0.0, -1.0), 2.0))
+BEARINGS = np.arange(-180, 180) * math.radians(1.0)
+REGION_1, REGION_2 = 178, 265
+"""Noise on the walls x = 3 m and y = 2.5 m."""
+REGION_4 = 308
+"""Noise beside the corner at (-1.918, 2.5) m."""
+
+
+@pytest.fixture
+def room():
+    points = seen(BEARINGS, *ROOM)
+    return points, pushed(points, b178=0.15, b265=-0.15, b308=0.25)
+
+
+def corner_beams(points):
+    """The beam nearest to each of the room's corners, except that of region 4."""
+    corners = np.array([(3.0, -2.0), (3.0, 2.5), (-1.918, -2.0)])
+    return np.argmin(np.linalg.norm(points[:, None] - corners, axis=2), axis=0)
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_figure_2_regions_1_and_2_noise_on_the_walls_is_smoothed(test, room):
+    clean, noisy = room
+    after, outcome = filtered(noisy, test)
+    for region in (REGION_1, REGION_2):
+        assert outcome[region] == SMOOTHED
+        np.testing.assert_allclose(after[region], noisy[region - 1:region + 2].mean(axis=0))
+        before = np.linalg.norm(noisy[region] - clean[region])
+        assert np.linalg.norm(after[region] - clean[region]) < 0.4 * before
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_figure_2_region_3_corners_are_left_as_measured(test, room):
+    clean, noisy = room
+    after, outcome = filtered(noisy, test)
+    corners = corner_beams(clean)
+    assert np.isin(outcome[corners], (KEPT, CORNER)).all()
+    np.testing.assert_array_equal(after[corners], noisy[corners])
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_figure_2_region_4_noise_beside_a_corner_is_removed(test, room):
+    _, noisy = room
+    after, outcome = filtered(noisy, test)
+    assert outcome[REGION_4] == REMOVED
+    assert np.isnan(after[REGION_4]).all()
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_figure_2_nothing_else_changes(test, room):
+    _, noisy = room
+    _, outcome = filtered(noisy, test)
+    np.testing.assert_array_equal(np.flatnonzero(outcome), [REGION_1, REGION_2, REGION_4])
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_a_clean_room_and_a_noisy_wall_pass_unchanged(test):
+    assert not filtered(seen(BEARINGS, *ROOM), test)[1].any()
+    points = wall(41)
+    points *= 1.0 + np.random.default_rng(1).normal(0.0, NOISE, (41, 1)) / np.hypot(*points.T)[:, None]
+    assert not filtered(points, test)[1].any()
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_a_gross_outlier_is_removed_and_not_smeared_over_three_beams(test):
+    points = pushed(wall(), b10=1.0)
+    after, outcome = filtered(points, test, gross=0.05)
+    np.testing.assert_array_equal(outcome, only(P5, REMOVED))
+    assert np.isfinite(np.delete(after, P5, axis=0)).all()
+    assert filtered(points, test, gross=0.0)[1][P5] == SMOOTHED
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_the_gross_limit_itself_is_not_gross(test):
+    points = pushed(wall(), b10=0.12)
+    assert filtered(points, test, gross=0.1205)[1][P5] == SMOOTHED
+    assert filtered(points, test, gross=0.1195)[1][P5] == REMOVED
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_a_count_equal_to_a_threshold_counts_as_above_it(test):
+    """Alone on a wall the candidate has C1 = C2 = 1."""
+    points = pushed(wall(), b10=0.12)
+    assert filtered(points, test, inner_threshold=2, outer_threshold=2)[1][P5] == SMOOTHED
+    assert filtered(points, test, inner_threshold=2, outer_threshold=1)[1][P5] == CORNER
+    assert filtered(points, test, inner_threshold=1, outer_threshold=1)[1][P5] == REMOVED
+
+
+def test_anchor_a_slope_is_an_outlier_beyond_the_tolerance():
+    points = np.stack((np.arange(8.0), np.zeros(8)), axis=1)
+    points[4, 1] = 4.0 * math.tan(0.2)
+    slope = math.atan2(points[4, 1], 4.0)
+    assert not filtered(points, 'anchor', slope_tolerance=slope + 1e-9, jump=10.0)[1].any()
+    assert filtered(points, 'anchor', slope_tolerance=slope - 1e-9, jump=10.0)[1][4] == SMOOTHED
+
+
+def test_anchor_the_first_four_and_last_three_returns_are_not_judged():
+    for beam in range(21):
+        outcome = filtered(pushed(wall(), **{f'b{beam}': 0.12}), 'anchor')[1]
+        assert outcome[beam] == (SMOOTHED if 4 <= beam < 18 else KEPT)
+
+
+def test_consensus_judges_the_beams_at_both_ends():
+    """The first and the last beam have no inner ring to average: they stay."""
+    for beam in range(21):
+        outcome = filtered(pushed(wall(), **{f'b{beam}': 0.3}), 'consensus')[1]
+        np.testing.assert_array_equal(outcome, only(beam, KEPT if beam in (0, 20) else SMOOTHED))
+        gross = filtered(pushed(wall(), **{f'b{beam}': 0.3}), 'consensus', gross=0.05)[1]
+        np.testing.assert_array_equal(gross, only(beam, REMOVED))
+
+
+@pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('missing', [(9,), (11,), (7, 13), (8, 12), (6,)])
+def test_missing_returns_are_passed_over(test, missing):
+    points = wall()
+    points[list(missing)] = np.nan
+    after, outcome = filtered(points, test)
+    assert not outcome.any()
+    np.testing.assert_array_equal(after, points)
+    after, outcome = filtered(pushed(points, b10=1.0), test, gross=0.05)
+    np.testing.assert_array_equal(outcome, only(P5, REMOVED))
+
+
+@pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('spacing', [2, 3, 5, 8])
+def test_where_most_beams_have_no_return_the_ring_is_made_of_returns(test, spacing):
+    """The ring of beams holds too few of them to make a line."""
+    points = np.full((21 * spacing, 2), np.nan)
+    points[::spacing] = pushed(wall(), b10=0.3)
+    np.testing.assert_array_equal(filtered(points, test, gross=0.05)[1], only(P5 * spacing, REMOVED, len(points)))
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_without_a_whole_inner_ring_nothing_is_averaged(test):
+    points = pushed(wall(), b10=0.12)
+    points[9] = np.nan
+    after, outcome = filtered(points, test)
+    assert outcome[P5] == KEPT
+    np.testing.assert_array_equal(after[P5], points[P5])
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_both_sides_of_a_range_jump_are_kept(test):
+    near, far = wall(), 2.5 * wall()
+    for edge in range(3, 18):
+        points = np.where((np.arange(21) < edge)[:, None], near, far)
+        assert not filtered(points, test, gross=0.05)[1].any()
+
+
+@pytest.mark.parametrize('test', TESTS)
+@pytest.mark.parametrize('error', [-0.4, -0.15, 0.15, 0.4, 3.0])
+def test_a_wild_anchor_costs_no_good_beam(test, error):
+    points = pushed(wall(), b6=error)
+    outcome = filtered(points, test, gross=0.05)[1]
+    np.testing.assert_array_equal(outcome, only(P1, REMOVED))
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_the_order_of_the_beams_does_not_matter_on_a_wall(test):
+    points = pushed(wall(), b10=0.12)
+    after, outcome = filtered(points, test)
+    back, outcome_back = filtered(points[::-1].copy(), test)
+    np.testing.assert_array_equal(outcome_back, outcome[::-1])
+    np.testing.assert_allclose(back[::-1], after)
+
+
+@pytest.mark.parametrize('test', (*TESTS, 'off'))
+@pytest.mark.parametrize('size', [1, 2, 3, 7, 8])
+def test_short_and_empty_scans_are_no_trouble(test, size):
+    for points in (wall()[:size], np.full((size, 2), np.nan)):
+        after, outcome = filtered(points, test, gross=0.05)
+        np.testing.assert_array_equal(after, points)
+        assert not outcome.any()
+
+
+@pytest.mark.parametrize('test', TESTS)
+def test_the_measured_points_are_not_written_to(test):
+    points = pushed(wall(), b10=0.12)
+    points.flags.writeable = False
+    filtered(points, test)
+
+
+def test_the_features_of_a_scan_are_made_from_its_filtered_points():
+    points = pushed(seen(BEARINGS, *ROOM), b178=1.0)
+    scan = Scan.from_points(points, angle_increment=math.radians(1.0))
+    assert REGION_1 in extract_features(scan, Parameters().replace({'filter.test': 'off'})).beams
+    assert REGION_1 not in extract_features(scan).beams

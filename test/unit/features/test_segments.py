@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Line segments: breakpoints (Eq. 5), corners (Eq. 6), line fits (Eq. 7), ends."""
+import math
+
+import numpy as np
+import pytest
+from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
+
+from dbscan_reg_ros.core.features.corners import rank_corners, slope_differences, slope_stretches
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.records import EndKind
+from dbscan_reg_ros.core.features.segments import find_breaks
+from dbscan_reg_ros.core.geometry.line_fit import fit_sections, summed_moments
+from dbscan_reg_ros.core.geometry.se2 import SE2, as_complex, wrap
+from dbscan_reg_ros.core.parameters.features import SegmentParameters
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+
+PLAIN = Parameters().replace({'filter.test': 'off'})
+SLOPE = PLAIN.replace({'segments.corners': 'slope', 'segments.sections': 5})
+WAYS = pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'segments.sections': 5}), SLOPE],
+                               ids=['split', 'split in sections', 'slope'])
+NOISE = 0.005
+
+
+def segments_of(walls, parameters=PLAIN, pose=SE2(), **changes):
+    return extract_features(look(walls, pose, **changes), parameters).segments
+
+
+def breaks_of(scan, parameters=SegmentParameters()):
+    """Beams after which a break lies."""
+    beams = np.flatnonzero(scan.valid)
+    points = as_complex(scan.points[beams])
+    return beams[:-1][find_breaks(points, np.abs(points), beams, scan.geometry, NOISE, parameters)]
+
+
+# Breakpoints
+
+
+def panels():
+    """Eleven panels 2 m away, square to the beam, each 6 deg wide, before a wall that goes round 4 m away.
+
+    Returns the walls (S, 2, 2) and the 22 beams of a half circle after which the surface changes.
+    """
+    around = math.radians(5.0) * np.arange(73)
+    far = 4.0 * np.stack((np.cos(around), np.sin(around)), axis=1)
+    walls, breaks = [np.stack((far[:-1], far[1:]), axis=1)], []
+    for i in range(11):
+        first, last = 8 + 15 * i, 14 + 15 * i
+        bearings = np.radians([first - 90.5, last - 89.5])
+        walls.append(2.0 * np.stack((np.cos(bearings), np.sin(bearings)), axis=1)[None])
+        breaks += [first - 1, last]
+    return np.concatenate(walls), breaks
+
+
+@pytest.mark.parametrize('changes', [{}, {'breakpoint_noise': 0.0, 'max_gap': 1}], ids=['defaults', 'paper'])
+@pytest.mark.parametrize('noise', [0.0, 0.01])
+def test_all_22_breakpoints_of_a_frame_and_no_other(changes, noise):
+    """As Figure 3."""
+    walls, expected = panels()
+    found = breaks_of(look(walls, geometry=HALF, noise=noise), SegmentParameters(**changes))
+    assert len(expected) == 22
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_distance_equal_to_the_threshold_is_a_break():
+    """D = 8 * 1 m * 1/8 rad = 1 m."""
+    geometry = ScanGeometry(0.0, 0.125, 2)
+    exact = SegmentParameters(breakpoint_noise=0.0)
+    for distance, broken in ((1.0, True), (1.0 - 1e-9, False)):
+        points = np.array([1.0, 1.0 + distance], dtype=complex)
+        found = find_breaks(points, points.real, np.array([0, 1]), geometry, NOISE, exact)
+        np.testing.assert_array_equal(found, [broken])
+
+
+def test_the_threshold_grows_with_range_step_noise_and_missing_beams():
+    def broken(radius, distance, increment=0.02, gap=1, **changes):
+        points = np.array([radius, radius + 1j * distance])
+        parameters = SegmentParameters(breakpoint_factor=5.0, **({'breakpoint_noise': 0.0} | changes))
+        return bool(find_breaks(points, np.array([radius, radius]), np.array([0, gap]),
+                                ScanGeometry(0.0, increment, 10), NOISE, parameters)[0])
+
+    assert broken(2.0, 0.21) and not broken(2.0, 0.19)
+    assert broken(4.0, 0.41) and not broken(4.0, 0.39)
+    assert broken(2.0, 0.41, -0.04) and not broken(2.0, 0.39, -0.04)
+    assert broken(2.0, 0.61, gap=3) and not broken(2.0, 0.59, gap=3)
+    assert broken(2.0, 0.26, breakpoint_noise=10.0) and not broken(2.0, 0.24, breakpoint_noise=10.0)
+    assert broken(2.0, 0.01, gap=9) and not broken(2.0, 0.01, gap=8)
+
+
+# Corners
+
+
+def test_the_slope_difference_is_that_of_the_paper():
+    """Eq. 6, beam by beam."""
+    scan = look(outline(L_ROOM), noise=0.01)
+    rho, step = scan.ranges.astype(float), scan.geometry.angle_increment
+    found = slope_differences(as_complex(scan.points), rho, np.zeros(359, dtype=bool))
+    for i in range(1, 359):
+        expected = abs((rho[i] - rho[i - 1]) / (rho[i - 1] * step) - (rho[i + 1] - rho[i]) / (rho[i] * step))
+        assert found[i] == pytest.approx(expected, rel=1e-9)
+    assert found[0] == found[-1] == 0.0
+
+
+def test_a_slope_difference_takes_three_points_of_one_surface():
+    scan = look(outline(L_ROOM))
+    breaks = np.zeros(359, dtype=bool)
+    breaks[100] = True
+    found = slope_differences(as_complex(scan.points), scan.ranges.astype(float), breaks)
+    np.testing.assert_array_equal(found[[0, 100, 101, 359]], 0.0)
+    assert (np.delete(found, [0, 100, 101, 359]) > 0.0).all()
+    assert not slope_differences(as_complex(scan.points[:2]), scan.ranges[:2].astype(float), breaks[:1]).any()
+
+
+def test_points_of_nearly_one_bearing_count_as_a_tenth_of_a_step_apart():
+    """Steps of 0.1 rad, of 0 and of -0.001 rad: the last two are taken as 0.01 rad, the third backwards."""
+    bearing, radius = np.cumsum([0.0, 0.1, 0.1, 0.0, -0.001, 0.1]), np.array([2.0, 2.0, 2.1, 2.2, 2.3, 2.3])
+    slope = [0.0, 0.1 / (2.0 * 0.1), 0.1 / (2.1 * 0.01), 0.1 / (2.2 * -0.01), 0.0]
+    found = slope_differences(radius * np.exp(1j * bearing), radius, np.zeros(5, dtype=bool))
+    assert found[1:-1] == pytest.approx(np.abs(np.diff(slope)))
+
+
+def test_only_local_maxima_are_corners_the_greatest_first():
+    rank = rank_corners(np.array([9.0, 1.0, 3.0, 2.0, 2.0, 7.0, 0.0, 5.0]))
+    np.testing.assert_array_equal(rank, [8, 8, 1, 8, 8, 0, 8, 8])
+
+
+def straight_error(points, sections):
+    """Sum of squared distances of the points from the line through the means of equal sections, by SVD."""
+    count = min(len(points), sections) if sections else len(points)
+    edges = len(points) * np.arange(sections + 1) // sections if sections else np.arange(len(points) + 1)
+    means = np.array([points[a:b].mean(axis=0) for a, b in zip(edges, edges[1:]) if b > a])
+    assert len(means) == count
+    centre = means.mean(axis=0)
+    normal = np.linalg.svd(means - centre)[2][-1] if count > 1 else np.zeros(2)
+    return (((points - centre) @ normal) ** 2).sum()
+
+
+@pytest.mark.parametrize('sections', [0, 5])
+@pytest.mark.parametrize('penalty', [0.0, 30.0])
+@pytest.mark.parametrize('seed', range(4))
+def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
+    """Every threshold in turn, as the paper describes it."""
+    scan = look(outline(L_ROOM), noise=0.01, geometry=ScanGeometry(-math.pi, 4.0 * DEGREE, 90), seed=seed)
+    points, radius, breaks = scan.points, scan.ranges.astype(float), np.zeros(89, dtype=bool)
+    breaks[40] = True
+    difference = slope_differences(as_complex(points), radius, breaks)
+    peaks = [i for i in range(1, 89) if difference[i] > max(difference[i - 1], difference[i + 1])]
+    best = None
+    for threshold in [math.inf, *sorted(difference[peaks] - 1e-12, reverse=True)]:
+        corners = [i for i in peaks if difference[i] > threshold]
+        first, last = sorted([0, 41, *corners]), sorted([40, 89, *corners])
+        errors = [straight_error(points[a:b + 1], sections) for a, b in zip(first, last, strict=True)]
+        cost = sum(errors) / NOISE ** 2 + penalty * len(errors) if penalty else np.mean(errors)
+        if best is None or cost < best[0] - 1e-12:
+            best = cost, first, last
+    parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
+    noise = np.full(90, NOISE)
+    first, last = slope_stretches(as_complex(points), summed_moments(as_complex(points)), radius, breaks, noise, parameters)
+    np.testing.assert_array_equal(first, best[1])
+    np.testing.assert_array_equal(last, best[2])
+
+
+def test_the_least_mean_error_cuts_walls_to_pieces_and_the_penalty_does_not():
+    literal = SLOPE.replace({'segments.corner_penalty': 0.0})
+    counts = []
+    for parameters in (literal, SLOPE):
+        found = [extract_features(look(outline(L_ROOM), noise=0.003, seed=seed), parameters) for seed in range(20)]
+        counts.append(np.mean([len(features.segments) for features in found]))
+    assert counts[0] > 2.0 * counts[1]
+    assert 6.0 <= counts[1] <= 8.0
+
+
+@WAYS
+@pytest.mark.parametrize('noise', [0.0, 0.005])
+def test_corners_lie_where_the_walls_meet(parameters, noise):
+    found = segments_of(outline(L_ROOM), parameters, noise=noise)
+    at_corners = found.end[found.kinds[:, 1] == EndKind.CORNER]
+    assert len(at_corners) >= 4
+    nearest = np.linalg.norm(at_corners[:, None] - L_ROOM, axis=2).min(axis=1)
+    assert nearest.max() < 0.01 + 5.0 * noise
+
+
+# Line fits
+
+
+@WAYS
+@pytest.mark.parametrize('turn', range(0, 360, 15))
+def test_walls_in_every_direction_are_alike(parameters, turn):
+    """A wall of 4 m at 2 m, wherever it stands: exact but for the float32 of its ranges."""
+    pose = SE2(0.0, 0.0, math.radians(turn))
+    found = segments_of(np.array([[(2.0, -2.0), (2.0, 2.0)]]), parameters, pose)
+    assert len(found) == 1 + (found.beams[0, 0] == 0)
+    np.testing.assert_allclose(wrap(found.direction + pose.theta), 0.5 * math.pi, atol=1e-6)
+    np.testing.assert_allclose(pose.apply(found.midpoint)[:, 0], 2.0, atol=1e-6)
+    np.testing.assert_allclose(found.length.sum(), 4.0, atol=0.2)
+
+
+@WAYS
+@pytest.mark.parametrize('turn', range(0, 360, 30))
+def test_every_wall_of_a_room_is_found_wherever_the_sensor_looks(parameters, turn):
+    """A point at a corner may count for the wrong wall: 1 cm and a degree, for walls of some length."""
+    pose = SE2(0.3, 0.2, math.radians(turn))
+    found = segments_of(outline(L_ROOM), parameters, pose)
+    walls = outline(L_ROOM)
+    direction = np.arctan2(*(walls[:, 1] - walls[:, 0]).T[::-1])
+    normal = np.stack((-np.sin(direction), np.cos(direction)), axis=1)
+    turned = np.abs(wrap(found.direction[:, None] + pose.theta - direction))
+    off = np.abs(((pose.apply(found.midpoint)[:, None] - walls[:, 0]) * normal).sum(axis=2))
+    on = (turned < math.radians(1.0)) & (off < 0.01)
+    assert on.any(axis=0).all(), 'a wall was not found'
+    assert on.any(axis=1)[found.length > 0.5].all(), 'a segment lies on no wall'
+
+
+def test_a_clockwise_lidar_sees_the_mirrored_room():
+    """Walls run counter-clockwise whichever way the beams go."""
+    mirrored = outline(L_ROOM * (1.0, -1.0))
+    clockwise = ScanGeometry(math.pi, -DEGREE, 360)
+    found, other = segments_of(outline(L_ROOM)), segments_of(mirrored, geometry=clockwise)
+    np.testing.assert_allclose(other.start, found.end * (1.0, -1.0), atol=1e-5)
+    np.testing.assert_allclose(other.end, found.start * (1.0, -1.0), atol=1e-5)
+    np.testing.assert_allclose(wrap(other.direction + found.direction - math.pi), 0.0, atol=1e-5)
+    np.testing.assert_array_equal(other.kinds, found.kinds[:, ::-1])
+    np.testing.assert_array_equal(other.beams, found.beams[:, ::-1])
+
+
+def test_segments_run_counter_clockwise():
+    found = segments_of(outline(L_ROOM))
+    cross = found.start[:, 0] * found.end[:, 1] - found.start[:, 1] * found.end[:, 0]
+    assert (cross > 0.0).all()
+    assert (np.diff(found.beams[:, 0]) > 0).all()
+    along = found.end - found.start
+    np.testing.assert_allclose(found.length, np.hypot(*along.T))
+    np.testing.assert_allclose(found.direction, np.arctan2(along[:, 1], along[:, 0]), atol=1e-9)
+
+
+@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'segments.sections': 5})], ids=['points', 'sections'])
+def test_errors_of_the_fit_are_as_large_as_said(parameters):
+    """A wall 2 m ahead, 100 times with noise: errors in units of their standard deviations."""
+    wall = np.array([[(2.0, -2.0), (2.0, 2.0)]])
+    direction, offset = [], []
+    for seed in range(100):
+        found = segments_of(wall, parameters, geometry=HALF, noise=0.01, seed=seed)
+        assert len(found) == 1
+        direction.append(wrap(found.direction[0] - 0.5 * math.pi) / found.sigma_direction[0])
+        offset.append((found.midpoint[0, 0] - 2.0) / found.sigma_offset[0])
+    assert 0.5 < np.std(direction) < 1.3
+    assert 0.5 < np.std(offset) < 1.5
+    assert abs(np.mean(direction)) < 0.4
+
+
+@pytest.mark.parametrize('sections', [1, 2, 5, 7])
+def test_sections_are_averaged_and_the_line_is_fitted_to_their_means(sections):
+    rng = np.random.default_rng(0)
+    points = rng.normal(0.0, 1.0, (40, 2)) * (2.0, 0.1) @ SE2(0.0, 0.0, 1.2).rotation().T + (3.0, -2.0)
+    first, last = np.array([0, 3, 10, 20]), np.array([2, 9, 39, 39])
+    centre, angle, spread, residual = fit_sections(summed_moments(as_complex(points)), first, last, sections)
+    for i, (a, b) in enumerate(zip(first, last, strict=True)):
+        own = points[a:b + 1]
+        edges = len(own) * np.arange(sections + 1) // sections
+        means = np.array([own[s:e].mean(axis=0) for s, e in zip(edges, edges[1:]) if e > s])
+        np.testing.assert_allclose(centre[:, i], means.mean(axis=0))
+        if len(means) > 1:
+            along = np.linalg.svd(means - means.mean(axis=0))[2][0]
+            assert abs(along @ (np.cos(angle[i]), np.sin(angle[i]))) == pytest.approx(1.0)
+        off = (own - centre[:, i]) @ (-np.sin(angle[i]), np.cos(angle[i]))
+        assert residual[i] == pytest.approx((off ** 2).mean(), rel=1e-6)
+        assert spread[i] == pytest.approx((own @ (np.cos(angle[i]), np.sin(angle[i]))).var(), rel=1e-6)
+
+
+def test_fewer_points_than_sections_are_all_fitted():
+    points = np.random.default_rng(1).normal(0.0, 1.0, (4, 2))
+    for count in (2, 3, 4):
+        first, last = np.array([0]), np.array([count - 1])
+        whole = fit_sections(summed_moments(as_complex(points)), first, last, 0)
+        sections = fit_sections(summed_moments(as_complex(points)), first, last, 5)
+        for one, other in zip(whole, sections, strict=True):
+            np.testing.assert_allclose(other, one, atol=1e-12)
+
+
+def test_short_walls_and_few_points_are_no_segment():
+    wall = np.array([[(2.0, -0.1), (2.0, 0.1)]])
+    scan = look(np.concatenate((wall, outline([(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)]))))
+    near = {'segments.min_length': 0.1, 'segments.min_points': 4}
+
+    def near_segments(**changes):
+        found = extract_features(scan, PLAIN.replace(near | changes)).segments
+        return np.count_nonzero(np.hypot(*found.midpoint.T) < 3.0)
+
+    assert near_segments() == 1
+    assert near_segments(**{'segments.min_length': 0.3}) == 0
+    assert near_segments(**{'segments.min_points': 7}) == 0
+
+
+# Ends
+
+
+def test_ends_before_a_background_are_free_and_hidden_ends_are_not():
+    """A panel before a wall: the panel ends in the open, the wall's ends beside it move with the sensor."""
+    walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(4.0, -3.0), (4.0, 3.0)]])
+    found = segments_of(walls, geometry=HALF)
+    assert len(found) == 3
+    np.testing.assert_array_equal(found.kinds[1], [EndKind.FREE, EndKind.FREE])
+    assert found.kinds[0, 1] == found.kinds[2, 0] == EndKind.OCCLUSION
+    np.testing.assert_allclose(found.midpoint[1], (2.0, 0.0), atol=2.0 * 2.0 * DEGREE)
+
+
+@pytest.mark.parametrize('depth, kind', [(0.13, EndKind.OCCLUSION), (0.17, EndKind.FREE)])
+def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_noise(depth, kind):
+    """A margin of 0.09 m and three times a noise of 0.02 m."""
+    walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(2.0 + depth, -5.0), (2.0 + depth, 5.0)]])
+    parameters = PLAIN.replace({'scan.noise_min': 0.02, 'scan.noise_max': 0.02, 'segments.depth_margin': 0.09,
+                                'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0,
+                                'segments.join_gap': 0.0})
+    found = segments_of(walls, parameters, geometry=HALF)
+    front = np.flatnonzero(np.abs(found.midpoint[:, 0] - 2.0) < 0.01)
+    assert found.kinds[front].tolist() == [[kind, kind]]
+
+
+def test_parts_of_one_wall_are_joined_whatever_their_sizes():
+    """Beams are missing after 10, 40 and 5 returns."""
+    scan = look(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.6, DEGREE, 69))
+    ranges = np.array(scan.ranges)
+    ranges[[10, 51, 57]] = np.inf
+    whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1})).segments
+    assert whole.beams.tolist() == [[0, 68]]
+    parts = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1, 'segments.join_gap': 0.0}))
+    assert parts.segments.beams.tolist() == [[0, 9], [11, 50], [52, 56], [58, 68]]
+
+
+def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():
+    panels = np.array([[(1.9, -1.3), (1.9, -1.0)], [(2.0, -1.0), (2.0, 0.3)], [(2.1, 0.3), (2.1, 1.4)]])
+    found = segments_of(panels, PLAIN.replace({'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0}))
+    assert found.midpoint[:, 0] == pytest.approx([1.9, 2.0, 2.1], abs=1e-6)
+
+
+def test_ends_at_the_edge_of_the_view_are_not_points_of_the_world():
+    found = segments_of(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.5, DEGREE, 58))
+    np.testing.assert_array_equal(found.kinds, [[EndKind.OCCLUSION, EndKind.OCCLUSION]])
+
+
+def test_a_corner_ends_both_of_its_walls():
+    found = segments_of(outline(L_ROOM))
+    meeting = np.flatnonzero(found.kinds[:-1, 1] == EndKind.CORNER)
+    np.testing.assert_array_equal(found.kinds[meeting + 1, 0], EndKind.CORNER)
+    np.testing.assert_array_equal(found.end[meeting], found.start[meeting + 1])
+
+
+@WAYS
+def test_a_scan_without_a_line_has_no_segments(parameters):
+    rng = np.random.default_rng(3)
+    found = extract_features(Scan(0, rng.uniform(1.0, 8.0, 360), FULL), parameters).segments
+    assert len(found) < 5
+    empty = PLAIN.replace({'segments.min_length': 50.0})
+    assert len(segments_of(outline(L_ROOM), empty)) == 0
+    assert segments_of(outline(L_ROOM), empty).midpoint.shape == (0, 2)

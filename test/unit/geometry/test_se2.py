@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid motions against their matrices."""
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.geometry.se2 import SE2, turn_matrix, wrap
+
+
+def matrix(motion):
+    result = np.eye(3)
+    result[:2, :2], result[:2, 2] = motion.rotation(), (motion.x, motion.y)
+    return result
+
+
+def drawn(count=50):
+    rng = np.random.default_rng(0)
+    return [SE2(*rng.uniform(-5.0, 5.0, 2), rng.uniform(-math.pi, math.pi)) for _ in range(count)]
+
+
+def test_composition_and_inverse_are_those_of_the_matrices():
+    motions = drawn()
+    for a, b in zip(motions, motions[1:]):
+        np.testing.assert_allclose(matrix(a @ b), matrix(a) @ matrix(b), atol=1e-12)
+        np.testing.assert_allclose(matrix(a.inverse()), np.linalg.inv(matrix(a)), atol=1e-12)
+        assert -math.pi <= (a @ b).theta < math.pi
+
+
+def test_points_move_as_the_paper_says():
+    """Eq. 8: rotate, then translate."""
+    motion = SE2(-1.5, 0.8, 0.3)
+    points = np.random.default_rng(1).uniform(-5.0, 5.0, (4, 7, 2))
+    moved = motion.apply(points)
+    assert moved.shape == points.shape
+    c, s = math.cos(0.3), math.sin(0.3)
+    np.testing.assert_allclose(moved[..., 0], c * points[..., 0] - s * points[..., 1] - 1.5)
+    np.testing.assert_allclose(moved[..., 1], s * points[..., 0] + c * points[..., 1] + 0.8)
+    np.testing.assert_allclose(motion.inverse().apply(moved), points, atol=1e-12)
+    np.testing.assert_allclose(SE2().apply([1.0, 2.0]), [1.0, 2.0])
+
+
+def test_a_turn_leaves_the_angle_alone():
+    turned = SE2(0.0, 0.0, 0.3) @ SE2(1.0, 2.0, 0.4)
+    assert turn_matrix(0.3) @ (1.0, 2.0, 0.4) == pytest.approx([turned.x, turned.y, 0.4])
+
+
+def test_points_without_a_return_stay_so():
+    assert np.isnan(SE2(1.0, 2.0, 0.5).apply([[np.nan, np.nan]])).all()
+
+
+@pytest.mark.parametrize('angle, expected', [
+    (0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5, 3.5 - 2.0 * math.pi), (-7.0, -7.0 + 2.0 * math.pi),
+    (1e6, 1e6 - 159155 * 2.0 * math.pi),
+])
+def test_angles_are_wrapped_to_minus_pi_included_and_pi_excluded(angle, expected):
+    assert wrap(angle) == pytest.approx(expected, abs=1e-9)
+    assert wrap(np.array([angle]))[0] == wrap(angle)
+
+
+def test_array_there_and_back():
+    for motion in drawn(10):
+        again = SE2.from_array(motion.as_array())
+        np.testing.assert_allclose(again.as_array(), motion.as_array(), atol=1e-12)
+    assert SE2.from_array([0.0, 0.0, 3.0 * math.pi]).theta == pytest.approx(-math.pi)
+
+
+def test_the_adjoint_carries_a_body_perturbation_across_a_motion():
+    """``exp(d) @ b == b @ exp(Ad(b^-1) d)`` to first order."""
+    for motion in drawn(20):
+        small = 1e-6 * np.array([1.0, -2.0, 0.5])
+        left = SE2.from_array(small) @ motion
+        right = motion @ SE2.from_array(motion.inverse().adjoint() @ small)
+        np.testing.assert_allclose(left.as_array(), right.as_array(), atol=1e-10)
+
+
+def test_a_motion_cannot_be_changed():
+    with pytest.raises(AttributeError):
+        SE2().x = 1.0

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Covariances that are carried from scan to scan, against the errors of many simulated drives."""
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.models.covariance import Drift
+from dbscan_reg_ros.core.registration.records import Prior
+
+STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
+MATCHED = np.diag((0.002, 0.003, 0.001)) ** 2
+SPREAD = np.diag((0.01, 0.01, 0.02)) ** 2
+CHANGE = np.diag((0.006, 0.006, 0.01)) ** 2
+NOBODY, EVERYBODY = np.zeros((3, 3)), np.eye(3)
+ALONG_A_WALL = np.array([[0.1, 0.0, 0.0], [0.0, 0.9, 0.0], [0.0, 0.1, 0.9]])
+
+
+def sigma(covariance):
+    return np.sqrt(np.diagonal(covariance))
+
+
+def test_what_the_key_frames_hold_is_as_good_as_the_match():
+    drift = Drift()
+    for _ in range(5):
+        drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
+    before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
+    np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
+
+
+def test_every_key_frame_adds_its_own_error():
+    drift, straight = Drift(), SE2(0.3, 0.0, 0.0)
+    for k in range(1, 5):
+        drift.advance(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), EVERYBODY, MATCHED)
+        drift.anchor()
+        assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
+        assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
+    assert drift.pose[1, 1] > 4 * MATCHED[1, 1]
+
+
+def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
+    drift, still = Drift(), SE2()
+    for k in range(1, 31):
+        drift.advance(still, INTERVAL, Prior(still, 1e-12 * EVERYBODY, 1e-12 * EVERYBODY))
+        assert sigma(drift.pose) == pytest.approx(3 * [k * INTERVAL], rel=1e-3)
+        assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-3)
+
+
+def test_no_speed_grows_without_bound():
+    drift, still = Drift(), SE2()
+    for _ in range(2000):
+        drift.advance(still, INTERVAL, Prior(still, SPREAD, CHANGE))
+    assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-6)
+
+
+def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
+    drift, still = Drift(), SE2()
+    for k in range(1, 10):
+        drift.advance(still, INTERVAL, Prior(still, SPREAD))
+        np.testing.assert_allclose(drift.pose, k * SPREAD)
+        np.testing.assert_allclose(drift.twist, SPREAD / INTERVAL ** 2)
+
+
+def test_an_interval_of_which_nothing_is_known_says_nothing_of_the_twist():
+    drift = Drift()
+    drift.advance(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    assert np.isfinite(drift.pose).all()
+    np.testing.assert_array_equal(drift.twist, np.eye(3))
+
+
+def test_after_a_leap_all_is_unknown():
+    drift = Drift()
+    drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    drift.leap()
+    np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
+    np.testing.assert_array_equal(drift.twist, np.eye(3))
+
+
+@pytest.mark.parametrize('shares', [
+    [NOBODY] * 8, [EVERYBODY] * 8, [ALONG_A_WALL] * 8, [EVERYBODY, NOBODY, NOBODY, ALONG_A_WALL, EVERYBODY, 0.5 * EVERYBODY] * 2],
+    ids=['nothing', 'all', 'a wall', 'in turn'])
+def test_the_errors_of_many_drives_are_as_large(shares):
+    rng = np.random.default_rng(5)
+    size, key_frames = 40000, (3, 5)
+    back = STEP.inverse().adjoint()
+    drift = Drift()
+    # An error is that of the estimate against the truth, in the estimate's own frame; rows are drives.
+    pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
+    kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
+    for k, share in enumerate(shares):
+        drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), share, MATCHED)
+        pose, base = pose @ back.T, base @ back.T
+        change = rng.normal(size=(size, 3)) * sigma(CHANGE)
+        jitter = rng.normal(size=(size, 3)) * sigma(SPREAD - CHANGE)
+        matched = rng.normal(size=(size, 3)) * sigma(MATCHED)
+        going_on = INTERVAL * kept * twist + change
+        found = (base + matched) @ share.T + (pose + going_on + jitter) @ (np.eye(3) - share).T
+        twist = (found - pose - jitter @ (np.eye(3) - share).T) / INTERVAL
+        pose = found
+        if k in key_frames:
+            drift.anchor()
+            base = pose.copy()
+    for said, errors in ((drift.pose, pose), (drift.twist, twist)):
+        whiten = np.linalg.inv(np.linalg.cholesky(said))
+        assert whiten @ np.cov(errors.T) @ whiten.T == pytest.approx(np.eye(3), abs=5.0 / math.sqrt(size))

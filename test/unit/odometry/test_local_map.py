@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The local map: what it takes of older key frames, and what that is good for."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from benchmarks.courses import simulated, wood
+from rooms import FULL, look, outline
+
+from dbscan_reg_ros import SE2
+from dbscan_reg_ros.core.errors import ScanError
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.evaluation.metrics import relative
+
+ROOM = outline([(-4.0, -3.0), (4.0, -3.0), (4.0, 3.0), (-4.0, 3.0)])
+BOX = outline([(1.0, -0.5), (1.0, 0.5), (1.4, 0.5), (1.4, -0.5)])
+HERE, BEFORE = SE2(), SE2(-0.5, 0.4, 0.3)
+
+
+def key_frame(pose, *things, known=True):
+    return KeyFrame(extract_features(look(np.concatenate((ROOM, *things)), pose, FULL, noise=0.0)), pose, known)
+
+
+def around(*frames):
+    """The points that older key frames add to the map, in the frame of the last."""
+    found = Window(frames).local_map.around
+    return np.zeros(0) if found is None else found.points
+
+
+def test_a_single_key_frame_is_the_map():
+    frame = key_frame(HERE)
+    assert Window([frame]).local_map is frame.features
+
+
+def test_what_is_hidden_from_the_last_key_frame_is_known_from_before():
+    """A box hides a part of the wall at x = 4; before it was not there."""
+    points = around(key_frame(BEFORE), key_frame(HERE, BOX))
+    hidden = points[(points.real > 1.5) & (np.abs(points.imag) < 1.0)]
+    assert len(hidden) > 10 and hidden.real == pytest.approx(4.0, abs=1e-6)
+
+
+def test_what_has_gone_is_not_in_the_map():
+    points = around(key_frame(BEFORE, BOX), key_frame(HERE))
+    assert not ((points.real > 0.9) & (points.real < 1.5) & (np.abs(points.imag) < 0.6)).any()
+
+
+def test_a_cell_has_points_of_the_newest_only():
+    """Of three key frames in one place the first two are one in every cell with the last."""
+    assert len(around(key_frame(HERE), key_frame(HERE), key_frame(HERE))) == 0
+
+
+def test_what_lies_farther_off_than_any_saw_is_out_of_sight():
+    """The older one saw 4 m around, from 9 m away."""
+    frame = key_frame(HERE)
+    assert len(around(dataclasses.replace(frame, pose=SE2(9.0, 0.0, 0.0)), frame)) == 0
+
+
+def test_a_key_frame_whose_place_is_not_known_has_no_part():
+    old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, known=False), key_frame(HERE, BOX)
+    assert len(around(old, last)) > 0
+    assert Window([unknown, last]).local_map is last.features
+
+
+def test_a_drive_among_a_few_trunks_is_not_lost():
+    """A lidar of 180 beams sees a beam or two on each of them; by single key frames the way was lost here, by 6 m and 39 deg."""
+    course = simulated(wood(1), seed=1).take(slice(900, 1150))
+    odometry = Odometry()
+    for scan in course.scans:
+        try:
+            pose = odometry.process(scan).pose
+        except ScanError:
+            continue
+    off = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse() @ pose
+    assert math.hypot(off.x, off.y) < 0.3 and abs(math.degrees(off.theta)) < 1.0

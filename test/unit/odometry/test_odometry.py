@@ -1,0 +1,738 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The odometry: tracking, priors, time, faults."""
+import contextlib
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.range_noise import UsualShare
+from dbscan_reg_ros.core.geometry.se2 import as_vectors
+from dbscan_reg_ros.core.odometry.deskew import deskew
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
+from dbscan_reg_ros.core.odometry.models.stamps import Intervals
+from dbscan_reg_ros.core.parameters.odometry import TimeParameters
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, rooms, simulate
+from dbscan_reg_ros.simulation.raycasting import cast
+
+ROOM = outline(L_ROOM)
+BOX = outline([(0.9, -0.3), (1.1, 0.1), (1.0, 0.4), (1.4, 0.3), (1.4, -0.3)])
+PARALLEL = outline([(-50.0, -1.0), (50.0, -1.0), (50.0, 1.2), (-50.0, 1.2)])[::2]
+SECOND = 1_000_000_000
+TENTH = SECOND // 10
+
+
+def drive(steps, speed=0.3, turn=0.3):
+    """Poses [m, rad] ten times a second on an arc, from the origin."""
+    pose, poses = SE2(), []
+    for _ in range(steps):
+        poses.append(pose)
+        pose = pose @ SE2(0.1 * speed, 0.0, 0.1 * turn)
+    return poses
+
+
+def scan_at(pose, index, geometry=FULL, noise=0.01):
+    return dataclasses.replace(look(ROOM, pose, geometry, noise, index), stamp=index * TENTH)
+
+
+def noise_at(stamp, rng):
+    return Scan(stamp, rng.uniform(0.3, 8.0, FULL.size), FULL)
+
+
+def error(update, truth):
+    e = truth.inverse() @ update.pose
+    return math.hypot(e.x, e.y), abs(e.theta)
+
+
+def run(odometry, poses, first=0):
+    return [odometry.process(scan_at(pose, first + i)) for i, pose in enumerate(poses)]
+
+
+@pytest.mark.parametrize('reference', ['previous', 'keyframe', 'window'])
+def test_an_arc_is_followed(reference):
+    poses = drive(60)
+    updates = run(Odometry(Parameters().replace({'odometry.reference': reference})), poses)
+    assert [u.status for u in updates] == [Status.OK] * 60
+    distance, angle = error(updates[-1], poses[-1])
+    assert distance < 0.03
+    assert angle < 0.01
+
+
+def test_the_twist_is_that_of_the_sensor():
+    update = run(Odometry(), drive(30))[-1]
+    assert update.twist == pytest.approx([0.3, 0.0, 0.3], abs=0.08)
+    assert update.interval == pytest.approx(0.1)
+
+
+def test_standing_still_is_still():
+    updates = run(Odometry(), [SE2()] * 100)
+    assert max(error(u, SE2())[0] for u in updates) < 0.004
+    assert max(error(u, SE2())[1] for u in updates) < 0.003
+    late = np.array([u.pose.as_array() for u in updates[50:]]).mean(axis=0)
+    early = np.array([u.pose.as_array() for u in updates[1:50]]).mean(axis=0)
+    assert late == pytest.approx(early, abs=5e-4)
+
+
+def test_the_pose_covariance_grows_along_the_path():
+    updates = run(Odometry(), drive(60))
+    size = [np.trace(u.covariance[:2, :2]) for u in updates]
+    assert size[59] > 2.0 * size[5] > 0.0
+    assert all((np.linalg.eigvalsh(u.covariance) > 0.0).all() for u in updates)
+    assert all((np.linalg.eigvalsh(u.twist_covariance) > 0.0).all() for u in updates)
+
+
+def test_a_prior_from_elsewhere_that_lies_does_not_beat_the_scans():
+    odometry, poses = Odometry(), drive(40)
+    for i, pose in enumerate(poses):
+        lie = Prior(SE2(0.4, 0.2, -0.3), np.diag([0.01, 0.01, 0.01]) ** 2) if i else None
+        update = odometry.process(scan_at(pose, i), lie)
+    distance, angle = error(update, poses[-1])
+    assert distance < 0.03
+    assert angle < 0.02
+
+
+def test_a_scan_of_noise_is_coasted_over():
+    odometry, poses = Odometry(), drive(40)
+    rng = np.random.default_rng(5)
+    for i, pose in enumerate(poses):
+        wild = i in (15, 25)
+        scan = noise_at(i * TENTH, rng) if wild else scan_at(pose, i)
+        update = odometry.process(scan)
+        if wild:
+            assert update.status is not Status.OK
+            assert not update.reference_changed
+            assert error(update, pose)[0] < 0.03
+    assert update.status is Status.OK
+    assert error(update, poses[-1])[0] < 0.03
+
+
+@pytest.mark.parametrize(('velocities', 'expected'), [(1, 0.09), (3, 0.05), (100, 0.033)])
+def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
+    odometry = Odometry(Parameters().replace({'prior.velocities': velocities}))
+    run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
+    update = odometry.process(noise_at(21 * TENTH, np.random.default_rng(6)))
+    assert update.status is Status.FAILED
+    assert update.increment.x == pytest.approx(expected, abs=0.008)
+
+
+def test_what_is_expected_can_be_asked_for_and_asking_changes_nothing():
+    asked, other = Odometry(), Odometry()
+    assert asked.expected_motion(0) is None
+    for i, pose in enumerate(drive(20)):
+        asked.expected_motion(i * TENTH)
+        assert asked.process(scan_at(pose, i)).pose == other.process(scan_at(pose, i)).pose
+    expected = asked.expected_motion(20 * TENTH)
+    noise = noise_at(20 * TENTH, np.random.default_rng(6))
+    coasted, told = asked.process(noise), other.process(noise, expected)
+    assert coasted.pose == told.pose
+    assert coasted.increment.as_array() == pytest.approx(expected.transform.as_array(), abs=1e-12)
+    assert np.array_equal(coasted.covariance, told.covariance)
+    late = asked.expected_motion(60 * TENTH)
+    assert late.transform == SE2() and late.spread > 5.0 * expected.spread
+
+
+@pytest.mark.parametrize(('before', 'turn'), [(0.0, 0.3), (0.2, 0.5), (-0.2, 0.2), (0.3, 0.3), (0.4, 0.0)])
+def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn):
+    """The same way along another arc; the chord of an arc of length s that turns by t is s sin(t / 2) / (t / 2)."""
+    def arc(turned):
+        chord = 0.5 * np.sinc(0.5 * turned / np.pi)
+        return SE2(chord * math.cos(0.5 * turned), chord * math.sin(0.5 * turned), turned)
+    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2, np.diag([0.05, 0.05, 0.3]) ** 2)
+    bent = own.with_turn(turn, 0.02)
+    assert bent.transform.as_array() == pytest.approx(arc(turn).as_array(), abs=0.006)
+    assert np.allclose(bent.covariance, np.diag([0.1, 0.1, 0.02]) ** 2)
+    assert np.allclose(bent.change, np.diag([0.05, 0.05, 0.0]) ** 2)
+    assert Prior(own.transform, own.covariance).with_turn(turn, 0.02).change is None
+
+
+def test_a_lost_sensor_coasts_then_stands_then_restarts():
+    odometry = Odometry()
+    run(odometry, drive(20))
+    rng = np.random.default_rng(6)
+    updates = [odometry.process(noise_at((20 + i) * TENTH, rng)) for i in range(60)]
+    moving = [math.hypot(u.increment.x, u.increment.y) > 0.015 for u in updates]
+    assert all(moving[:8])
+    assert not any(moving[12:45])
+    started = [i for i, u in enumerate(updates) if u.restarted]
+    assert started[0] == pytest.approx(50, abs=2)
+    assert np.trace(updates[40].covariance) > 10.0 * np.trace(updates[0].covariance)
+
+
+def test_a_lost_sensor_goes_on_as_it_is_told():
+    odometry, rng, told = Odometry(), np.random.default_rng(2), Prior(SE2(0.03, 0.0, 0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
+    for update in run(odometry, drive(10)):
+        last = update
+    for i in range(10, 40):
+        update = odometry.process(noise_at(i * TENTH, rng), told)
+        last_pose, last = last.pose, update
+        assert update.status is not Status.OK
+        assert error(update, last_pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_after_a_gap_a_lost_sensor_restarts_where_it_is_told_to_be():
+    """The robot drove on and turned while nothing was heard of the lidar, and sees nothing that it knows."""
+    odometry, told = Odometry(), Prior(SE2(0.8, 0.1, 1.3), np.diag((0.05, 0.05, 0.05)) ** 2)
+    *_, last = run(odometry, drive(10))
+    update = odometry.process(noise_at(20 * SECOND, np.random.default_rng(2)), told)
+    assert update.restarted and update.status is Status.FAILED
+    assert error(update, last.pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert update.increment.as_array() == pytest.approx(told.transform.as_array())
+
+
+@pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
+def test_what_wheels_get_wrong_in_sight_is_known_out_of_it(memory, least, most):
+    """Wheels that tell 5 % too much, unequal, under a sensor 8 cm from where it is said to be; 0.9 s in which nothing is seen."""
+    odometry, poses, rng = Odometry(Parameters().replace({'prior.memory': memory})), drive(160), np.random.default_rng(7)
+    step = poses[0].inverse() @ poses[1]
+    told = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
+    for i, pose in enumerate(poses):
+        scan = scan_at(pose, i, noise=0.005) if i < 151 else noise_at(i * TENTH, rng)
+        update = odometry.process(scan, told if i else None)
+        assert (update.status is Status.OK) == (i < 151)
+    as_told = poses[150]
+    for _ in range(9):
+        as_told = as_told @ told.transform
+    wrong = math.hypot(*(poses[-1].inverse() @ as_told).as_array()[:2])
+    assert least * wrong <= error(update, poses[-1])[0] <= most * wrong
+
+
+def test_wheels_that_slip_are_not_believed_where_few_points_hold_the_motion():
+    """Half a metre at once, between two walls with a box at one of them."""
+    walls = np.concatenate((PARALLEL, outline([(3.0, -1.0), (3.4, -1.0), (3.4, -0.4), (3.0, -0.4)])))
+    odometry, spread = Odometry(), np.diag((0.02, 0.02, 0.03)) ** 2
+    for i in range(40):
+        pose, slip = SE2(0.05 * i - 1.5), 0.5 if i == 20 else 0.0
+        scan = dataclasses.replace(look(walls, pose, FULL, 0.005, i), stamp=i * TENTH)
+        update = odometry.process(scan, Prior(SE2(0.05 + slip), spread) if i else None)
+        assert update.pose.x == pytest.approx(0.05 * i, abs=0.03)
+        assert not i or update.registration.weakest < Parameters().decision.vague_information
+
+
+def test_increments_add_up_to_the_pose_also_after_a_rest_and_a_restart():
+    odometry, pose, stamp = Odometry(), SE2(), 0
+    for i in range(45):
+        stamp += -10 * SECOND if i == 40 else TENTH
+        update = odometry.process(dataclasses.replace(scan_at(SE2(), i, noise=0.02), stamp=stamp))
+        pose = pose @ update.increment
+        assert error(update, pose) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert bool(update.restarted) == (i == 40)
+
+
+def test_an_update_is_the_callers_own():
+    odometry = Odometry()
+    run(odometry, drive(3))[-1].twist[:] = 99.0
+    assert abs(odometry.process(scan_at(drive(4)[-1], 3)).twist).max() < 2.0
+
+
+def test_a_bad_scan_changes_nothing():
+    poses = drive(20)
+    clean, disturbed = Odometry(), Odometry()
+    expected = run(clean, poses)
+    for i, pose in enumerate(poses):
+        if i == 10:
+            with pytest.raises(ScanError):
+                disturbed.process(Scan(i * TENTH, np.full(FULL.size, np.nan), FULL))
+        update = disturbed.process(scan_at(pose, i))
+        assert update.pose == expected[i].pose
+
+
+def test_stamps_that_go_back_a_long_way_restart_and_keep_the_pose():
+    odometry, poses = Odometry(), drive(30)
+    last = run(odometry, poses)[-1]
+    update = odometry.process(dataclasses.replace(scan_at(poses[0], 0), stamp=-10 * SECOND))
+    assert update.restarted.startswith('stamps went back by')
+    assert update.pose == last.pose
+
+
+def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
+    odometry, poses = Odometry(), drive(31)
+    run(odometry, poses[:30])
+    update = odometry.process(dataclasses.replace(scan_at(poses[30], 30), stamp=40 * SECOND))
+    assert error(update, poses[30])[0] < 0.03
+
+
+def test_after_a_gap_between_uneven_stamps_the_last_motion_goes_on():
+    odometry, late = Odometry(), 12 * TENTH
+    odometry.process(dataclasses.replace(scan_at(SE2(), 0), stamp=-SECOND // 1000))
+    run(odometry, [SE2(0.03 * k) for k in range(20)])
+    update = odometry.process(dataclasses.replace(scan_at(SE2(0.6), 20), stamp=20 * TENTH + late))
+    assert error(update, SE2(0.6))[0] < 0.03
+    assert np.diagonal(update.twist_covariance).min() > 0.9
+    update = odometry.process(noise_at(21 * TENTH + late, np.random.default_rng(6)))
+    assert update.status is Status.FAILED
+    assert update.increment.x == pytest.approx(0.03, abs=0.006)
+
+
+def test_jitter_of_the_stamps_does_not_make_speed():
+    intervals = Intervals()
+    stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
+    assert not any(time.jump for time in found)
+    assert [round(time.interval, 3) for time in found[2:]] == pytest.approx(
+        [0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
+
+
+def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
+    intervals = Intervals()
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
+    assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
+    assert [bool(time.jump) for time in found] == [False] * 8 + [True]
+    assert found[6].elapsed == pytest.approx(1.05) and found[7].elapsed == 0.0
+    assert all(time.half == 0.05 for time in found)
+
+
+def test_even_stamps_are_believed_and_scans_between_them_were_lost():
+    intervals = Intervals()
+    stamps = (0, 100, 400, 500, 1900, 2600, 2700, 2702, 3000, 3100)
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
+    assert [time.interval for time in found[1:7]] == pytest.approx([0.1, 0.3, 0.1, 1.4, 0.7, 0.1])
+    assert not any(time.gap for time in found)
+    assert [time.steady for time in found[1:]] == [True] * 6 + [False] * 3
+    assert [time.interval for time in found[8:]] == pytest.approx([0.298, 0.1])
+
+
+@pytest.mark.parametrize('share', [0.2, 0.5, 0.7])
+def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
+    world = rooms(4)
+    result = simulate(world, follow(world.tour[:4]), LIDARS['rplidar_a'], seed=4)
+    kept = np.random.default_rng(4).random(len(result.scans)) >= share
+    kept[0] = True
+    odometry, truth = Odometry(), [SE2(*pose) for pose in result.truth[kept]]
+    updates = [odometry.process(scan) for scan, there in zip(result.scans, kept, strict=True) if there]
+    off = [math.hypot(*((truth[0].inverse() @ pose).inverse() @ update.pose).as_array()[:2])
+           for pose, update in zip(truth, updates, strict=True)]
+    assert max(off) < 0.1
+
+
+@pytest.mark.parametrize(('name', 'seed'), [('hokuyo_urg04lx', 2), ('lds', 3), ('lds', 4)])
+def test_after_a_second_without_scans_nobody_has_turned_back(name, seed):
+    """A short corridor, there and back: it looks the same both ways, but only one way is where the sensor was heading."""
+    world = corridor(length=14.0, doors=4, seed=seed)
+    result = simulate(world, follow([*world.tour, world.tour[0], world.tour[1]], speed=1.2, acceleration=1.0, turn_rate=1.6),
+                      LIDARS[name], seed=seed)
+    odometry, start, off = Odometry(), SE2(*result.truth[0]), []
+    for scan, true in zip(result.scans, result.truth, strict=True):
+        if (scan.stamp - result.scans[0].stamp) % (3 * SECOND) < 2 * SECOND:
+            off.append(error(odometry.process(scan), start.inverse() @ SE2(*true))[1])
+    assert math.degrees(max(off)) < 15.0
+
+
+def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out():
+    odometry = Odometry()
+    run(odometry, drive(20))
+    limit = odometry.parameters.prior.limit
+    for wait in (1, 5, 10, 18):
+        prior = odometry.expected_motion((19 + wait) * TENTH)
+        assert limit * prior.angular_spread <= math.pi + 1e-9
+        assert (np.diagonal(prior.covariance - prior.change) >= 0.0).all()
+
+
+@pytest.mark.parametrize('jitter, pace, longer', [(0.05, 1.0, 1.0), (0.0, 0.5, 1.0), (0.0, 1.0, 2.0)])
+def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pace, longer):
+    """Stamps that jitter, a clock that is slow, scans that are said to take twice as long as they do."""
+    world, lidar = rooms(1), LIDARS['rplidar_a']
+    result = simulate(world, follow(world.tour[:5], turn_rate=1.2), lidar, seed=1)
+    late = np.random.default_rng(1).uniform(-jitter, jitter, len(result.scans))
+    stamps = result.stamps[0] + pace * (result.stamps - result.stamps[0]) + 1e9 * late
+    odometry, start = Odometry(), SE2(*result.truth[0])
+    for scan, stamp, true in zip(result.scans, stamps, result.truth, strict=True):
+        update = odometry.process(dataclasses.replace(scan, stamp=int(stamp), time_increment=longer * lidar.time_increment))
+        assert update.status is Status.OK
+        distance, angle = error(update, start.inverse() @ SE2(*true))
+        assert distance < 0.15
+        assert angle < 0.045
+
+
+def test_what_is_expected_is_the_same_for_who_asks_where_stamps_overlap():
+    world, lidar = rooms(1), LIDARS['rplidar_a']
+    result = simulate(world, follow(world.tour[:3]), lidar, seed=1)
+    late, alone, told = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
+    for scan, delay in zip(result.scans, late):
+        scan = dataclasses.replace(scan, stamp=scan.stamp + round(delay * SECOND))
+        poses = alone.process(scan).pose, told.process(scan, told.expected_motion(scan.stamp)).pose
+        assert poses[0] == poses[1]
+
+
+def test_where_scans_would_overlap_intervals_are_whole():
+    intervals = Intervals()
+    stamps = (0, 130, 180, 310, 440, 500, 800, 890, 890)
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.1) for s in stamps]
+    assert [time.interval for time in found[1:]] == pytest.approx([0.13, 0.09, 0.13, 0.13, 0.13, 0.26, 0.11, 0.11])
+    assert [time.steady for time in found[1:]] == [True] + [False] * 7
+    assert intervals.share(0.1) == 1.0
+    assert intervals.share(0.2) == pytest.approx(0.65)
+
+
+@pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
+def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_median(elapsed, taken):
+    intervals = Intervals()
+    for stamp in (-1, *range(0, 1100, 100)):
+        intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
+    found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters())
+    assert (found.interval, found.elapsed) == pytest.approx((taken * 1e-3, elapsed * 1e-3))
+
+
+def test_stamps_that_go_back_took_no_time_and_keep_the_median():
+    intervals = Intervals()
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(jump=2.0)) for s in (9000, 9100, 9150, 1000)]
+    assert (found[0].interval, found[0].elapsed, found[0].half) == (0.0, 0.0, 0.05)
+    assert (found[3].interval, found[3].elapsed, found[3].half) == (pytest.approx(0.075), 0.0, 0.05)
+    assert found[3].gap and found[3].jump == 'stamps went back by 8.150 s'
+
+
+def test_a_changed_number_of_beams_goes_on():
+    odometry, poses = Odometry(), drive(40)
+    coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)
+    for i, pose in enumerate(poses):
+        update = odometry.process(scan_at(pose, i, coarse if i >= 20 else FULL))
+    assert update.status is Status.OK
+    assert error(update, poses[-1])[0] < 0.03
+
+
+def test_deskewing_takes_the_motion_out_of_a_scan():
+    twist, increment = np.array([1.0, 0.0, 1.5]), 0.1 / FULL.size
+    start = SE2(0.2, 0.1, 0.3)
+    ranges = [look(ROOM, start @ SE2(twist[0] * t, 0.0, twist[2] * t), FULL).ranges[i]
+              for i, t in enumerate(np.arange(FULL.size) * increment)]
+    skewed = Scan(0, ranges, FULL, increment)
+    still = look(ROOM, start, FULL)
+    points = start.apply(deskew(skewed, twist).points)
+    off = np.minimum.reduce([np.abs(points[:, 1] + 1.5), np.abs(points[:, 0] - 4.0), np.abs(points[:, 1] - 1.0),
+                             np.abs(points[:, 0] - 1.5), np.abs(points[:, 1] - 3.0), np.abs(points[:, 0] + 2.0)])
+    before = start.apply(skewed.points)
+    assert np.percentile(off, 95) < 0.01
+    assert np.abs(before - start.apply(still.points)).max() > 0.05
+    assert deskew(dataclasses.replace(skewed, time_increment=0.0), twist).geometry is FULL
+
+
+def test_every_beam_is_moved_by_the_way_since_the_stamp():
+    scan = Scan(5, [1.0, 2.0, 3.0], ScanGeometry(0.2, 1.0, 3), 0.1, 'laser')
+    found = deskew(scan, [1.0, 2.0, 0.5])
+    expected = [SE2(0.1 * k, 0.2 * k, 0.05 * k).apply(scan.points[k]) for k in range(3)]
+    np.testing.assert_allclose(found.points, expected, atol=1e-6)
+    assert (found.stamp, found.frame_id, found.time_increment) == (5, 'laser', 0.0)
+    clockwise = Scan(0, [1.0, 2.0, 3.0], ScanGeometry(0.2, -1.0, 3), 0.1)
+    assert deskew(clockwise, [1.0, 2.0, 0.5]).geometry.angle_increment == -1.0
+
+
+def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
+    """The sensor stands, then drives off at once; every scan is brought to its stamp by the twist of the one before."""
+    odometry, speed, increment = Odometry(), 0.5, 0.1 / FULL.size
+    for i in range(20):
+        way = speed * np.maximum(0.1 * (i - 5) + increment * np.arange(FULL.size), 0.0)
+        places = np.column_stack((way, np.zeros(FULL.size)))
+        ranges = cast(places, FULL.directions, ROOM, np.empty((0, 3)))
+        update = odometry.process(Scan(i * TENTH, ranges, FULL, increment))
+        if i >= 15:
+            assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.01)
+            assert update.pose.as_array() == pytest.approx([way[0], 0.0, 0.0], abs=0.01)
+
+
+@pytest.mark.parametrize(('lidar', 'off', 'turned'), [('rplidar_a', 0.015, 0.005), ('rplidar_s', 0.015, 0.005), ('lds', 0.05, 0.015)])
+@pytest.mark.parametrize(('speed', 'turn'), [(0.8, 1e-6), (0.5, 0.8), (0.0, -1.0)])
+def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
+    """A scan takes the whole interval; the motion within the first one is known from the second on."""
+    lidar, rng, odometry, world = LIDARS[lidar], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
+    for i in range(8):
+        angle = turn * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
+        poses = np.column_stack((speed / turn * np.sin(angle), speed / turn * (1.0 - np.cos(angle)), angle))
+        update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
+        if i >= 2:
+            distance, angle = error(update, SE2(*poses[0]))
+            assert distance < off
+            assert angle < turned
+
+
+def test_a_scan_that_is_looked_at_again_tells_of_its_noise_once(monkeypatch):
+    """The motion is taken out of the first two scans once the second one is found."""
+    told, after = [], UsualShare.after
+    monkeypatch.setattr(UsualShare, 'after', lambda self, share: told.append(share) or after(self, share))
+    lidar, rng, odometry, world = LIDARS['rplidar_a'], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
+    for i in range(2):
+        way = 0.8 * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
+        poses = np.column_stack((way, np.zeros((lidar.beams, 2))))
+        update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
+    assert update.twist[0] == pytest.approx(0.8, abs=0.1), 'the scans were looked at again'
+    assert len(told) == 2
+
+
+def test_a_start_at_rest_stays_as_it_is():
+    scans = [dataclasses.replace(scan_at(SE2(), i), time_increment=0.1 / FULL.size) for i in range(10)]
+    odometry = Odometry()
+    start, *updates = [odometry.process(scan) for scan in scans]
+    assert all(update.reference is start.features for update in updates)
+
+
+@pytest.mark.parametrize('jump', [-50, 3])
+def test_after_a_jump_of_the_stamps_no_motion_is_taken_out_of_a_scan(jump):
+    """The sensor turns, then the stamps jump and it rests."""
+    odometry, increment, updates = Odometry(), 0.1 / FULL.size, []
+    for i in range(40):
+        turning = i < 30
+        turned = np.minimum(0.1 * i + increment * np.arange(FULL.size) * turning, 3.0)
+        angles = FULL.bearings + turned
+        ranges = cast(np.zeros((FULL.size, 2)), np.stack((np.cos(angles), np.sin(angles)), axis=1), ROOM, np.empty((0, 3)))
+        stamp = (i + 500) * TENTH + (0 if turning else jump * SECOND)
+        updates.append(odometry.process(Scan(stamp, ranges, FULL, increment)))
+    assert updates[30].restarted
+    for update in updates[30:]:
+        distance, angle = error(update, updates[30].pose)
+        assert distance < 0.002
+        assert angle < 0.002
+
+
+def test_a_scan_left_out_takes_twice_the_time_and_no_speed():
+    """However the stamps jitter."""
+    odometry, rng, speed = Odometry(), np.random.default_rng(0), 0.5
+    for i in range(60):
+        stamp = i * TENTH + round(rng.normal(0.0, 1e5))
+        if i % 7 != 6:
+            update = odometry.process(dataclasses.replace(scan_at(SE2(0.05 * i - 1.5), i, noise=0.002), stamp=stamp))
+        if i > 7:
+            assert update.twist[0] == pytest.approx(speed, abs=0.15)
+
+
+def test_the_twist_after_a_scan_that_was_not_found_is_as_before():
+    """At a steady speed, with scans that take the whole interval."""
+    odometry, speed, increment, noise = Odometry(), 0.5, 0.1 / FULL.size, noise_at(0, np.random.default_rng(3)).ranges
+    for i in range(12):
+        way = speed * (0.1 * i + increment * np.arange(FULL.size))
+        ranges = cast(np.column_stack((way, np.zeros(FULL.size))), FULL.directions, ROOM, np.empty((0, 3)))
+        update = odometry.process(Scan(i * TENTH, noise if i == 10 else ranges, FULL, increment))
+        assert (update.status is Status.FAILED) == (i == 10)
+    assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.02)
+
+
+def test_without_deskewing_a_scan_is_taken_as_it_is():
+    """Also when the speed changes."""
+    odometry = Odometry(Parameters().replace({'odometry.deskew': False}))
+    poses = [SE2()] * 5 + [SE2(0.05 * k, 0.0, 0.0) for k in range(1, 6)]
+    for i, pose in enumerate(poses):
+        update = odometry.process(dataclasses.replace(scan_at(pose, i), time_increment=0.1 / FULL.size))
+        assert error(update, pose)[0] < 0.01
+
+
+def test_the_first_scan_is_known_to_a_millimetre_and_the_motion_not_at_all():
+    update = Odometry().process(scan_at(SE2(), 0))
+    np.testing.assert_allclose(update.covariance, 1e-6 * np.eye(3), rtol=1e-9)
+    np.testing.assert_allclose(update.twist_covariance, (1.0 + 1e-6) * np.eye(3), rtol=1e-9)
+
+
+def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
+    odometry, poses = Odometry(), drive(20)
+    last = run(odometry, poses)[-1]
+    again = odometry.process(scan_at(poses[-1], 19))
+    assert again.twist.tolist() == last.twist.tolist()
+    assert again.interval == pytest.approx(0.1)
+
+
+def test_an_update_names_the_key_frame_that_its_registration_refers_to():
+    updates = run(Odometry(Parameters().replace({'odometry.rest': 0.0})), drive(10))
+    assert updates[0].reference is None
+    assert updates[1].reference is updates[0].features
+    changes = [update.features for update in updates if update.reference_changed]
+    for update in updates[1:]:
+        assert update.reference in changes
+        seen = update.reference_pose @ update.registration.transform
+        assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.02
+
+
+def test_a_reset_starts_at_the_pose_given():
+    odometry = Odometry()
+    run(odometry, drive(10))
+    odometry.reset(SE2(3.0, 2.0, 1.0))
+    update = odometry.process(scan_at(SE2(), 50))
+    assert update.pose == SE2(3.0, 2.0, 1.0)
+    assert update.registration is None
+    assert update.reference_changed
+
+
+def test_the_window_is_bounded():
+    odometry = Odometry(Parameters().replace({'odometry.window': 4, 'odometry.keyframe_distance': 0.02}))
+    run(odometry, drive(30))
+    assert len(odometry._window.frames) == 4
+
+
+def test_parameters_count_from_the_next_scan_on():
+    odometry, poses = Odometry(), drive(10)
+    run(odometry, poses[:5])
+    odometry.parameters = odometry.parameters.replace({'scan.min_returns': 1000})
+    with pytest.raises(ScanError, match='scan.min_returns'):
+        odometry.process(scan_at(poses[5], 5))
+
+
+@pytest.mark.parametrize(('asked', 'lies'), [(0.0, True), (10.0, False)])
+def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked, lies):
+    drive = simulate(corridor(seed=1), follow(corridor(seed=1).tour), Lidar(), seed=1)
+    odometry, wrong = Odometry(Parameters().replace({'decision.vague_information': asked})), []
+    truth = [SE2.from_array(pose) for pose in drive.truth[::10]]
+    for scan, last, true in zip(drive.scans[::10], truth[:1] + truth, truth):
+        update = odometry.process(scan)
+        off = (last.inverse() @ true).inverse() @ update.increment
+        wrong.append(update.status is Status.OK and math.hypot(off.x, off.y) > 0.2)
+    assert any(wrong) is lies
+
+
+NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_share=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
+
+
+@pytest.mark.parametrize(('lidar', 'least'), [(lidar, 0.95 if name == '5 cm' else 1.0) for name, lidar in (LIDARS | NOISY).items()],
+                         ids=[*LIDARS, *NOISY])
+def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lidar, least):
+    """Both ends out of range; the noise of some is greater than what lies between two beams, and may hold it by chance."""
+    world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (20.0, 0.0)]))
+    drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
+    odometry = Odometry()
+    updates = [odometry.process(scan) for scan in drive.scans][1:]
+    along = [update.reference_pose.theta + update.registration.free_direction for update in updates
+             if update.registration.free_direction is not None]
+    assert len(updates) > 20 and len(along) >= least * len(updates)
+    assert np.abs(np.sin(along)).max() < math.sin(math.radians(10.0))
+    assert sum(update.status is Status.OK for update in updates) <= (1.0 - least) * len(updates)
+
+
+def test_a_speed_that_no_scan_holds_goes_on():
+    """A lidar that sees 4 m of a corridor, and a door now and then: what noise pulls would add up to a sixth of the way."""
+    world = corridor(seed=2)
+    result = simulate(world, follow(world.tour), LIDARS['hokuyo_urg04lx'], seed=2)
+    odometry, half = Odometry(), len(result.scans) // 2
+    for scan in result.scans[:half]:
+        update = odometry.process(scan)
+    truth = SE2.from_array(result.truth[0]).inverse() @ SE2.from_array(result.truth[half - 1])
+    assert abs((truth.inverse() @ update.pose).x) < 0.08 * truth.x
+
+
+def test_a_key_frame_may_stand_before_the_latest():
+    frames = [KeyFrame(extract_features(look(outline(L_ROOM), SE2(x, 0.0, 0.0), FULL)), SE2(x, 0.0, 0.0)) for x in (0.0, 0.2, 0.4)]
+    window = Window(frames[:2])
+    assert window.with_frame(frames[2], 5).frames == tuple(frames)
+    assert window.with_frame(frames[2], 5, latest=False).frames == (frames[0], frames[2], frames[1])
+    assert window.with_frame(frames[2], 2, latest=False).frames == (frames[2], frames[1])
+
+
+@pytest.mark.parametrize('name', ['hokuyo_utm30lx', 'rplidar_s'])
+def test_in_a_corridor_without_features_the_prior_decides(name):
+    """The noise of the walls' normals is no motion along them."""
+    world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (19.0, 0.0)]))
+    drive = simulate(world, follow(world.tour), dataclasses.replace(LIDARS[name], range_max=12.0), seed=0)
+    truth = [SE2.from_array(pose) for pose in drive.truth]
+    odometry, spread = Odometry(), np.diag([0.02, 0.02, 0.01]) ** 2
+    odometry.process(drive.scans[0])
+    for scan, last, true in zip(drive.scans[1:], truth, truth[1:]):
+        update = odometry.process(scan, Prior(last.inverse() @ true, spread))
+    way = truth[0].inverse() @ truth[-1]
+    assert way.x > 3.9 and abs(update.pose.x - way.x) < 0.05 * way.x
+
+
+def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
+    """And what moves after it has stood is followed at once."""
+    rng = np.random.default_rng(8)
+    odometry, steady = Odometry(Parameters().replace({'odometry.rest': 0.0})), Odometry()
+    scans = [dataclasses.replace(scan_at(SE2(), i), ranges=scan_at(SE2(), i).ranges + rng.normal(0.0, 0.01, FULL.size))
+             for i in range(60)]
+    turns = np.array([[o.process(scan).pose.theta for scan in scans] for o in (odometry, steady)])
+    assert np.abs(turns[1]).max() < np.abs(turns[0]).max()
+    assert np.ptp(turns[1, 30:]) < 0.3 * np.ptp(turns[0, 30:])
+    moved = SE2(0.05, 0.02, 0.03)
+    assert error(steady.process(scan_at(moved, 60)), moved)[0] < 0.01
+
+
+def test_along_a_smooth_corridor_the_covariance_says_how_far_the_pose_may_be_off():
+    """The sensor starts at rest, and nothing tells that it drives away."""
+    recording = simulate(dataclasses.replace(corridor(60.0, doors=0), tour=np.array([(15.0, 0.0), (45.0, 0.0)])),
+                         follow([(15.0, 0.0), (30.0, 0.0)]), Lidar(range_max=10.0), seed=2)
+    odometry, start = Odometry(), SE2.from_array(recording.truth[0])
+    for k, (scan, truth) in enumerate(zip(recording.scans, recording.truth, strict=True)):
+        update, pose = odometry.process(scan), start.inverse() @ SE2.from_array(truth)
+        speed = 10.0 * (truth - recording.truth[k - 1])[0] if k else 0.0
+        assert abs(update.pose.x - pose.x) < 3.0 * math.sqrt(update.covariance[0, 0])
+        assert abs(update.twist[0] - speed) < 3.0 * math.sqrt(update.twist_covariance[0, 0])
+    assert update.status is Status.DEGENERATE
+    assert abs(update.pose.x - pose.x) > 5.0
+    assert abs(update.pose.y - pose.y) < 0.05
+    assert math.sqrt(update.covariance[2, 2]) < 0.01
+
+
+@pytest.mark.parametrize('lidar', [Lidar(), LIDARS['hokuyo_utm30lx']], ids=['plain', 'utm30lx'])
+def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_says_so(lidar):
+    world = World(outline(as_vectors(6.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
+    rng = np.random.default_rng(4)
+    odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
+    updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH)) for k in range(1, 30)]
+    unsure = [update.registration.free_turn for update in updates[1:]]
+    assert np.mean(unsure) > 0.9
+    assert Status.OK not in {update.status for update in updates[1:] if update.registration.free_turn}
+    assert max(math.hypot(update.pose.x, update.pose.y) for update in updates) < 0.1
+    for k, update in enumerate(updates):
+        assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])
+
+
+@pytest.mark.parametrize('name', ['plain', 'hokuyo_utm30lx', 'lds'])
+def test_in_a_round_room_way_and_turn_are_as_told(name):
+    """9.4 m around its middle, 1.5 m off it: any way along the wall is free, with its turn."""
+    spread = np.diag((0.02, 0.02, 0.03)) ** 2
+    update = around_a_round_room(LIDARS.get(name, Lidar()), lambda motion, expected: Prior(motion, spread))
+    distance, turn = error(update, SE2())
+    assert distance < 0.94 and turn < 0.63
+    assert turn < 3.0 * math.sqrt(update.covariance[2, 2])
+
+
+def test_in_a_round_room_a_gyroscope_tells_the_way_along_the_wall():
+    """With the turn, and the wall on its side; no speed straight on is kept against them."""
+    update = around_a_round_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_turn(motion.theta, 0.01))
+    distance, turn = error(update, SE2())
+    assert distance < 0.94 and turn < 0.63
+
+
+def around_a_round_room(lidar, told):
+    """The last of 120 scans; the prior of each is ``told(motion, expected)``."""
+    world = World(outline(as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
+    rng, lidar = np.random.default_rng(1), dataclasses.replace(lidar, duration=0.0)
+    angles = np.linspace(0.0, 2.0 * math.pi, 120)
+    poses = [SE2(1.5 * math.cos(angle), 1.5 * math.sin(angle), angle + 0.5 * math.pi) for angle in angles]
+    odometry, before = Odometry(), poses[0]
+    for k, pose in enumerate(poses):
+        prior = told(before.inverse() @ pose, odometry.expected_motion(k * TENTH))
+        update, before = odometry.process(measure(world, pose.as_array()[None], lidar, rng, k * TENTH), prior), pose
+    return update
+
+
+def test_a_lidar_that_loses_four_beams_of_five_is_followed():
+    world = rooms(seed=1)
+    recording = simulate(world, follow(world.tour[:4]), Lidar(beams=720, angle_min=-math.pi, angle_increment=math.radians(0.5),
+                                                              range_max=12.0, dropouts=0.8), seed=1)
+    odometry = Odometry()
+    for scan in recording.scans:
+        update = odometry.process(scan)
+    start, end = (SE2.from_array(recording.truth[k]) for k in (0, -1))
+    distance, turn = error(update, start.inverse() @ end)
+    assert distance < 0.05 and turn < 0.01
+
+
+def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):
+    """Key frames a metre apart, with two to four seconds between them, along corridors that look the same both ways."""
+    recording = open_recording(data / 'aces' / 'aces.log.gz')
+    truth, odometry, off = recording.truth()[1], Odometry(), []
+    for scan, (_, _, theta) in zip(recording.scans(), truth[:60], strict=False):
+        update = odometry.process(scan)
+        off.append(math.remainder(update.pose.theta - theta + truth[0, 2], 2.0 * math.pi))
+    assert np.degrees(np.abs(off).max()) < 5.0
+
+
+@pytest.mark.parametrize('name', [each.name for each in Parameters.describe() if each.minimum is not None])
+def test_a_parameter_may_have_its_least_value(name):
+    """In a room with a box that may move, where there is nothing but the box, and between two bare walls."""
+    least = {each.name: each.minimum for each in Parameters.describe()}
+    for walls in (np.concatenate((ROOM, BOX)), BOX, PARALLEL):
+        odometry = Odometry(Parameters().replace({each: least[each] for each in {name, name.replace('_max', '_min')} & set(least)}))
+        for i, pose in enumerate(drive(5)):
+            with contextlib.suppress(ScanError):
+                update = odometry.process(dataclasses.replace(look(walls, pose, FULL, 0.01, i), stamp=i * TENTH))
+                assert np.isfinite(update.pose.as_array()).all()
+                for covariance in (update.covariance, update.twist_covariance):
+                    assert np.linalg.eigvalsh(covariance).min() > 0.0

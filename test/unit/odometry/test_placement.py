@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a scan lies among several key frames, and how firmly."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import HALF, look, outline
+
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
+from dbscan_reg_ros.core.odometry.mapping.scan_to_map import place
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.registration.records import Prior, Status
+
+
+def funnel(degrees):
+    """Walls along x, 2 m apart in the middle, each turned by so much towards the other."""
+    rise = 20.0 * math.tan(math.radians(degrees))
+    return outline([(-20.0, -1.0 - rise), (20.0, -1.0 + rise), (20.0, 1.0 - rise), (-20.0, 1.0 + rise)])[::2]
+
+
+def along_a_funnel(degrees, slant):
+    """A registration and a place [m] along the walls of a scan whose ranges are 1.5 cm too long; 0: where it is expected, and is.
+
+    The thresholds of slants are `slant` times as large as usual.
+    """
+    defaults, walls, here = Parameters(), funnel(degrees), SE2(0.3, 0.0, 0.0)
+    decision, free = (dataclasses.replace(each, slant=slant * each.slant) for each in (defaults.decision, defaults.free))
+    p = dataclasses.replace(defaults, decision=decision, free=free)
+    poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
+    frames = [KeyFrame(extract_features(look(walls, pose, HALF, 0.005, k), p), pose) for k, pose in enumerate(poses)]
+    scan = look(walls, here, HALF, 0.005, 9)
+    features = extract_features(dataclasses.replace(scan, ranges=scan.ranges + 0.015), p)
+    spread = np.diag((0.02, 0.02, 0.01)) ** 2
+    registration = register(frames[-1].features, features, p, Prior(SE2(0.05, 0.0, 0.0), spread))
+    pose, _ = place(Window(frames), features, here, here, np.linalg.inv(spread), registration.free_direction, False, p)
+    return registration, pose.x - here.x
+
+
+@pytest.mark.parametrize('degrees', [2, 4, 6])
+def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
+    """Their slant would: a corridor that is 3 cm wider is one 0.1 to 0.4 m farther back."""
+    registration, off = along_a_funnel(degrees, 1.0)
+    assert registration.status is Status.DEGENERATE and math.sin(registration.free_direction) == pytest.approx(0.0, abs=0.02)
+    assert abs(off) < 0.005
+    assert along_a_funnel(degrees, 0.0)[1] < -0.05
+
+
+def test_a_slant_is_all_that_calls_a_funnel_ok():
+    assert along_a_funnel(6, 0.0)[0].status is Status.OK
+
+
+def test_in_the_odometry_steeper_walls_hold_nothing_either():
+    first, second = (look(funnel(11), SE2(0.05 * k, 0.0, 0.0), HALF, 0.005, k) for k in range(2))
+    second = dataclasses.replace(second, stamp=100_000_000)
+    assert register(extract_features(first), extract_features(second)).status is Status.OK
+    odometry = Odometry()
+    odometry.process(first)
+    assert odometry.process(second).status is Status.DEGENERATE

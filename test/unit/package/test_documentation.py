@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The documents agree with the source and with each other."""
+import re
+
+import pytest
+
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md', 'doc/method.md',
+             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/reliability.md',
+             'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
+
+
+def anchors(text):
+    """The names under which the headings of a document are linked to."""
+    return {re.sub(r'[^\w\- ]', '', heading).strip().lower().replace(' ', '-')
+            for heading in re.findall(r'^#+ (.*)$', text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize('name', DOCUMENTS)
+def test_links_lead_somewhere(root, name):
+    document = root / name
+    for link in re.findall(r'\]\(([^)\s]+)\)', document.read_text()):
+        if '://' in link:
+            continue
+        path, _, anchor = link.partition('#')
+        target = (document.parent / path).resolve() if path else document
+        assert target.is_relative_to(root) and target.exists(), link
+        assert not anchor or anchor in anchors(target.read_text()), link
+
+
+def test_every_document_is_checked_and_linked_to_from_the_readme(root):
+    documents = {f'doc/{path.name}' for path in (root / 'doc').glob('*.md')}
+    assert documents <= set(DOCUMENTS)
+    readme = (root / 'README.md').read_text()
+    assert all(f']({document}' in readme for document in documents), documents
+
+
+def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
+    text = (root / 'doc' / 'architecture.md').read_text()
+    package = root / 'dbscan_reg_ros'
+    modules = [*(package / 'core').glob('*.py'), *package.glob('*.py')]
+    expected = {path.name for path in modules} - {'__init__.py'}
+    assert {name for name in expected if f'`{name}`' not in text} == set()
+    folders = {path.parent.name for path in package.glob('*/__init__.py')}
+    assert {name for name in folders if f'`{name}/`' not in text and f'/{name}`' not in text} == set()
+
+
+@pytest.mark.parametrize('name', DOCUMENTS)
+def test_modules_and_tests_that_are_named_exist(root, name):
+    files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test') for path in (root / folder).rglob('*.py')}
+    named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.py)`', (root / name).read_text())}
+    assert named - files <= {'setup.py'}
+
+
+@pytest.mark.parametrize('name', DOCUMENTS)
+def test_parameters_that_are_named_exist(root, name):
+    known = set(NodeParameters().flatten())
+    groups = {parameter.partition('.')[0] for parameter in known if '.' in parameter}
+    named = set(re.findall(r'`([a-z_]+\.[a-z_]+)(?::[^`]*)?`', (root / name).read_text()))
+    named = {name for name in named if name.split('.')[0] in groups and not name.endswith(('.py', '.md'))}
+    assert named <= known

@@ -1,0 +1,492 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The launch files: what they start for which arguments, and that this is what the real processes make of it.
+
+``launch`` and ``launch_ros`` are part of a ROS installation only. Everywhere a stand-in with their keywords and command lines takes
+their place; where the real ones are installed, the two are compared.
+"""
+import importlib.util
+import inspect
+import os
+import re
+import signal
+import time
+from pathlib import Path
+
+import launch_stand_in
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+import yaml
+from bags import laser_scan, write_bag
+from launch_stand_in import rules, visit
+from lifecycle_msgs.msg import State, TransitionEvent
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
+from ros_helpers import TIMEOUT, Parameters
+from test_installation import room_log
+
+from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.core.errors import ParameterError
+from dbscan_reg_ros.node.playback.player import Player
+from dbscan_reg_ros.robot.parameters import MOUNTINGS, SOURCES
+
+FILES = 'scan_matcher', 'play'
+SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'paper', 'rplidar_a', 'rplidar_s', 'sick_lms5xx']
+TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
+COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',
+          'base_frame': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'use_sim_time': '', 'lifecycle': 'false',
+          'autostart': 'true', 'rviz': 'false', 'log_level': ''}
+ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate': '1.0', 'topics': ''}}
+
+
+@pytest.fixture
+def prefix(root, tmp_path, monkeypatch):
+    """A folder that ament takes for the one that this package is installed to: ``prefix(package)`` installs one more."""
+    folder = tmp_path / 'prefix'
+
+    def install(package):
+        marker = folder / 'share' / 'ament_index' / 'resource_index' / 'packages' / package
+        marker.parent.mkdir(parents=True, exist_ok=True)
+        marker.touch()
+
+    install('dbscan_reg_ros')
+    share = folder / 'share' / 'dbscan_reg_ros'
+    share.mkdir()
+    for name in ('config', 'launch'):
+        (share / name).symlink_to(root / name)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(folder))
+    return install
+
+
+@pytest.fixture
+def description(root, prefix, monkeypatch):
+    """``description(name)``: what the launch file of that name describes, made with the stand-in."""
+    launch_stand_in.install(monkeypatch)
+    return lambda name: load(root, name)
+
+
+@pytest.fixture
+def launched(description):
+    """``launched(name, **arguments)``: the actions of a launch file that remain when it has been launched with those arguments."""
+    def launched(name, **arguments):
+        assert set(arguments) <= set(ARGUMENTS[name])
+        return visit(description(name), arguments)
+    return launched
+
+
+@pytest.fixture
+def matcher(launched):
+    """``matcher(**arguments)``: what the command line of the node says that scan_matcher.launch.py starts."""
+    def matcher(**arguments):
+        [node] = launched('scan_matcher', **arguments)
+        return rules(node)
+    return matcher
+
+
+@pytest.fixture
+def play(launched, tmp_path):
+    """``play(**arguments)``: the nodes scan_matcher and play that play.launch.py starts, without a recording one that is missing."""
+    def play(**arguments):
+        matcher, player = launched('play', **({'recording': str(tmp_path / 'missing.log')} | arguments))
+        return matcher, player
+    return play
+
+
+@pytest.fixture
+def start_launched(start_command):
+    """``start_launched(node)``: the real process of a node that was launched."""
+    return lambda node: start_command(node.executable, *node.command())
+
+
+def load(root, name):
+    spec = importlib.util.spec_from_file_location('description', root / 'launch' / f'{name}.launch.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.generate_launch_description()
+
+
+def values(rules):
+    """The parameters that the last parameter file of a command line sets."""
+    [contents] = read(rules.files[-1]).values()
+    return contents['ros__parameters']
+
+
+def read(path):
+    return yaml.safe_load(Path(path).read_text())
+
+
+def parameter_file(path, values, node='/**'):
+    path.write_text(yaml.dump({node: {'ros__parameters': values}}))
+    return str(path)
+
+
+# Arguments
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_the_arguments_are_declared_with_their_defaults_and_described(description, name):
+    declared = [a for a in description(name).entities if isinstance(a, launch_stand_in.DeclareLaunchArgument)]
+    assert {a.name: a.default_value for a in declared} == ARGUMENTS[name]
+    assert all(len(a.description) > 10 for a in declared)
+    choices = {a.name: a.choices for a in declared if a.choices}
+    assert choices == {'sensor': ['', *SENSORS], 'mounting': ['', *MOUNTINGS], 'prior': ['', *SOURCES]}
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_the_documents_name_every_argument(root, name):
+    text = (root / 'doc' / 'node.md').read_text()
+    assert [argument for argument in ARGUMENTS[name] if f'`{argument}`' not in text] == []
+
+
+def test_every_line_of_the_documents_that_launches_takes_arguments_that_there_are(root):
+    lines = [line.partition('#')[0] for path in (root / 'README.md', *(root / 'doc').glob('*.md'))
+             for line in path.read_text().splitlines() if 'ros2 launch dbscan_reg_ros' in line]
+    assert len(lines) >= 6
+    for line in lines:
+        name = re.search(r'(\w+)\.launch\.py', line).group(1)
+        assert set(re.findall(r'(\w+):=', line)) <= set(ARGUMENTS[name]), line
+
+
+def test_without_arguments_the_node_is_as_it_is_without_launch(launched):
+    [node] = launched('scan_matcher')
+    assert (node.package, node.executable, node.process) == ('dbscan_reg_ros', 'scan_matcher', {'output': 'screen'})
+    found = rules(node)
+    assert (found.own, found.files, found.set, found.log) == ([], [], [], None)
+    assert found.remap == [('__node', 'scan_matcher'), ('__ns', '/'), *TRANSFORMS]
+
+
+@pytest.mark.parametrize('argument, value, parameter, expected', [
+    ('odom_frame', 'laser_odom', 'odom_frame', 'laser_odom'),
+    ('base_frame', 'on', 'base_frame', 'on'),
+    ('publish_tf', 'false', 'publish_tf', False),
+    ('publish_tf', 'True', 'publish_tf', True),
+    ('use_sim_time', '1', 'use_sim_time', True),
+    ('mounting', 'laser_pose', 'mounting', 'laser_pose'),
+    ('prior', 'imu', 'prior.source', 'imu'),
+])
+def test_an_argument_sets_its_parameter_and_no_other(matcher, argument, value, parameter, expected):
+    found = matcher(**{argument: value})
+    assert len(found.files) == 1
+    assert values(found) == {parameter: expected}
+
+
+@pytest.mark.parametrize('argument, value, complaint', [
+    ('publish_tf', 'maybe', "publish_tf = 'maybe': expected true or false"),
+    ('remap_tf', '', "remap_tf = '': expected true or false"),
+    ('lifecycle', '2', "lifecycle = '2': expected true or false"),
+    ('rviz', 'yes', "rviz = 'yes': expected true or false"),
+])
+def test_what_is_neither_true_nor_false_stops_the_launch(matcher, argument, value, complaint):
+    with pytest.raises(ParameterError) as error:
+        matcher(**{argument: value})
+    assert str(error.value) == complaint
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_a_parameter_file_that_is_missing_stops_the_launch(launched, tmp_path, name):
+    missing = tmp_path / 'missing.yaml'
+    with pytest.raises(ParameterError) as error:
+        launched(name, params_file=str(missing), **({'recording': 'x.log'} if name == 'play' else {}))
+    assert str(error.value) == f'params_file = {str(missing)!r}: there is no such file'
+
+
+@pytest.mark.parametrize('argument', ['sensor', 'mounting', 'prior'])
+def test_a_name_that_is_none_of_the_known_ones_stops_the_launch(matcher, argument):
+    with pytest.raises(RuntimeError, match=f'Argument "{argument}" provided value "other" is not valid. Valid options are'):
+        matcher(**{argument: 'other'})
+
+
+def test_a_parameter_file_may_lie_in_the_home_or_in_the_working_directory(matcher, tmp_path, monkeypatch):
+    path = parameter_file(tmp_path / 'robot.yaml', {'odom_frame': 'a'})
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert matcher(params_file='~/robot.yaml').files == [path]
+    monkeypatch.chdir(tmp_path)
+    assert matcher(params_file='robot.yaml').files == [path]
+
+
+@pytest.mark.parametrize('level', ['debug', 'scan_matcher:=debug'])
+def test_the_least_severity_is_handed_on(launched, play, level):
+    [node] = launched('scan_matcher', log_level=level)
+    assert rules(node).log == level
+    assert [rules(node).log for node in play(log_level=level)] == [level, level]
+
+
+# Names of topics
+
+
+@pytest.mark.parametrize('arguments, expected', [
+    ({}, TRANSFORMS),
+    ({'remap_tf': 'false'}, []),
+    ({'scan_topic': '/front/scan'}, [*TRANSFORMS, ('scan', '/front/scan')]),
+    ({'scan_topic': 'laser', 'remap_tf': 'false'}, [('scan', 'laser')]),
+])
+def test_topics_are_remapped_for_the_node_and_the_player(matcher, play, arguments, expected):
+    assert matcher(namespace='robot1', **arguments).remap == [('__node', 'scan_matcher'), ('__ns', '/robot1'), *expected]
+    _, player = play(namespace='robot1', **arguments)
+    assert rules(player).remap == [('__node', 'play'), ('__ns', '/robot1'), *expected]
+
+
+# Order
+
+
+def test_files_and_arguments_come_in_the_order_in_which_they_count(matcher, root, tmp_path):
+    path = parameter_file(tmp_path / 'robot.yaml', {'odom_frame': 'a'})
+    found = matcher(sensor='lds', params_file=path, base_frame='b')
+    assert [os.path.realpath(file) for file in found.files[:2]] == [str(root / 'config' / 'lds.yaml'), path]
+    assert len(found.files) == 3
+    assert values(found) == {'base_frame': 'b'}
+
+
+@pytest.mark.parametrize('node', ['/**', '/robot1/scan_matcher'])
+def test_defaults_sensor_parameter_file_and_arguments_count_in_this_order(play, start_launched, peer, tmp_path, node):
+    path = parameter_file(tmp_path / 'robot.yaml', {'scan': {'range_max': 7.5}, 'odom_frame': 'of_file',
+                                                    'base_frame': 'of_file', 'publish_tf': False}, node)
+    launched, _ = play(namespace='robot1', sensor='rplidar_a', params_file=path, base_frame='given', prior='none')
+    start_launched(launched)
+    asked = ('scan.range_min', 'scan.range_max', 'odom_frame', 'base_frame', 'publish_tf', 'prior.source', 'mounting', 'use_sim_time')
+    sensor = read(rules(launched).files[0])['/**']['ros__parameters']
+    assert Parameters(peer, '/robot1/scan_matcher').get(*asked) == [
+        sensor['scan']['range_min'], 7.5, 'of_file', 'given', False, 'none', 'none', True]
+
+
+@pytest.mark.parametrize('node', ['/**', 'scan_matcher'])
+def test_what_is_usual_when_a_recording_is_played_counts_less_than_a_parameter_file(play, start_launched, peer, tmp_path, node):
+    path = parameter_file(tmp_path / 'robot.yaml', {'mounting': 'laser_pose', 'laser_pose': [0.1, 0.0, 0.0]}, node)
+    launched, _ = play(params_file=path)
+    start_launched(launched)
+    assert Parameters(peer).get('mounting', 'laser_pose', 'use_sim_time') == ['laser_pose', [0.1, 0.0, 0.0], True]
+
+
+def test_an_argument_counts_more_than_what_is_usual_when_a_recording_is_played(play):
+    found = rules(play(mounting='tf', use_sim_time='false')[0])
+    assert found.set == [('use_sim_time', 'true'), ('mounting', 'none')]
+    assert values(found) == {'mounting': 'tf', 'use_sim_time': False}
+
+
+# The managed node
+
+
+def test_the_managed_node_is_left_alone_where_it_is_not_to_start_by_itself(launched):
+    [node] = launched('scan_matcher', lifecycle='true', autostart='false', namespace='robot1', base_frame='b')
+    assert isinstance(node, launch_stand_in.LifecycleNode)
+    assert node.executable == 'scan_matcher_lifecycle' and node.executable in COMMANDS
+    assert rules(node).remap == [('__node', 'scan_matcher'), ('__ns', '/robot1'), *TRANSFORMS]
+    assert values(rules(node)) == {'base_frame': 'b'}
+
+
+@pytest.mark.parametrize('namespace', ['', 'robot1'])
+def test_the_managed_node_is_configured_and_activated(launched, start_launched, peer, namespace):
+    """What launch does with the actions is done here: the events go to the real node, and its own come back."""
+    registered, node, first = launched('scan_matcher', lifecycle='true', namespace=namespace, mounting='none')
+    handler = registered.event_handler
+    assert handler.node is node
+    name = f'/{namespace}/scan_matcher' if namespace else '/scan_matcher'
+    start_launched(node)
+    events = peer.listen(TransitionEvent, f'{name}/transition_event')
+
+    def ask(action):
+        assert action.event.lifecycle_node_matcher(node) and not action.event.lifecycle_node_matcher(handler)
+        request = ChangeState.Request()
+        request.transition.id = action.event.transition_id
+        assert peer.call(ChangeState, f'{name}/change_state', request).success
+
+    peer.greet(name)
+    ask(first)
+    peer.until(lambda: any(handled(handler, event) for event in events))
+    [second] = handler.entities
+    ask(second)
+    current = peer.call(GetState, f'{name}/get_state', GetState.Request()).current_state
+    assert current.id == State.PRIMARY_STATE_ACTIVE
+    peer.until(lambda: len(events) >= 4)
+    assert [handled(handler, event) for event in events].count(True) == 1
+
+
+def handled(handler, event):
+    return (event.start_state.label, event.goal_state.label) == (handler.start_state, handler.goal_state)
+
+
+# RViz
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefix, root, name):
+    prefix('rviz2')
+    recording = {'recording': 'missing.log'} if name == 'play' else {}
+    matcher, rviz, *_ = launched(name, rviz='true', namespace='robot1', scan_topic='laser', odom_frame='map', **recording)
+    assert matcher.executable == 'scan_matcher'
+    assert (rviz.package, rviz.executable, rviz.name) == ('rviz2', 'rviz2', None)
+    found = rules(rviz)
+    flag, config, *frame = found.own
+    assert (flag, os.path.realpath(config), frame) == ('-d', str(root / 'config' / 'scan_matcher.rviz'), ['-f', 'map'])
+    shown = yaml.safe_load((root / 'config' / 'scan_matcher.rviz').read_text())['Visualization Manager']['Displays']
+    topics = {display['Topic']['Value'] for display in shown if 'Topic' in display}
+    expected = {(topic, 'laser' if topic == '/scan' else topic.removeprefix('/')) for topic in topics}
+    assert set(found.remap) == {('__ns', '/robot1'), *TRANSFORMS, *expected}
+    assert values(found) == {'use_sim_time': name == 'play'}
+
+
+def test_rviz_takes_the_time_that_is_asked_for(launched, prefix):
+    prefix('rviz2')
+    assert values(rules(launched('scan_matcher', rviz='true', use_sim_time='true')[1])) == {'use_sim_time': True}
+    assert values(rules(launched('play', rviz='true', use_sim_time='false', recording='x.log')[1])) == {'use_sim_time': False}
+
+
+def test_where_rviz_is_not_installed_the_launch_stops_and_says_what_to_install(launched, monkeypatch):
+    monkeypatch.setenv('ROS_DISTRO', 'jazzy')
+    with pytest.raises(ParameterError) as error:
+        launched('scan_matcher', rviz='true')
+    assert str(error.value) == "rviz = 'true': rviz2 is not installed; install it: sudo apt install ros-jazzy-rviz2"
+    assert len(launched('scan_matcher')) == 1
+
+
+def test_the_manifest_does_not_ask_for_rviz(root):
+    assert 'rviz2' not in (root / 'package.xml').read_text()
+
+
+# Playing
+
+
+def test_the_player_gets_recording_clock_rate_and_topics(play, monkeypatch):
+    monkeypatch.setenv('HOME', '/home/robot')
+    _, player = play(recording='~/drive.bag', rate='0.5', topics='/cmd_vel  /camera/info')
+    assert (player.package, player.executable) == ('dbscan_reg_ros', 'play') and player.executable in COMMANDS
+    assert rules(player).own == ['/home/robot/drive.bag', '--clock', '--rate', '0.5', '--topics', '/cmd_vel', '/camera/info']
+    _, player = play(recording='drive.bag')
+    assert rules(player).own == ['drive.bag', '--clock', '--rate', '1.0']
+
+
+def test_the_end_of_the_player_ends_the_launch(play):
+    matcher, player = play()
+    assert isinstance(player.process['on_exit'], launch_stand_in.Shutdown)
+    assert 'on_exit' not in matcher.process
+
+
+def test_a_recording_has_to_be_named(launched):
+    with pytest.raises(RuntimeError, match='Required launch argument "recording" was not provided'):
+        launched('play')
+
+
+@pytest.mark.parametrize('topics, mounting', [(['/scan'], 'none'), (['/scan', '/tf_static'], 'tf'), (['/scan', '/tf'], 'none')])
+def test_the_laser_sits_where_static_transforms_of_the_bag_say(play, tmp_path, topics, mounting):
+    pytest.importorskip('rosbags', reason='needs rosbags')
+    scan = laser_scan()
+    bag = write_bag(tmp_path / 'bag', [(topic, 10, scan) for topic in topics])
+    assert rules(play(recording=str(bag))[0]).set == [('use_sim_time', 'true'), ('mounting', mounting)]
+
+
+@pytest.mark.parametrize('name', ['intel/intel.log.gz', 'missing.log', '.'])
+def test_in_a_log_and_in_what_cannot_be_read_the_laser_is_the_base(play, data, name):
+    assert rules(play(recording=str(data / name))[0]).set[1] == ('mounting', 'none')
+
+
+# Real processes
+
+
+def test_two_robots_have_transforms_of_their_own(launched, start_launched, ros_environment, peer, scans):
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    names = 'robot1', 'robot2'
+    processes = [start_launched(launched('scan_matcher', namespace=name, mounting='none')[0]) for name in names]
+    heard = [peer.listen(tf_type, f'/{name}/tf') for name in names]
+    for name, count in zip(names, (12, 7), strict=True):
+        peer.greet(f'/{name}/scan_matcher')
+        with Player(['--ros-args', '-r', f'__ns:=/{name}']) as player:
+            player.wait_for_node(TIMEOUT)
+            assert player.play(scans[:count]).lost == 0
+    peer.until(lambda: [len(messages) for messages in heard] == [12, 7])
+    peer.until(lambda: [transforms_of(peer, name) for name in names] == [
+        {f'/{name}/tf', f'/{name}/tf_static'} for name in names])
+    for process in processes:
+        assert process.stop() == 0
+        assert 'parent' not in process.output()
+
+
+def test_without_remapped_transforms_two_robots_share_them(launched, start_launched, peer):
+    pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
+    for name in ('robot1', 'robot2'):
+        start_launched(launched('scan_matcher', namespace=name, mounting='none', remap_tf='false')[0])
+    peer.until(lambda: [transforms_of(peer, name) for name in ('robot1', 'robot2')] == [{'/tf', '/tf_static'}] * 2)
+
+
+def transforms_of(peer, namespace):
+    """The topics of transforms that the node in a namespace publishes and hears; none while it is not discovered."""
+    node = 'scan_matcher', f'/{namespace}'
+    if node not in peer.node.get_node_names_and_namespaces():
+        return set()
+    topics = (*peer.node.get_publisher_names_and_types_by_node(*node), *peer.node.get_subscriber_names_and_types_by_node(*node))
+    return {name for name, kinds in topics if kinds == ['tf2_msgs/msg/TFMessage']}
+
+
+def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_launched, tmp_path):
+    log = room_log(tmp_path / 'room.log', 20)
+    matcher, player = map(start_launched, play(recording=str(log), rate='4', namespace='robot1', scan_topic='laser'))
+    assert player.wait(60.0) == 0, player.output()
+    assert 'scans 20 answered 20 skipped 0' in player.output()
+    assert matcher.stop() == 0, matcher.output()
+
+
+@pytest.mark.parametrize('stage', ['waiting', 'playing'])
+@pytest.mark.parametrize('often', [False, True])
+def test_ctrl_c_ends_every_process_with_0(play, start_launched, peer, tmp_path, stage, often):
+    """For any other status launch prints an error; the signal may come from the terminal and from launch."""
+    log = room_log(tmp_path / 'room.log', 600)
+    processes = [start_launched(node) for node in play(recording=str(log))[1 if stage == 'waiting' else 0:]]
+    if stage == 'playing':
+        heard = peer.listen(Odometry, '/odom')
+        peer.until(lambda: len(heard) > 3)
+    else:
+        peer.until(lambda: peer.node.count_publishers('/clock'))
+    interrupt(processes)
+    deadline = time.monotonic() + 5.0
+    while often and any(process.running() for process in processes) and time.monotonic() < deadline:
+        interrupt(processes)
+    assert [process.wait(5.0) for process in processes] == [0] * len(processes), [p.output() for p in processes]
+    assert not any('Traceback' in process.output() for process in processes)
+
+
+def interrupt(processes):
+    for process in processes:
+        process.signal(signal.SIGINT)
+
+
+# The stand-in and the real launch
+
+
+@pytest.mark.parametrize('module, name', [(module, name) for module, names in launch_stand_in.MODULES.items() for name in names])
+def test_the_stand_in_has_no_keyword_that_launch_does_not_have(module, name):
+    pytest.importorskip('launch_ros', reason='needs launch_ros, part of a ROS installation')
+    real = getattr(importlib.import_module(module), name)
+    stand_in = launch_stand_in.MODULES[module][name]
+    if name == 'LaunchContext':
+        return
+    known, ours = inspect.signature(real).parameters, inspect.signature(stand_in).parameters
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in known.values())
+    assert open_ended or set(ours) <= set(known)
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_the_real_launch_declares_the_same_arguments(root, prefix, name):
+    pytest.importorskip('launch_ros', reason='needs launch_ros, part of a ROS installation')
+    declared = {a.name: a for a in load(root, name).get_launch_arguments()}
+    defaults = {name: a.default_value and ''.join(part.text for part in a.default_value) for name, a in declared.items()}
+    assert {name: default or None for name, default in defaults.items()} == {
+        name: default or None for name, default in ARGUMENTS[name].items()}
+
+
+def test_the_real_launch_makes_the_same_command_line(root, prefix, tmp_path):
+    pytest.importorskip('launch_ros', reason='needs launch_ros, part of a ROS installation')
+    from launch.actions import DeclareLaunchArgument
+
+    from launch import LaunchContext
+    path = parameter_file(tmp_path / 'robot.yaml', {'odom_frame': 'a'})
+    context = LaunchContext()
+    context.launch_configurations.update({'namespace': 'robot1', 'params_file': path, 'base_frame': 'b'})
+    *declared, function = load(root, 'scan_matcher').entities
+    for argument in declared:
+        assert isinstance(argument, DeclareLaunchArgument)
+        argument.execute(context)
+    [node] = function.execute(context)
+    node._perform_substitutions(context)
+    assert node.node_name == '/robot1/scan_matcher'
+    assert node.expanded_remapping_rules == TRANSFORMS
+    (first, _), (second, _) = node._Node__expanded_parameter_arguments
+    assert first == path
+    assert read(second) == {'/robot1/scan_matcher': {'ros__parameters': {'base_frame': 'b'}}}

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places seen again: relations found, and poses that suit them."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import outline
+from scipy.optimize import minimize
+
+from dbscan_reg_ros import Odometry, Parameters, Status
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.replays.loops import ROBUST, Loops, agree
+from dbscan_reg_ros.replays.mounted import turned
+from dbscan_reg_ros.simulation import Lidar, World, follow, hall, simulate
+
+
+def ring(count=12, radius=4.0):
+    angle = 2.0 * math.pi * np.arange(count) / count
+    return np.column_stack((radius * np.sin(angle), radius * (1.0 - np.cos(angle)), wrap(angle)))
+
+
+def relations_of(poses, rng, spread):
+    """Neighbours, the last and the first as well, and chords across, with errors."""
+    count = len(poses)
+    first = np.concatenate((np.arange(count), np.arange(count // 2)))
+    second = np.concatenate(((np.arange(count) + 1) % count, np.arange(count // 2) + count // 2))
+    root = rng.normal(0.0, 1.0, (len(first), 3, 3)) * spread + np.diag([2.0, 2.0, 2.0]) * spread
+    errors = np.einsum('eij,ej->ei', root, rng.normal(0.0, 1.0, (len(first), 3)))
+    motions = compose(relative(poses[first], poses[second]), errors)
+    return np.column_stack((first, second)), motions, root @ root.transpose(0, 2, 1)
+
+
+def test_exact_relations_bring_poses_back():
+    truth, rng = ring(), np.random.default_rng(0)
+    pairs, motions, covariances = relations_of(truth, rng, 0.0)
+    start = truth + rng.normal(0.0, 0.1, truth.shape)
+    start[0] = truth[0]
+    found = agree(start, pairs, motions, covariances + 1e-4 * np.eye(3))
+    assert found == pytest.approx(truth, abs=1e-6)
+
+
+def test_the_poses_are_those_of_robust_least_squares():
+    """Scipy's minimum of the same sum: Cauchy's kernel of every relation's distance."""
+    truth, rng = ring(), np.random.default_rng(1)
+    pairs, motions, covariances = relations_of(truth, rng, 0.02)
+    motions[5] += (0.5, -0.3, 0.2)
+    found = agree(truth, pairs, motions, covariances)
+
+    def cost(free):
+        poses = np.vstack((truth[:1], free.reshape(-1, 3)))
+        off = relative(motions, relative(poses[pairs[:, 0]], poses[pairs[:, 1]]))
+        squared = np.einsum('ei,eij,ej->e', off, np.linalg.inv(covariances), off)
+        return ROBUST ** 2 * np.log1p(squared / ROBUST ** 2).sum()
+
+    best = minimize(cost, truth[1:].ravel(), options={'gtol': 1e-6, 'maxiter': 2000})
+    assert cost(found[1:].ravel()) == pytest.approx(best.fun, rel=1e-4)
+    assert found[1:] == pytest.approx(best.x.reshape(-1, 3), abs=2e-3)
+    assert cost(found[1:].ravel()) < 0.9 * cost(truth[1:].ravel())
+
+
+@pytest.mark.parametrize('yaw', [0.0, 2.5])
+def test_a_drive_that_drifts_closes_where_it_comes_back(yaw):
+    """Two laps; what is handed over leans to one side by 0.01 deg a scan."""
+    tour = hall(seed=1).tour
+    drive = simulate(hall(seed=1), follow(np.vstack((tour, tour)), speed=2.0), Lidar(rate=2.0), seed=1)
+    odometry, loops = Odometry(), Loops()
+    for scan in turned(drive.scans, yaw):
+        loops.add(odometry.process(scan))
+    truth = relative(np.repeat(drive.truth[:1], len(drive.truth), axis=0), drive.truth)
+    drifted = truth[:1]
+    for step in relative(truth[:-1], truth[1:]):
+        drifted = np.vstack((drifted, compose(drifted[-1:], step[None] + (0.0, 0.0, math.radians(0.01)))))
+    closed, pairs = loops.close(drifted, Parameters(), yaw)
+    assert len(pairs) > 20
+    assert (pairs[:, 1] > pairs[:, 0]).all()
+    assert closed[0] == pytest.approx(truth[0])
+
+    def seen_twice(poses):
+        gap = relative(relative(truth[pairs[:, 0]], truth[pairs[:, 1]]), relative(poses[pairs[:, 0]], poses[pairs[:, 1]]))
+        return np.hypot(gap[:, 0], gap[:, 1]).mean()
+
+    assert seen_twice(drifted) > 0.2
+    assert seen_twice(closed) < 0.03
+
+
+def test_a_drive_that_never_comes_back_stays_as_it_is():
+    drive = simulate(hall(seed=1), follow([(2.0, 2.2), (10.0, 2.2)]), Lidar(rate=5.0), seed=1)
+    odometry, loops = Odometry(), Loops()
+    poses = []
+    for scan in drive.scans:
+        update = odometry.process(scan)
+        loops.add(update)
+        poses.append(update.pose.as_array())
+    closed, pairs = loops.close(np.array(poses), Parameters())
+    assert pairs.shape == (0, 2)
+    assert np.array_equal(closed, poses)
+
+
+JAGGED = [*enumerate((0.0, -1.0, -0.2, -0.8, -0.8, -1.5, 0.0, -0.5, 0.0, -1.0, -1.0, -0.3, 0.0))]
+BLOCK = World(np.concatenate((outline([*JAGGED, (12.0, 6.0), (0.0, 6.0)]),
+                              outline([(2.0, 2.0), (10.0, 2.0), (10.0, 4.0), (2.0, 4.0)]))),
+              np.array([(3.0, 0.5), (11.0, 0.5), (11.0, 5.0), (1.0, 5.0), (1.0, 0.5), (6.0, 0.5)]))
+"""Corridors around a block: along a jagged wall, and back between smooth ones."""
+
+
+def around_the_block():
+    """The scans, and the true poses from the first on."""
+    lidar = Lidar(beams=360, angle_min=-math.pi, range_max=4.0, rate=2.0)
+    drive = simulate(BLOCK, follow(BLOCK.tour, speed=1.0), lidar, seed=1)
+    return drive.scans, relative(np.repeat(drive.truth[:1], len(drive.truth), axis=0), drive.truth)
+
+
+def mean_distance(poses, others):
+    return np.hypot(*(poses - others)[:, :2].T).mean()
+
+
+def test_a_way_that_a_corridor_left_free_is_made_longer_there_however_the_laser_is_turned():
+    """What is handed over falls short by 8 cm a scan between the smooth walls."""
+    scans, truth = around_the_block()
+    odometry, loops = Odometry(), Loops()
+    updates = [odometry.process(scan) for scan in turned(scans, 1.5)]
+    for update in updates:
+        loops.add(update)
+    free = [update.status is Status.DEGENERATE for update in updates]
+    short = truth + np.outer(np.cumsum(free), (0.08, 0.0, 0.0))
+    closed, pairs = loops.close(short, Parameters(), 1.5)
+    assert len(pairs) and mean_distance(short, truth) > 0.2
+    assert mean_distance(closed, truth) < 0.03
+
+
+@pytest.mark.parametrize('gap', [18, 24])
+def test_a_leap_that_no_scan_saw_stays_where_it_was(gap):
+    """For five seconds nothing is heard of the sensor, and what is handed over leaps by half a metre.
+
+    The next scan is a key frame or not.
+    """
+    scans, truth = around_the_block()
+    odometry, loops = Odometry(), Loops()
+    for scan in scans[:gap] + [dataclasses.replace(scan, stamp=scan.stamp + 5 * 10**9) for scan in scans[gap:]]:
+        loops.add(odometry.process(scan))
+    leapt = truth.copy()
+    leapt[gap:, 1] += 0.5
+    closed, pairs = loops.close(leapt, Parameters())
+    assert len(pairs) and mean_distance(leapt, truth) > 0.2
+    assert mean_distance(closed, truth) < 0.03

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectory files, truth, and the measures: in agreement with the yardstick to the last digits."""
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import SE2, RecordingError
+from dbscan_reg_ros.evaluation import metrics
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.recordings.trajectories import read_csv, read_tum, write_csv, write_tum
+from dbscan_reg_ros.recordings.truth import Relations, find_relations, interpolate, load_relations
+
+
+@pytest.fixture(scope='module')
+def intel(data):
+    """Stamps, wheel odometry, reference and relations of the Intel log."""
+    recording = open_recording(data / 'intel' / 'intel.log.gz')
+    stamps, odometry = recording.wheel_odometry()
+    _, reference = read_csv(data / 'intel' / 'reference.csv')
+    return stamps, odometry, reference, load_relations(find_relations(recording.path))
+
+
+def yardstick(data, path, *options):
+    tool = data.parent / 'tools' / 'evaluate_intel.py'
+    if not tool.exists():
+        pytest.skip(f'no yardstick at {tool}')
+    result = path.with_suffix('.json')
+    subprocess.run([sys.executable, tool, path, '--data', data / 'intel', '--json', result, *options],
+                   check=True, stdout=subprocess.DEVNULL)
+    return json.loads(result.read_text())
+
+
+def noisy(poses, seed, sigma=(0.01, 0.01, 0.003)):
+    """Poses whose every step has an error of its own, so that they drift."""
+    steps = relative(poses[:-1], poses[1:]) + np.random.default_rng(seed).normal(0.0, sigma, (len(poses) - 1, 3))
+    drifting = [SE2.from_array(poses[0])]
+    for step in steps:
+        drifting.append(drifting[-1] @ SE2.from_array(step))
+    return np.array([pose.as_array() for pose in drifting])
+
+
+@pytest.mark.parametrize('kind', ['wheels', 'drifting', 'standing'])
+def test_every_measure_agrees_with_the_yardstick(data, intel, tmp_path, kind):
+    stamps, odometry, reference, relations = intel
+    poses = {'wheels': odometry, 'drifting': noisy(reference, 5), 'standing': np.zeros_like(reference)}[kind]
+    write_csv(tmp_path / 'poses.csv', poses)
+    theirs = yardstick(data, tmp_path / 'poses.csv')
+    ours = metrics.evaluate(poses, stamps, relations, reference)
+    assert ours.keys() == theirs.keys()
+    assert ours['relations'] == 1030
+    assert max(abs(ours[key] - theirs[key]) for key in ours) < 1e-9
+
+
+def test_every_measure_agrees_with_the_yardstick_where_scans_are_missing(data, intel, tmp_path):
+    stamps, _, reference, relations = intel
+    kept = np.flatnonzero(np.random.default_rng(2).random(len(stamps)) > 0.2)
+    poses = noisy(reference, 6)[kept]
+    write_csv(tmp_path / 'poses.csv', poses, kept)
+    theirs = yardstick(data, tmp_path / 'poses.csv', '--subset')
+    ours = metrics.evaluate(poses, stamps[kept], relations, reference[kept])
+    assert 600 < ours['relations'] < 700
+    assert max(abs(ours[key] - theirs[key]) for key in ours) < 1e-9
+
+
+def test_without_scans_no_relation_joins_any():
+    relations = Relations(np.array([[1_000_000_000, 2_000_000_000]]), np.zeros((1, 3)))
+    first, second, found = metrics.related([], relations)
+    assert not len(first) and not len(second) and found.tolist() == [False]
+
+
+def test_673_of_the_relations_join_neighbours(intel):
+    stamps, _, _, relations = intel
+    near = np.abs(np.diff(relations.stamps, axis=1)[:, 0]) < metrics.NEIGHBOURS_WITHIN
+    assert relations.stamps.shape == (1030, 2) and near.sum() == 673
+    assert relations.stamps[0].tolist() == [976052905167303000, 976052911885496000]
+    assert np.isin(relations.stamps, stamps).mean() > 0.99
+
+
+def test_errors_are_those_of_the_motion_not_of_the_place():
+    truth = np.array([[1.0, 0.0, math.pi / 2]])
+    translation, rotation = metrics.errors(np.array([[1.0, 0.3, math.pi / 2 + 0.1]]), truth)
+    assert translation[0] == pytest.approx(0.3) and rotation[0] == pytest.approx(math.degrees(0.1))
+    _, rotation = metrics.errors(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
+    assert rotation[0] == pytest.approx(math.degrees(2 * math.pi - 6.2))
+
+
+def test_moving_the_whole_trajectory_changes_no_measure(intel):
+    stamps, odometry, reference, relations = intel
+    moved = compose(np.broadcast_to([3.0, -20.0, 2.5], odometry.shape), odometry)
+    before, after = (metrics.evaluate(poses, stamps, relations, reference) for poses in (odometry, moved))
+    assert max(abs(before[key] - after[key]) for key in before) < 1e-9
+
+
+def test_a_trajectory_that_stays_behind_is_frozen():
+    reference = np.column_stack((0.1 * np.arange(11), np.zeros(11), np.zeros(11)))
+    poses = reference.copy()
+    poses[6:, 0] -= 0.1
+    assert metrics.step_errors(poses, reference)['frozen'] == pytest.approx(0.1)
+    assert metrics.step_errors(reference, reference)['frozen'] == 0.0
+
+
+def test_a_scale_error_shows_over_the_distance():
+    reference = np.column_stack((0.1 * np.arange(101), np.zeros(101), np.zeros(101)))
+    measures = metrics.evaluate(reference * [1.02, 1.0, 1.0], reference=reference)
+    assert measures['rpe_5m_mean_m'] == pytest.approx(0.1, rel=0.03)
+    assert measures['rpe_1m_mean_m'] == pytest.approx(0.02, rel=0.1)
+    assert measures['ate_m'] == pytest.approx(0.02 * np.std(reference[:, 0]))
+
+
+def test_a_short_trajectory_has_the_measures_that_it_can_have():
+    reference = np.zeros((2, 3))
+    measures = metrics.evaluate(reference, reference=reference)
+    assert measures['ate_m'] == 0.0 and measures['step_mean_m'] == 0.0
+    assert 'rpe_5m_mean_m' not in measures and 'frozen' not in measures
+
+
+def test_tum_keeps_every_nanosecond_and_pose(tmp_path):
+    stamps = [976052857337530001, 1282836370970876375, 5, 0]
+    poses = np.array([[1.25, -3.5, 3.1], [0.0, 0.0, -3.1], [1e-9, 2.0, 0.0], [-40.0, 1.0, math.pi / 2]])
+    write_tum(tmp_path / 'a.tum', stamps, poses)
+    assert (tmp_path / 'a.tum').read_text().startswith('976052857.337530001 1.250000000 -3.500000000 0 0 0 ')
+    read_stamps, read_poses = read_tum(tmp_path / 'a.tum')
+    assert read_stamps.tolist() == stamps
+    assert np.allclose(read_poses, poses, atol=1e-9)
+
+
+def test_csv_keeps_poses_bit_for_bit(tmp_path):
+    poses = np.random.default_rng(0).normal(size=(20, 3))
+    write_csv(tmp_path / 'a.csv', poses, ms=np.arange(20))
+    indices, read = read_csv(tmp_path / 'a.csv')
+    assert indices.tolist() == list(range(20)) and (read == poses).all()
+    assert (tmp_path / 'a.csv').read_text().splitlines()[0] == 'index,x,y,theta,ms'
+
+
+@pytest.mark.parametrize(('reader', 'content', 'where'), [
+    (read_tum, '# stamps\n1.0 0 0 0 0 0 0 1\n2.0 0 0\n', ':3: expected timestamp'),
+    (read_tum, '-1.0 0 0 0 0 0 0 1\n', ':1: expected timestamp'),
+    (read_csv, 'index,x,y\n0,1,2\n', ':1: expected the columns'),
+    (read_csv, 'index,x,y,theta\n0,1,2,three\n', ':2: expected 4 numbers'),
+    (load_relations, '1.0 2.0 0 0 0 0 0 0\n1.0 2.0 0 0\n', ':2: expected t1 t2'),
+    (load_relations, '# none\n', 'holds no relation'),
+])
+def test_a_damaged_file_is_refused_with_its_line(tmp_path, reader, content, where):
+    path = tmp_path / 'file'
+    path.write_text(content)
+    with pytest.raises(RecordingError, match=where) as caught:
+        reader(path)
+    assert str(path) in str(caught.value)
+
+
+def test_an_absent_file_is_refused_by_name(tmp_path):
+    with pytest.raises(RecordingError, match=r'absent\.tum: cannot be read: No such file'):
+        read_tum(tmp_path / 'absent.tum')
+
+
+def test_a_trajectory_that_fails_to_be_written_leaves_the_old_one(tmp_path):
+    write_tum(tmp_path / 'a.tum', [1], [[0.0, 0.0, 0.0]])
+    before = (tmp_path / 'a.tum').read_text()
+    with pytest.raises(ValueError, match='zip'):
+        write_tum(tmp_path / 'a.tum', [1, 2], [[0.0, 0.0, 0.0]])
+    assert (tmp_path / 'a.tum').read_text() == before
+    assert [file.name for file in tmp_path.iterdir()] == ['a.tum']
+
+
+def test_truth_is_interpolated_on_the_shorter_turn():
+    stamps, poses = [20, 10, 30], [[2.0, 0.0, -3.1], [1.0, 0.0, 3.1], [2.0, 4.0, -3.1]]
+    between = interpolate(stamps, poses, [10, 15, 20, 25, 30, 9, 31])
+    assert between[0] == pytest.approx([1.0, 0.0, 3.1])
+    assert between[1, :2] == pytest.approx([1.5, 0.0]) and abs(between[1, 2]) == pytest.approx(math.pi)
+    assert between[3] == pytest.approx([2.0, 2.0, -3.1])
+    assert between[4] == pytest.approx([2.0, 4.0, -3.1])
+    assert np.isnan(between[5:]).all()
+    assert interpolate([7], [[1.0, 2.0, 3.0]], [7, 8])[0] == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_relations_are_found_beside_their_log(tmp_path):
+    (tmp_path / 'a.relations').touch()
+    assert find_relations(tmp_path / 'a.log.gz') == find_relations(tmp_path / 'a.log') == tmp_path / 'a.relations'
+    assert find_relations(tmp_path / 'b.log') is None

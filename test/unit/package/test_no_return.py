@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The range that stands for "no return", told by the readings themselves."""
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.recordings.carmen.no_return import NoReturn
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+
+
+def limit_of(scans):
+    found = NoReturn()
+    for ranges in scans:
+        found.add(np.asarray(ranges, dtype=float))
+    return found.limit()
+
+
+@pytest.fixture(scope='module')
+def drive():
+    world = rooms(seed=1)
+    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=180, range_max=40.0, dropouts=0.05), seed=1).scans
+
+
+@pytest.mark.parametrize('codes', [(32.767, 32.763, 32.759), (81.83,), (81.83, 81.91), (8.0,), (51.06, 51.07, 51.11), (65.535,)])
+def test_a_value_that_stands_alone_and_often_beyond_jumps_is_no_return(drive, codes):
+    rng, scans, missing = np.random.default_rng(1), [], 0
+    for scan in drive:
+        ranges = np.array(scan.ranges, dtype=float)
+        lost = ~(ranges < 0.9 * min(codes))
+        ranges[lost] = rng.choice(codes, lost.sum())
+        missing += lost.sum()
+        scans.append(ranges)
+    limit = limit_of(scans)
+    assert 0.998 * min(codes) <= limit <= min(codes)
+    assert sum((ranges >= limit).sum() for ranges in scans) == missing
+
+
+def test_walls_are_never_no_return(drive):
+    assert limit_of([np.where(np.isfinite(scan.ranges), scan.ranges, 0.0) for scan in drive]) is None
+
+
+@pytest.mark.parametrize('longest', [3.0, 4.0, 5.0])
+def test_a_sensor_that_saturates_on_walls_keeps_them(longest):
+    """A hall without gaps whose walls reach the longest range that the sensor gives."""
+    bearings = np.radians(np.arange(-90, 90))
+    walls = [np.minimum(distance / np.maximum(np.cos(bearings), 1e-3), longest) for distance in np.linspace(2.5, 2.9, 30)]
+    assert limit_of(walls) is None
+
+
+def test_a_wall_far_away_that_is_seen_through_a_door_is_a_wall():
+    rng = np.random.default_rng(2)
+    scans = []
+    for distance in np.linspace(12.0, 9.0, 60):
+        ranges = np.full(180, 2.0)
+        ranges[85:95] = distance + rng.normal(0.0, 0.01, 10)
+        scans.append(ranges)
+    assert limit_of(scans) is None
+
+
+def test_equal_readings_all_over_are_a_wall():
+    assert limit_of([np.full(180, 3.0)] * 10) is None
+
+
+def test_fewer_than_twenty_readings_tell_nothing():
+    ranges = np.full(40, 2.0)
+    ranges[::2] = 8.0
+    assert limit_of([ranges[:38]]) is None and limit_of([ranges]) == pytest.approx(7.992)
+
+
+def test_what_is_no_number_and_what_is_beyond_the_range_does_not_count():
+    ranges = np.array([1.0, np.inf, np.nan, 0.0, -1.0, 90.0] * 30)
+    found = NoReturn()
+    found.add(ranges, 80.0)
+    assert found.limit() is None
+
+
+def test_little_is_remembered_of_much():
+    rng = np.random.default_rng(1)
+    found = NoReturn()
+    tracemalloc.start()
+    try:
+        for _ in range(300):
+            found.add(rng.uniform(9.9, 10.0, 360))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1_000_000

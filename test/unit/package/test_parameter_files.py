@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files: what ROS takes is what the commands take, and the file of defaults is current."""
+import math
+import re
+
+import pytest
+import yaml
+
+from dbscan_reg_ros import ParameterError
+from dbscan_reg_ros.robot import parameter_files
+from dbscan_reg_ros.robot.parameter_files import (
+    DEFAULTS_FILE,
+    REFERENCE_FILE,
+    describe_limits,
+    format_parameters,
+    format_reference,
+    main,
+    read_parameters,
+    write_parameters,
+)
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+
+@pytest.fixture
+def read(tmp_path):
+    """``read(text)``: the parameters in a file with that text."""
+    path = tmp_path / 'parameters.yaml'
+
+    def read(text):
+        path.write_text(text)
+        return read_parameters(path)
+
+    return read
+
+
+def test_the_file_of_defaults_is_current():
+    assert DEFAULTS_FILE.read_text() == format_parameters(), 'run python -m dbscan_reg_ros.robot.parameter_files --write'
+    assert read_parameters(DEFAULTS_FILE) == NodeParameters()
+
+
+def test_every_parameter_has_its_help_unit_and_bounds_in_the_file():
+    text = ' '.join(line.strip().removeprefix('# ') for line in format_parameters().splitlines())
+    for description in NodeParameters.describe():
+        assert description.help in text
+        assert describe_limits(description) in text
+
+
+def test_the_reference_is_current_and_has_a_line_for_every_parameter():
+    text = REFERENCE_FILE.read_text()
+    assert text == format_reference(), 'run python -m dbscan_reg_ros.robot.parameter_files --write'
+    rows = [re.split(r' *\| *', line)[1:-1] for line in text.splitlines() if line.startswith('| `')]
+    descriptions = {f'`{d.name}`': d for d in NodeParameters.describe()}
+    assert [row[0] for row in rows] == sorted(descriptions, key=lambda name: '.' in name)
+    for name, default, limits, help in rows:
+        assert yaml.safe_load(default.strip('`')) == _plain(descriptions[name].default), name
+        assert (limits, help) == (describe_limits(descriptions[name]), descriptions[name].help)
+
+
+def _plain(value):
+    return list(value) if isinstance(value, tuple) else value
+
+
+def test_one_command_renews_the_defaults_and_the_reference(monkeypatch, tmp_path):
+    for name in ('DEFAULTS_FILE', 'REFERENCE_FILE'):
+        monkeypatch.setattr(parameter_files, name, tmp_path / name)
+    assert main(['--write']) == 0
+    assert (tmp_path / 'DEFAULTS_FILE').read_text() == DEFAULTS_FILE.read_text()
+    assert (tmp_path / 'REFERENCE_FILE').read_text() == REFERENCE_FILE.read_text()
+
+
+def test_printing_the_defaults_is_the_file_of_defaults(capsys):
+    assert main([]) == 0
+    assert capsys.readouterr().out == DEFAULTS_FILE.read_text()
+
+
+def test_written_parameters_are_read_back_unchanged(tmp_path):
+    changed = NodeParameters().replace({
+        'odom_frame': 'yes', 'base_frame': '1e3', 'publish_tf': False, 'laser_pose': [0.1, -1e-7, math.pi],
+        'mounting': 'laser_pose', 'scan.range_min': 1e-5, 'scan.range_max': 1 / 3})
+    write_parameters(tmp_path / 'changed.yaml', changed)
+    assert read_parameters(tmp_path / 'changed.yaml') == changed
+
+
+@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')])
+def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
+    text = '/**: {{ros__parameters: {{{}: {{{}_min: 0.4, {}_max: {}}}}}}}'.format
+    with pytest.raises(ParameterError, match=rf'{group}\.{name}_min = 0.4: expected at most {group}\.{name}_max, which is 0.3'):
+        read(text(group, name, name, 0.3))
+    assert read(text(group, name, name, 0.4)).flatten()[f'{group}.{name}_max'] == 0.4
+
+
+@pytest.mark.parametrize('section', ['/**', '/*', 'scan_matcher', '/scan_matcher', '/robot/scan_matcher',
+                                     '/**/scan_matcher'])
+def test_sections_for_the_node_count_under_every_name(read, section):
+    assert read(f'{section}: {{ros__parameters: {{scan: {{range_max: 5}}}}}}').scan.range_max == 5.0
+
+
+def test_names_are_nested_or_joined_by_dots_and_later_sections_win(read):
+    parameters = read('''
+        /**: {ros__parameters: {scan.range_max: 5.0, scan: {range_min: 0.2}, use_sim_time: true}}
+        robot: {scan_matcher: {ros__parameters: {scan: {range_max: 6.0}, odom_frame: laser_odom}}}
+        other_node: {ros__parameters: {gain: 3.0}}''')
+    assert (parameters.scan.range_min, parameters.scan.range_max) == (0.2, 6.0)
+    assert parameters.odom_frame == 'laser_odom'
+
+
+@pytest.mark.parametrize('number', ['1e-3', '1.0e-3', '.001', '1E-3'])
+def test_numbers_may_be_written_as_ros_takes_them(read, number):
+    assert read(f'/**: {{ros__parameters: {{scan: {{range_min: {number}}}}}}}').scan.range_min == 0.001
+
+
+@pytest.mark.parametrize('text, complaint', [
+    ('/**: {ros__parameters: {scan: {range_mx: 5.0}}}', "unknown parameter 'scan.range_mx'; did you mean 'scan.range_max'?"),
+    ('/**: {ros__parameters: {scan: {range_max: far}}}', "scan.range_max = 'far': expected a number"),
+    ('/**: {ros__parameters: {scan: {range_max: -1.0}}}', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
+    ('/**: {ros__parameters: {scan: {range_max: .nan}}}', 'scan.range_max = nan: expected a finite number'),
+    ('/**: {ros__parameters: {scan: {range_max: [1.0]}}}', 'scan.range_max = [1.0]: expected a number'),
+    ('/**: {ros__parameters: {scan: 3}}', "unknown parameter 'scan'"),
+    ('/**: {ros__parameters: {laser_pose: [1.0, 2.0]}}', 'laser_pose = [1.0, 2.0]: expected 3 numbers'),
+    ('/**: {ros__parameters: {laser_pose: [1, 2, x]}}', "laser_pose[2] = 'x': expected a number"),
+    ('/**: {ros__parameters: {mounting: above}}', "mounting = 'above': expected one of 'none', 'laser_pose', 'tf'"),
+    ('/**: {ros__parameters: {odom_frame: /odom}}', 'without a leading slash'),
+    ('/**: {ros__parameters: {odom_frame: base_link}}', 'expected two different frames'),
+    ('other_node: {ros__parameters: {gain: 3.0}}', "no parameters for 'scan_matcher', only for /other_node"),
+    ('/**: {ros__parameters: [1, 2]}', 'expected names with values'),
+    ('scan: {range_max: 5.0}', 'holds no section'),
+    ('', 'holds no section'),
+    ('[1, 2]', 'holds no section'),
+    ('a: b: c', 'line 1: no valid YAML'),
+    ('a: !!python/object/apply:os.getcwd []', 'no valid YAML'),
+])
+def test_a_wrong_file_is_refused_naming_file_and_key(read, tmp_path, text, complaint):
+    with pytest.raises(ParameterError) as caught:
+        read(text)
+    assert complaint in str(caught.value)
+    assert str(tmp_path / 'parameters.yaml') in str(caught.value)
+
+
+def test_a_missing_or_binary_file_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match='cannot be read: No such file'):
+        read_parameters(tmp_path / 'none.yaml')
+    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ParameterError, match='no valid YAML'):
+        read_parameters(tmp_path / 'binary.yaml')

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ready-made files: what they name is what the node has."""
+import json
+
+import pytest
+import yaml
+
+from dbscan_reg_ros.robot.parameter_files import read_parameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+SENSORS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'rplidar_a', 'rplidar_s', 'sick_lms5xx')
+DEFAULTS = NodeParameters()
+FRAMES = {DEFAULTS.odom_frame, DEFAULTS.base_frame}
+
+
+@pytest.fixture
+def topics(start_node, peer):
+    """Absolute name -> type of every topic of a running node."""
+    pytest.importorskip('rclpy')
+    start_node()
+    found = peer.until(lambda: (t := names(peer)) and {'/odom', '/scan', '/diagnostics'} <= set(t) and t)
+    return found
+
+
+def names(peer):
+    if 'scan_matcher' not in peer.node.get_node_names():
+        return {}
+    listed = (peer.node.get_publisher_names_and_types_by_node('scan_matcher', '/')
+              + peer.node.get_subscriber_names_and_types_by_node('scan_matcher', '/'))
+    return {name: kinds[0] for name, kinds in listed}
+
+
+@pytest.mark.parametrize('sensor', SENSORS)
+def test_parameter_files_of_sensors_are_taken(root, sensor):
+    parameters = read_parameters(root / 'config' / f'{sensor}.yaml')
+    assert parameters != DEFAULTS
+    assert 0.0 < parameters.scan.range_min < parameters.scan.range_max
+    assert parameters.scan.noise_min < parameters.scan.noise_max
+    assert parameters.mounting == 'tf'
+
+
+def test_every_parameter_file_of_ours_is_known(root):
+    files = {path.stem for path in (root / 'config').glob('*.yaml')}
+    assert files - {'scan_matcher', 'paper', 'ekf'} == set(SENSORS)
+
+
+def test_rviz_shows_what_the_node_publishes(root, topics):
+    shown = yaml.safe_load((root / 'config' / 'scan_matcher.rviz').read_text())['Visualization Manager']
+    assert shown['Global Options']['Fixed Frame'] == DEFAULTS.odom_frame
+    assert shown['Views']['Current']['Target Frame'] == DEFAULTS.base_frame
+    displays = {d['Topic']['Value']: d for d in shown['Displays'] if 'Topic' in d}
+    assert set(displays) == {'/scan', '/odom', '/segments', '/path', '/local_map'}
+    for topic, display in displays.items():
+        assert topics[topic].split('/')[-1] == display['Class'].split('/')[-1]
+        assert display['Topic']['Reliability Policy'] == ('Best Effort' if topic == '/scan' else 'Reliable')
+
+
+def test_foxglove_shows_what_the_node_publishes(root, topics):
+    layout = json.loads((root / 'config' / 'foxglove_layout.json').read_text())
+    panels = layout['configById']
+    scene = panels['3D!scan_matcher']
+    assert {scene['fixedFrame'], scene['followTf']} == FRAMES
+    assert set(scene['topics']) <= set(topics)
+    for path in panels['Plot!twist']['paths']:
+        topic, *fields = path['value'].split('.')
+        assert topics[topic] == 'nav_msgs/msg/Odometry'
+        assert has_field('nav_msgs.msg', 'Odometry', fields)
+    assert {p['topicToRender'] for p in panels.values() if 'topicToRender' in p} <= set(topics)
+    assert panels['DiagnosticStatusPanel!details']['selectedName'] == '/scan_matcher: laser odometry'
+    assert set(leaves(layout['layout'])) == set(panels)
+
+
+def has_field(module, kind, fields):
+    from importlib import import_module
+    message = getattr(import_module(module), kind)()
+    for field in fields:
+        message = getattr(message, field)
+    return isinstance(message, float)
+
+
+def leaves(layout):
+    if isinstance(layout, str):
+        yield layout
+    else:
+        yield from leaves(layout['first'])
+        yield from leaves(layout['second'])
+
+
+def test_the_filter_takes_our_twist_in_our_frames(root, topics):
+    filter_parameters = yaml.safe_load((root / 'config' / 'ekf.yaml').read_text())['ekf_filter_node']['ros__parameters']
+    assert topics[f'/{filter_parameters["odom0"]}'] == 'nav_msgs/msg/Odometry'
+    assert (filter_parameters['odom_frame'], filter_parameters['base_link_frame']) == ('odom', 'base_link')
+    rows = ['x', 'y', 'z', 'roll', 'pitch', 'yaw', 'vx', 'vy', 'vz', 'vroll', 'vpitch', 'vyaw', 'ax', 'ay', 'az']
+    taken = {key: {row for row, use in zip(rows, filter_parameters[key], strict=True) if use}
+             for key in ('odom0_config', 'imu0_config')}
+    assert taken == {'odom0_config': {'vx', 'vy', 'vyaw'}, 'imu0_config': {'vyaw'}}
+
+
+def test_the_documented_topics_are_those_of_the_node(root, topics):
+    text = (root / 'doc' / 'node.md').read_text()
+    every_node = {'/rosout', '/parameter_events', '/clock'}
+    for topic in set(topics) - every_node:
+        relative = topic.removeprefix('/')
+        assert f'`{topic}`' in text or f'`{relative}`' in text, topic
+
+
+def test_the_documented_services_are_those_of_the_node(root, start_node, peer):
+    start_node()
+    text = (root / 'doc' / 'node.md').read_text()
+    own = peer.until(lambda: 'scan_matcher' in peer.node.get_node_names() and [
+        name for name, kinds in peer.node.get_service_names_and_types_by_node('scan_matcher', '/')
+        if kinds[0].startswith('std_srvs/')])
+    assert sorted(own) == ['/scan_matcher/pause', '/scan_matcher/reset', '/scan_matcher/snapshot']
+    for name in own:
+        assert f'`~/{name.split("/")[-1]}`' in text
+
+
+def test_parameters_named_in_the_documentation_exist(root):
+    import re
+    text = (root / 'doc' / 'node.md').read_text()
+    known = set(DEFAULTS.flatten())
+    groups = {name.split('.')[0] for name in known if '.' in name}
+    named = set(re.findall(r'`([a-z_]+\.[a-z_]+)`', text))
+    assert named
+    assert {name for name in named if name.split('.')[0] in groups} <= known

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of scans that a driver states wrongly: the same for a recording and in the node."""
+import json
+import math
+import timeit
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import Scan
+from dbscan_reg_ros.commands import compare, replay, tune
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings.scan_checks import Kind, ScanChecks, ScanFields, ScanWatch
+
+SECOND = 10**9
+START = 1_700_000_000 * SECOND
+
+
+def drive(count=30, period=0.1, beams=360, **changes):
+    """Fields of scans in a room of a lidar that looks all round; a change is a value, or a function of the scan's number."""
+    rng = np.random.default_rng(1)
+    step = 2.0 * math.pi / beams
+    for k in range(count):
+        fields = ScanFields(START + round(k * period * SECOND), 'laser', -math.pi, -math.pi + (beams - 1) * step, step,
+                            period / beams, 0.1, 12.0, rng.uniform(1.0, 6.0, beams).astype(np.float32))
+        yield fields._replace(**{name: value(k) if callable(value) else value for name, value in changes.items()})
+
+
+def sightings(scans):
+    watch = ScanWatch()
+    for fields in scans:
+        watch.look(fields)
+    return {sighting.warning.kind: sighting for sighting in watch.sightings}
+
+
+def scaled(factor, beams=360):
+    rng = np.random.default_rng(2)
+    return lambda _k: (factor * rng.uniform(1.0, 6.0, beams)).astype(np.float32)
+
+
+def missing(share, value, factor=1.0):
+    rng = np.random.default_rng(3)
+    return lambda _k: np.where(rng.uniform(size=360) < share, value, factor * rng.uniform(1.0, 6.0, 360)).astype(np.float32)
+
+
+JITTER = np.random.default_rng(4).integers(-60_000_000, 60_000_000, 30)
+
+
+@pytest.mark.parametrize('changes', [
+    {},
+    {'time_increment': 0.0},
+    {'time_increment': 1.1 * 0.1 / 360},
+    {'stamp': lambda k: START + k * SECOND // 10 - (k % 5 == 4) * 150_000_000},
+    {'stamp': lambda k: START + k * SECOND // 10 + int(JITTER[k])},
+    {'stamp': lambda k: START + (k - (k == 9)) * SECOND // 10},
+    {'ranges': missing(0.8, 81.83)},
+    {'ranges': missing(0.8, 65.535)},
+    {'ranges': missing(0.8, 1000.0)},
+    {'ranges': missing(0.8, math.inf)},
+    {'ranges': missing(0.8, 0.0)},
+    {'ranges': missing(0.8, 0.019)},
+    {'ranges': missing(1.0, math.nan)},
+    {'ranges': missing(0.3, 25.0, 2.5)},
+    {'range_max': 0.0},
+    {'range_max': math.inf, 'ranges': scaled(15.0)},
+    {'ranges': lambda k: np.linspace(1.0, 5.0, 360 + k % 9, dtype=np.float32), 'angle_max': -math.pi + 2.0 * math.pi * 363 / 360,
+     'angle_min': lambda k: -math.pi - (k % 9 - 4) * math.pi / 180},
+])
+def test_nothing_is_said_of_what_good_drivers_state(changes):
+    assert not sightings(drive(**changes)), sightings(drive(**changes))
+
+
+@pytest.mark.parametrize('changes, kind, count, says', [
+    ({'frame_id': lambda k: ('front', 'back')[k % 2]}, Kind.FRAME, 29, "from the frame 'front' to 'back'"),
+    ({'frame_id': lambda k: ('front', 'back')[k % 2], 'stamp': lambda k: START + k // 2 * SECOND // 10}, Kind.FRAME, 29,
+     'give each laser a topic'),
+    ({'angle_increment': -2.0 * math.pi / 360}, Kind.ANGLE_INCREMENT, 30,
+     'angle_increment is -0.0174533 rad, but angle_max 3.12414 rad lies above angle_min -3.14159 rad'),
+    ({'angle_min': math.pi, 'angle_max': -math.pi + math.pi / 180}, Kind.ANGLE_INCREMENT, 30, 'lies below'),
+    ({'angle_min': 1.5, 'angle_max': -1.2}, Kind.ANGLE_INCREMENT, 30, 'angle_max -1.2 rad lies below angle_min 1.5 rad'),
+    ({'angle_max': 1.0}, Kind.ANGLE_MAX, 30, 'angle_max is 1 rad, but 360 ranges, angle_min and angle_increment end at 3.12414 rad'),
+    ({'angle_max': math.nan}, Kind.ANGLE_MAX, 30, 'angle_max is nan'),
+    ({'stamp': 0}, Kind.STAMP_ZERO, 30, 'the scans have no stamp'),
+    ({'stamp': START}, Kind.STAMP_EQUAL, 27, 'are equal (1700000000.000 s)'),
+    ({'stamp': lambda k: START + k // 2 * SECOND // 5}, Kind.STAMP_EQUAL, 13, 'are equal'),
+    ({'stamp': lambda k: START - k * SECOND // 10}, Kind.STAMP_BACK, 26, 'go back by 0.100 s, to 1699999999.600 s'),
+    ({'stamp': lambda k: START + k * SECOND // 10 - k % 2 * SECOND}, Kind.STAMP_BACK, 12, 'expected stamps that increase'),
+    ({'stamp': lambda k: START + k % 20 * SECOND, 'time_increment': 0.0}, Kind.STAMP_BACK, 1, 'go back by 19.000 s'),
+    ({'time_increment': -1e-4}, Kind.TIME_INCREMENT, 30, 'time_increment is -0.0001 s'),
+    ({'time_increment': math.inf}, Kind.TIME_INCREMENT, 30, 'time_increment is inf s'),
+    ({'time_increment': 0.1}, Kind.TIME_INCREMENT, 28, '360 beams last 35.9 s, but a scan comes every 0.1 s'),
+    ({'time_increment': 2.0 * 0.1 / 360}, Kind.TIME_INCREMENT, 27, '360 beams last 0.199 s'),
+    ({'ranges': scaled(1000.0)}, Kind.MILLIMETRES, 30, 'range_max 12 m; expected metres'),
+    ({'ranges': scaled(1000.0), 'range_min': 100.0, 'range_max': 12000.0}, Kind.MILLIMETRES, 30, 'range_max 12000 m'),
+    ({'ranges': missing(0.7, 65535.0, 1000.0)}, Kind.MILLIMETRES, 30, 'look like millimetres'),
+    ({'ranges': scaled(100.0)}, Kind.MILLIMETRES, 30, 'expected metres'),
+    ({'range_max': 0.012}, Kind.RANGE_MAX, 30, 'beyond range_max'),
+    ({'ranges': scaled(10.0)}, Kind.RANGE_MAX, 30, 'beyond range_max'),
+    ({'range_min': 100.0}, Kind.RANGE_MIN, 30, 'below range_min'),
+    ({'ranges': lambda k: np.ones(360 if k < 9 else 250, dtype=np.float32), 'angle_max': lambda k: (-math.pi + 2.0 * math.pi * (
+        359 if k < 9 else 249) / 360)}, Kind.BEAMS, 1, 'the scans change from 360 to 250 beams'),
+])
+def test_each_kind_is_said_once_with_what_was_expected(changes, kind, count, says):
+    found = sightings(drive(**changes))
+    assert list(found) == [kind], found
+    assert says in found[kind].warning.text
+    assert found[kind].count == count
+
+
+def test_a_stamp_in_the_future_needs_a_clock():
+    fields = next(drive())
+    assert not ScanChecks().look(fields)
+    warning, = ScanChecks().look(fields, START - 5 * SECOND)
+    assert (warning.kind, '5.0 s in the future' in warning.text) == (Kind.STAMP_FUTURE, True)
+
+
+def test_after_a_restart_stamps_may_be_any():
+    checks = ScanChecks()
+    scans = list(drive(10))
+    for fields in scans:
+        checks.look(fields)
+    checks.restart()
+    assert not checks.look(scans[0]._replace(stamp=SECOND))
+
+
+@pytest.mark.parametrize('beams_off, odd', [(0.0, False), (1.0, False), (-1.0, False), (2.0, True), (-30.0, True)])
+def test_angle_max_may_be_one_beam_off(beams_off, odd):
+    fields = next(drive())
+    fields = fields._replace(angle_max=fields.angle_max + beams_off * fields.angle_increment)
+    assert [warning.kind for warning in ScanChecks().look(fields)] == [Kind.ANGLE_MAX] * odd
+
+
+def test_an_angle_increment_of_0_or_no_beams_are_the_matter_of_others():
+    fields = next(drive())
+    assert not ScanChecks().look(fields._replace(angle_increment=0.0))
+    assert not ScanChecks().look(fields._replace(ranges=np.zeros(0, dtype=np.float32)))
+
+
+def test_damaged_numbers_are_looked_at_without_a_warning():
+    bits = np.array([0x7f800001, 0xffa00000, 0x7fc00000, 0x7f7fffff, 0x00000001, 0x80000000], dtype=np.uint32)
+    assert sightings(drive(ranges=lambda _k: np.resize(bits, 360).view(np.float32))).keys() <= {Kind.MILLIMETRES}
+
+
+def test_a_scan_costs_next_to_nothing():
+    scans, checks = list(drive(1000, beams=1440)), ScanChecks()
+
+    def all_scans():
+        checks.restart()
+        for fields in scans:
+            checks.look(fields)
+
+    assert min(timeit.repeat(all_scans, number=1, repeat=5)) / len(scans) < 20e-6
+
+
+def kinds_of(path):
+    return [sighting.warning.kind.value for sighting in open_recording(path).look_through().sightings]
+
+
+@pytest.mark.parametrize('name, kinds', [
+    ('replay_two_frames', ['frame']),
+    ('millimetres/ranges_only', ['millimetres']),
+    ('millimetres/ranges_and_range_max', ['millimetres']),
+    ('replay_starts_in_motion/one_stamp_in_the_future', ['stamp_back']),
+    ('replay_starts_in_motion/four_seconds', []),
+    ('unclear_bag_messages/rlaser.log', []),
+    ('carmen/equal_stamps.log', []),
+    ('carmen/no_return_32.767_and_zero_stamps.log', []),
+    ('covariance_explodes/kinect_55deg_25s', []),
+])
+def test_recordings_that_go_wrong_are_told_by_kind(cases, name, kinds):
+    assert kinds_of(cases / name) == kinds
+
+
+@pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static', 'urg04lx/exp1'])
+def test_nothing_is_said_of_real_recordings(data, path):
+    if not (data / path).exists():
+        pytest.skip(f'{path} is not there')
+    assert kinds_of(data / path) == []
+
+
+def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_page(cases, tmp_path, capsys):
+    assert replay.main(['--out', str(tmp_path), str(cases / 'replay_two_frames')]) == 0
+    output = capsys.readouterr().out
+    assert output.count("warning     the scans change from the frame 'front' to 'back': ") == 1
+    assert output.count('give each laser a topic') == 1 and '(121 of 122 scans, first scan 1)' in output
+    latest, = tmp_path.glob('*/latest')
+    warning, = json.loads((latest / 'metrics.json').read_text())['warnings']
+    assert (warning['kind'], warning['first_scan'], warning['scans']) == ('frame', 1, 121)
+    assert (latest / 'report.html').read_text().count("the scans change from the frame 'front' to 'back'") == 1
+
+
+@pytest.mark.parametrize('name, limit', [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
+def test_millimetres_are_said_by_replay(cases, tmp_path, capsys, name, limit):
+    replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
+    captured = capsys.readouterr()
+    text = captured.out + captured.err
+    assert text.count('the ranges look like millimetres: half of them are above 1314.39') == 1
+    assert limit in text
+
+
+def test_compare_and_tune_say_it_before_they_begin(cases, tmp_path, capsys):
+    path = cases / 'replay_two_frames'
+    compare.main(['--processes', '1', '--out', str(tmp_path), 'defaults', 'identity', str(path)])
+    tune.main(['--processes', '1', '--trials', '1', '--scans', '30', '--search', 'random', '--out', str(tmp_path / 'tune'), str(path)])
+    lines = [line for line in capsys.readouterr().err.splitlines() if 'from the frame' in line]
+    assert [line.split(': ')[0] for line in lines] == ['compare', 'tune']
+    assert '(121 of 122 scans' in lines[0] and '(29 of 30 scans' in lines[1]
+
+
+def test_a_scan_of_its_own_is_looked_at_as_its_message(scans):
+    assert not sightings(ScanFields.from_scan(scan) for scan in scans)
+    assert isinstance(scans[0], Scan)

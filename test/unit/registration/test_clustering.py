@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""DBSCAN and its k-dist graph, sample for sample against scikit-learn."""
+import numpy as np
+import pytest
+from sklearn.cluster import DBSCAN
+from sklearn.neighbors import NearestNeighbors
+
+from dbscan_reg_ros.core.registration.dbscan import dbscan_line, dbscan_plane, k_distances, knee
+
+SEEDS = range(40)
+
+
+def expected(samples, sigma, min_points, weights=None, period=None):
+    """Labels by scikit-learn; on a circle from the table of distances."""
+    samples = np.asarray(samples, dtype=float).reshape(len(samples), -1)
+    if period is None:
+        return DBSCAN(eps=sigma, min_samples=min_points).fit_predict(samples, sample_weight=weights)
+    apart = np.abs(samples - samples.T)
+    around = np.minimum(apart, period - apart)
+    return DBSCAN(eps=sigma, min_samples=min_points, metric='precomputed').fit_predict(around, sample_weight=weights)
+
+
+def drawn(seed, dimensions=1):
+    """Random samples with clusters and noise, sigma and MinPts."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 300))
+    centres = rng.uniform(-3.0, 3.0, (6, dimensions))
+    samples = centres[rng.integers(0, 6, size)] + rng.normal(0.0, 0.15, (size, dimensions))
+    loose = rng.random(size) < 0.2
+    samples[loose] = rng.uniform(-3.1, 3.1, (loose.sum(), dimensions))
+    samples = np.clip(samples, -3.1, 3.1)
+    return samples, float(rng.choice([0.02, 0.05, 0.2])), int(rng.integers(1, 9)), rng
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_numbers_are_clustered_as_by_scikit_learn(seed):
+    samples, sigma, min_points, _ = drawn(seed)
+    np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points), expected(samples, sigma, min_points))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_angles_are_clustered_round_the_circle(seed):
+    samples, sigma, min_points, rng = drawn(seed)
+    period = 2.0 * np.pi
+    angles = (samples[:, 0] + rng.uniform(0.0, period) + np.pi) % period - np.pi
+    np.testing.assert_array_equal(dbscan_line(angles, sigma, min_points, period=period),
+                                  expected(angles, sigma, min_points, period=period))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_points_are_clustered_as_by_scikit_learn(seed):
+    samples, sigma, min_points, _ = drawn(seed, 2)
+    sigma *= 2.0
+    np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points), expected(samples, sigma, min_points))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_weights_count_as_so_many_samples(seed):
+    samples, sigma, _, rng = drawn(seed, 2)
+    weights = rng.integers(0, 5, len(samples)) * 0.5
+    for min_points in (1, 3, 6):
+        np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points, weights),
+                                      expected(samples[:, 0], sigma, min_points, weights))
+        np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points, weights),
+                                      expected(samples, sigma, min_points, weights))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_duplicates_and_distances_equal_to_sigma(seed):
+    """Whole numbers: many samples coincide, many are exactly sigma apart."""
+    rng = np.random.default_rng(seed)
+    samples = rng.integers(0, 40, (int(rng.integers(1, 60)), 2)).astype(float)
+    for sigma in (1.0, 2.0, 5.0):
+        for min_points in (1, 2, 3, 5):
+            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points),
+                                          expected(samples[:, 0], sigma, min_points))
+            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points, period=40.0),
+                                          expected(samples[:, 0], sigma, min_points, period=40.0))
+            np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points),
+                                          expected(samples, sigma, min_points))
+
+
+def test_samples_above_one_another_are_clustered_like_those_beside_one_another():
+    """Neighbours are looked for along the first axis; where nearly all are near along it, in a tree."""
+    rng = np.random.default_rng(0)
+    above = np.column_stack((rng.integers(0, 3, 300), rng.integers(0, 400, 300))).astype(float)
+    for min_points in (1, 2, 4):
+        clusters = expected(above, 1.0, min_points)
+        np.testing.assert_array_equal(dbscan_plane(above, 1.0, min_points), clusters)
+        np.testing.assert_array_equal(dbscan_plane(above[:, ::-1], 1.0, min_points), clusters)
+
+
+def test_a_border_sample_goes_to_the_first_cluster_that_reaches_it():
+    samples = np.array([3.0, 3.5, 4.0, 2.0, 1.0, 0.5, 0.0])
+    found = dbscan_line(samples, 1.0, 4)
+    np.testing.assert_array_equal(found, expected(samples, 1.0, 4))
+    np.testing.assert_array_equal(dbscan_plane(samples[:, None], 1.0, 4), found)
+
+
+def test_a_cluster_that_straddles_the_end_of_the_circle_is_one():
+    samples = np.array([3.13, 0.0, -3.13, 3.10, -3.10])
+    np.testing.assert_array_equal(dbscan_line(samples, 0.05, 2, period=2.0 * np.pi), [0, -1, 0, 0, 0])
+    np.testing.assert_array_equal(dbscan_line(samples, 0.05, 2), [0, -1, 1, 0, 1])
+
+
+def test_a_sigma_of_half_the_circle_reaches_every_sample_once():
+    samples = np.array([-2.0, 0.0, 2.0])
+    np.testing.assert_array_equal(dbscan_line(samples, 3.2, 3, period=2.0 * np.pi), [0, 0, 0])
+    np.testing.assert_array_equal(dbscan_line(samples, 3.2, 4, period=2.0 * np.pi), [-1, -1, -1])
+
+
+def test_min_points_1_is_the_set_of_chains():
+    rng = np.random.default_rng(2)
+    samples = rng.uniform(0.0, 10.0, 200)
+    found = dbscan_line(samples, 0.05, 1)
+    order = np.argsort(samples)
+    chains = np.concatenate(([0], np.cumsum(np.diff(samples[order]) > 0.05)))
+    assert (found >= 0).all()
+    assert len(set(zip(chains, found[order], strict=True))) == found.max() + 1 == chains[-1] + 1
+
+
+@pytest.mark.parametrize('min_points, label', [(1, [0]), (2, [-1])])
+def test_no_sample_and_one_sample(min_points, label):
+    assert len(dbscan_line(np.empty(0), 0.1, min_points)) == 0
+    assert len(dbscan_line(np.empty(0), 0.1, min_points, period=2.0)) == 0
+    assert len(dbscan_plane(np.empty((0, 2)), 0.1, min_points)) == 0
+    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_points), label)
+    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_points, period=4.0), label)
+    np.testing.assert_array_equal(dbscan_plane(np.array([[1.0, 2.0]]), 0.1, min_points), label)
+
+
+@pytest.mark.parametrize('dimensions', [1, 2])
+@pytest.mark.parametrize('k', [1, 2, 5])
+def test_k_distances_are_those_to_the_kth_nearest_neighbour_largest_first(dimensions, k):
+    for seed in range(10):
+        samples, _, _, _ = drawn(seed, dimensions)
+        size = min(k, len(samples) - 1)
+        nearest = NearestNeighbors(n_neighbors=size + 1).fit(samples).kneighbors(samples)[0][:, -1]
+        found = k_distances(samples[:, 0] if dimensions == 1 else samples, k)
+        np.testing.assert_allclose(found, np.sort(nearest)[::-1], atol=1e-12)
+
+
+def test_k_distances_of_no_sample_and_one_sample():
+    assert len(k_distances(np.empty(0), 1)) == 0
+    np.testing.assert_array_equal(k_distances(np.array([3.0]), 2), [0.0])
+    np.testing.assert_array_equal(k_distances(np.array([3.0, 4.0]), 5), [1.0, 1.0])
+
+
+def test_the_knee_lies_where_the_graph_turns_flat():
+    """Twenty samples 0.01 apart, five far from everything: the graph falls steeply and then runs at 0.01."""
+    dense = 0.01 * np.arange(20)
+    sparse = np.array([3.0, 5.0, 8.0, 12.0, 17.0])
+    assert knee(k_distances(np.concatenate((sparse, dense)), 1)) == pytest.approx(0.01)
+
+
+def test_the_knee_of_a_flat_or_short_graph_is_its_least_distance():
+    assert knee(np.array([0.2, 0.2, 0.2, 0.2])) == 0.2
+    assert knee(np.array([0.5, 0.1])) == 0.1
+    assert knee(np.empty(0)) == 0.0

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted anew."""
+import numpy as np
+import pytest
+from benchmarks import figure4
+from benchmarks.intel import Intel
+from benchmarks.trials import attempt
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.evaluation.methods import method
+
+
+@pytest.fixture(scope='module')
+def scans(data):
+    return Intel(data / 'intel').scans
+
+
+def test_the_50_scans_are_drawn_by_the_rule_and_have_more_than_150_returns(scans):
+    assert list(figure4.SCANS) == figure4.draw(scans)
+    assert min(np.count_nonzero(scans[i].valid) for i in figure4.SCANS) > 150
+
+
+def test_the_other_scans_are_200_and_none_of_the_50(scans):
+    others = figure4.draw_others(scans)
+    assert len(set(others)) == 200 and not set(others) & set(figure4.SCANS)
+    assert min(np.count_nonzero(scans[i].valid) for i in others) > 150
+
+
+def test_the_reference_is_the_moved_scan_with_one_bearing_for_each_point(scans):
+    trial = figure4.trial(scans[figure4.EXAMPLE])
+    assert trial.truth == SE2(-1.5, 0.8, 0.3)
+    there = trial.current.valid
+    np.testing.assert_array_equal(trial.reference.valid, there)
+    np.testing.assert_allclose(trial.reference.points[there], trial.truth.apply(trial.current.points[there]), atol=1e-5)
+
+
+def test_the_papers_parameters_solve_a_named_scan(scans):
+    assert figure4.EXAMPLE in figure4.SCANS
+    assert figure4.exact(attempt(method('paper'), figure4.trial(scans[figure4.EXAMPLE])))
+
+
+def test_the_defaults_solve_all_50_scans(scans):
+    ours = method('dbscan')
+    missed = [i for i in figure4.SCANS if not figure4.exact(attempt(ours, figure4.trial(scans[i])))]
+    assert not missed

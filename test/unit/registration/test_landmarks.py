@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two small things that stand free tell the whole motion: scans of a wood are registered without a guess."""
+import math
+
+import numpy as np
+import pytest
+from benchmarks.courses import simulated, wood
+
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, ScanError, Status
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.small_objects import free_standing
+from dbscan_reg_ros.core.registration.landmarks import landmark_motions
+from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.figures.overlay import draw_overlay
+from dbscan_reg_ros.figures.sheet import SIZE
+from dbscan_reg_ros.figures.steps import Steps
+from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.robot.parameter_files import read_parameters
+from dbscan_reg_ros.simulation import LIDARS
+from dbscan_reg_ros.simulation.raycasting import cast
+
+PARAMETERS = Parameters()
+NONE = PARAMETERS.replace({'selection.landmarks': 0})
+ALL_AROUND = ScanGeometry(-math.pi, math.radians(0.5), 720)
+NO_WALLS = np.empty((0, 2, 2))
+
+
+@pytest.fixture(scope='module')
+def drive():
+    return simulated(wood(0), LIDARS['rplidar_a'], seed=0)
+
+
+def seen(circles, pose, walls=NO_WALLS):
+    """Features of what a lidar at a pose ``(3,)`` measures of round things ``(T, 3)`` [m]."""
+    directions = np.exp(1j * (ALL_AROUND.bearings + pose[2]))
+    ranges = cast(pose[None, :2], np.column_stack((directions.real, directions.imag)), walls, circles)
+    ranges[ranges > 12.0] = np.inf
+    return extract_features(Scan(0, ranges, ALL_AROUND), PARAMETERS)
+
+
+def apart(motion, truth):
+    """How far [m], and turned by how much [rad], a motion lies from the true one."""
+    off = motion - truth
+    return math.hypot(off[0], off[1]), abs(math.remainder(off[2], 2.0 * math.pi))
+
+
+def test_landmarks_are_what_stands_free_and_is_small_enough():
+    trunks = np.array([(3.0, 0.0, 0.1), (0.0, 5.0, 0.3), (-4.0, 0.2, 0.3), (-7.5, 0.0, 2.0), (0.0, -3.0, 0.8)])
+    things = free_standing(seen(trunks, np.zeros(3)), 1.0, PARAMETERS.segments)
+    found = things.middle[np.argsort(things.nearest)]
+    assert found == pytest.approx([3.0, -4.0 + 0.2j, 5.0j], abs=0.03), 'in front of a large one, too; a large one is none'
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_the_motion_between_two_scans_of_trunks_is_among_the_hypotheses_however_it_turned(seed):
+    rng = np.random.default_rng(seed)
+    trunks = np.column_stack((rng.uniform(-9.0, 9.0, (12, 2)), rng.uniform(0.05, 0.3, 12)))
+    trunks = trunks[np.hypot(trunks[:, 0], trunks[:, 1]) > 1.5]
+    start, motion = np.array((0.0, 0.0, rng.uniform(-3.0, 3.0))), np.array((*rng.uniform(-0.7, 0.7, 2), rng.uniform(-3.1, 3.1)))
+    reference, current = seen(trunks, start), seen(trunks, compose(start[None], motion[None])[0])
+    best, *others = landmark_motions(reference, current, PARAMETERS)
+    way, turn = apart(best, motion)
+    assert way < 0.1 and turn < math.radians(2.0)
+    assert all(math.hypot(*(other - best)[:2]) > 0.2 or abs(math.remainder(other[2] - best[2], 2.0 * math.pi)) > 0.1
+               for other in others), 'hypotheses that are one'
+
+
+def test_motions_that_a_prior_rules_out_are_none():
+    trunks = np.array([(3.0, 0.0, 0.1), (0.0, 5.0, 0.3), (-4.0, 0.2, 0.3), (0.0, -3.0, 0.2)])
+    reference, current = seen(trunks, np.zeros(3)), seen(trunks, np.array((0.3, 0.1, 0.2)))
+    def motions(x, y, theta, spread=0.05):
+        prior = Prior(SE2(x, y, theta), np.diag((spread, spread, spread)) ** 2)
+        return landmark_motions(reference, current, PARAMETERS, prior)
+    assert apart(motions(0.3, 0.1, 0.2)[0], (0.3, 0.1, 0.2)) == pytest.approx((0.0, 0.0), abs=0.03)
+    assert not len(motions(0.3, 0.1, 0.6)) and not len(motions(-0.3, 0.1, 0.2))
+    assert len(motions(-0.3, 0.1, 0.6, spread=0.5))
+
+
+@pytest.mark.parametrize('here', [0, 1], ids=['none', 'one'])
+@pytest.mark.parametrize('turned', [False, True])
+def test_one_landmark_tells_no_motion(here, turned):
+    trunks, wall = np.array([(2.0, 1.0, 0.2), (3.0, -1.0, 0.2), (-2.0, 0.5, 0.3)]), np.array([[(-5.0, 4.0), (5.0, 4.0)]])
+    scans = [seen(circles, np.zeros(3), wall) for circles in (trunks[:here], trunks)]
+    assert landmark_motions(*(scans[::-1] if turned else scans), PARAMETERS).shape == (0, 3)
+
+
+def test_scans_of_a_wood_are_laid_on_one_another_without_a_guess(drive):
+    """From 5 to 50 scans apart. What shows of a trunk turns with the sensor: by lines alone every seventh pair is lost."""
+    turning = np.abs(np.angle(np.exp(1j * np.diff(drive.reference[:, 2], append=drive.reference[-1, 2])))) > 0.005
+    rng, right, without = np.random.default_rng(0), [], []
+    while len(right) < 60:
+        i = int(rng.integers(0, len(drive.scans) - 50))
+        j = i + int(rng.integers(5, 50))
+        if turning[[i - 1, i, j - 1, j]].any():
+            continue
+        truth = relative(drive.reference[i:i + 1], drive.reference[j:j + 1])[0]
+        reference, current = (extract_features(drive.scans[each], PARAMETERS) for each in (i, j))
+        for parameters, results in ((PARAMETERS, right), (NONE, without)):
+            found = register(reference, current, parameters)
+            way, turn = apart(found.transform.as_array(), truth)
+            results.append(way < 0.1 and turn < math.radians(2.0))
+            assert results[-1] or found.status is not Status.OK or parameters is NONE
+    assert np.mean(right) >= 0.98
+    assert np.mean(without) < 0.9, 'what the landmarks are there for'
+
+
+def test_after_four_seconds_without_a_scan_the_odometry_finds_itself_in_a_wood(drive):
+    course = drive.take((drive.seconds % 15.0 < 11.0) & (drive.seconds < 60.0))
+    odometry, poses = Odometry(PARAMETERS), []
+    for scan in course.scans:
+        try:
+            poses.append(odometry.process(scan).pose.as_array())
+        except ScanError:
+            poses.append(poses[-1])
+    way, turn = apart(*(relative(each[:1], each[-1:])[0] for each in (np.array(poses), course.reference)))
+    assert way < 0.1 and turn < math.radians(1.0), f'{way:.2f} m off after a minute'
+
+
+def test_the_figure_of_a_pair_shows_the_landmarks_that_came_to_lie_on_one_another(drive, root):
+    from matplotlib.figure import Figure
+    pair = drive.scans[300], drive.scans[340]
+    steps = Steps.of(*pair, PARAMETERS)
+    moved = steps.registration.transform.apply(steps.current.landmarks)
+    apart = np.hypot(*(moved[:, None] - steps.reference.landmarks).T).min(axis=0)
+    assert len(apart) > 8 and np.count_nonzero(apart < 0.2) > 0.7 * len(apart)
+    figure = Figure(figsize=SIZE, layout='constrained')
+    draw_overlay(figure, steps)
+    shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
+    assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
+    assert not len(Steps.of(*pair, read_parameters(root / 'config' / 'paper.yaml')).current.landmarks), 'the paper knows none'

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The registration as a whole: what it finds, and what it says of it."""
+import math
+
+import numpy as np
+import pytest
+from benchmarks import synthetic
+from benchmarks.intel import Intel
+from rooms import FULL, HALF, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
+from dbscan_reg_ros.core.features.extraction import extract_features
+
+ROOM = outline(L_ROOM)
+
+
+def features(pose, geometry=FULL, noise=0.0, seed=0, walls=ROOM):
+    return extract_features(look(walls, pose, geometry, noise, seed))
+
+
+def off(registration, truth):
+    error = truth.inverse() @ registration.transform
+    return math.hypot(error.x, error.y), abs(error.theta)
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.5, 1.5, 3.0, -2.2])
+def test_any_turn_is_found_without_a_guess(turn):
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.3 + turn)
+    found = register(features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2))
+    distance, angle = off(found, start.inverse() @ end)
+    assert found.status is Status.OK
+    assert distance < 0.01
+    assert angle < 0.005
+
+
+def test_noiseless_scans_are_registered_exactly():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    distance, angle = off(register(features(start), features(end)), start.inverse() @ end)
+    assert distance < 5e-4
+    assert angle < 5e-4
+
+
+def test_swapping_the_scans_inverts_the_motion():
+    one, two = features(SE2(0.2, 0.1, 0.3), noise=0.005, seed=3), features(SE2(-0.5, 0.4, 0.9), noise=0.005, seed=4)
+    forth, back = register(one, two).transform, register(two, one).transform
+    assert (forth @ back).as_array() == pytest.approx(np.zeros(3), abs=0.005)
+
+
+CLOCKWISE = ScanGeometry(math.pi, -FULL.angle_increment, FULL.size)
+
+
+@pytest.mark.parametrize('geometries', [(CLOCKWISE, CLOCKWISE), (FULL, CLOCKWISE), (CLOCKWISE, FULL)])
+def test_a_clockwise_lidar_sees_the_same_motion(geometries):
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    scans = (features(pose, geometry) for pose, geometry in zip((start, end), geometries))
+    distance, angle = off(register(*scans), start.inverse() @ end)
+    assert distance < 0.002
+    assert angle < 0.002
+
+
+def test_a_scan_of_noise_is_not_called_ok():
+    noise = np.random.default_rng(0).uniform(0.3, 8.0, FULL.size)
+    found = register(features(SE2()), extract_features(Scan(0, noise, FULL)))
+    assert found.status is not Status.OK
+    assert found.reason
+
+
+def test_two_bare_walls_leave_their_direction_free():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
+    found = register(features(SE2(0.0, 0.0, 0.1), geometry, 0.01, 1, walls), features(SE2(0.3, 0.1, 0.2), geometry, 0.01, 2, walls))
+    assert found.status in (Status.DEGENERATE, Status.AMBIGUOUS)
+    if found.free_direction is not None:
+        assert abs(math.sin(found.free_direction + 0.1)) < 0.05
+
+
+def test_a_prior_tells_the_way_round_in_a_bare_corridor_and_the_way_along_stays_free():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
+    start, end = SE2(0.0, 0.0, 0.1), SE2(0.3, 0.1, 0.2)
+    truth = start.inverse() @ end
+    found = register(features(start, geometry, 0.01, 1, walls), features(end, geometry, 0.01, 2, walls),
+                     prior=Prior(truth, np.diag([0.3, 0.3, 0.1]) ** 2))
+    assert found.status is Status.DEGENERATE
+    assert math.sin(found.free_direction + 0.1) == pytest.approx(0.0, abs=0.01)
+    # Seen from the reference the corridor's walls face along (sin 0.1, cos 0.1).
+    across = np.array([math.sin(0.1), math.cos(0.1)]) @ (found.transform.x - truth.x, found.transform.y - truth.y)
+    assert abs(across) < 0.005
+    free = found.free_direction - found.transform.theta
+    along = np.array([math.cos(free), math.sin(free), 0.0])
+    assert along @ found.covariance @ along > 100.0
+
+
+def test_the_best_hypothesis_is_the_result():
+    found = register(features(SE2()), features(SE2(0.1, 0.0, 0.4)))
+    scores = [hypothesis.score for hypothesis in found.hypotheses]
+    assert scores == sorted(scores, reverse=True) and found.score == scores[0]
+    assert found.hypotheses[0].transform == found.transform
+
+
+def test_a_clear_winner_is_found_without_a_comparison_and_the_others_are_named_all_the_same():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
+    alone, compared = (register(*pair, Parameters().replace({'selection.clear': clear})) for clear in (0.0, 2.0))
+    for found in (alone, compared):
+        distance, angle = off(found, start.inverse() @ end)
+        assert distance < 0.005 and angle < 0.002
+        best, second = found.hypotheses
+        assert best.score - second.score > Parameters().selection.clear
+    # Who is not compared is not refined any further.
+    assert alone.hypotheses[1] != compared.hypotheses[1]
+
+
+def test_a_square_room_is_ambiguous():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    found = register(features(SE2(), walls=square), features(SE2(0.0, 0.0, 0.4), walls=square))
+    assert found.status is Status.AMBIGUOUS
+    assert len(found.hypotheses) > 1
+
+
+def test_a_prior_decides_between_rivals():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
+    for turn in (0.4, 0.4 + 0.5 * math.pi):
+        prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
+        assert register(reference, current, prior=prior).transform.theta == pytest.approx(turn, abs=0.01)
+
+
+def test_a_search_that_is_repeated_knows_the_prior():
+    square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
+    reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
+    always = Parameters().replace({'selection.doubt': 1.0})
+    for turn in 0.4 + 0.5 * math.pi * np.arange(4):
+        prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
+        found = register(reference, current, always, prior).transform.theta
+        assert math.remainder(found - turn, 2.0 * math.pi) == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_prior_that_lies_does_not_beat_the_scans():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+    lie = Prior(SE2(1.0, -1.0, -1.0), np.diag([0.01, 0.01, 0.01]) ** 2)
+    distance, angle = off(register(features(start), features(end), prior=lie), start.inverse() @ end)
+    assert distance < 0.002
+    assert angle < 0.002
+
+
+def test_what_is_found_near_a_prior_is_what_all_hypotheses_lead_to():
+    """Honest priors, sure and vague, and lies."""
+    rng, near = np.random.default_rng(7), 0
+    for k in range(40):
+        start, end = (SE2(*rng.uniform(-0.4, 0.4, 2), rng.uniform(-3.0, 3.0)) for _ in range(2))
+        truth, spread = start.inverse() @ end, float(rng.choice([0.01, 0.05, 0.3]))
+        error = SE2.from_array(rng.normal(0.0, spread, 3) if k % 4 else rng.uniform(0.5, 1.5, 3))
+        prior = Prior(truth @ error, np.eye(3) * spread ** 2)
+        pair = features(start, noise=0.01, seed=2 * k), features(end, noise=0.01, seed=2 * k + 1)
+        one, other = register(*pair, prior=prior), register(*pair, prior=prior, near=False)
+        assert one.status is other.status
+        assert off(one, other.transform)[0] < 0.002 and off(one, other.transform)[1] < 0.001
+        assert off(one, truth)[0] < 0.02
+        near += len(one.hypotheses) < len(other.hypotheses)
+    assert near > 10
+
+
+def test_between_bare_walls_a_prior_that_lies_leads_to_the_shortest_way():
+    """No lines cross: what says how the walls lie on one another is the shortest translation alone."""
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    start, end = SE2(0.0, 0.1, 0.2), SE2(0.1, -0.15, -0.3)
+    truth = start.inverse() @ end
+    for turn in (0.3, 0.6, 1.0):
+        lie = Prior(truth @ SE2(0.0, 0.0, turn), np.diag([0.01, 0.01, 0.01]) ** 2)
+        found = register(features(start, walls=walls), features(end, walls=walls), prior=lie)
+        left = end.inverse() @ start @ found.transform
+        assert abs(left.theta) < 1e-3
+        inside = SE2(0.0, 0.0, end.theta) @ left
+        assert abs(inside.y) < 1e-3 and abs(inside.x) < 0.2
+        assert found.status is not Status.OK
+
+
+def test_matched_segments_lie_on_one_another():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    reference, current = features(start), features(end)
+    found = register(reference, current)
+    assert len(found.matches) >= 5
+    for i, j in found.matches:
+        middle = found.transform.apply(current.segments.midpoint[j])
+        across = np.array([-math.sin(reference.segments.direction[i]), math.cos(reference.segments.direction[i])])
+        assert abs((middle - reference.segments.midpoint[i]) @ across) < 0.02
+
+
+def test_the_covariance_is_positive_and_grows_with_the_noise():
+    start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
+    quiet, loud = (register(features(start, HALF, noise, 1), features(end, HALF, noise, 2)).covariance for noise in (0.005, 0.03))
+    assert (np.linalg.eigvalsh(quiet) > 0.0).all()
+    assert (np.diag(loud) > np.diag(quiet)).all()
+
+
+def test_the_same_scans_give_the_same_result_to_the_last_bit():
+    pair = features(SE2(0.2, 0.1, 0.3), noise=0.01, seed=1), features(SE2(-0.5, 0.4, 0.9), noise=0.01, seed=2)
+    one = register(*pair)
+    register(pair[1], pair[0])
+    two = register(*pair)
+    assert one.transform == two.transform
+    assert (one.covariance == two.covariance).all()
+
+
+@pytest.mark.parametrize('facing', [-0.01, -1.0])
+def test_a_point_without_a_partner_is_no_perfect_partner_whatever_may_face_it(facing):
+    """Two rooms that have nothing in common."""
+    other = outline([(-2.0, -3.0), (14.0, -3.0), (14.0, 12.0), (-2.0, 12.0)])
+    found = []
+    for least in (0.0, facing):
+        p = Parameters().replace({'density.facing': least})
+        found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM), other)), p))
+    assert found[1].overlap == pytest.approx(found[0].overlap, abs=0.1)
+    assert found[1].status is not Status.OK
+
+
+def test_where_all_points_are_left_out_nothing_overlaps_whatever_selects():
+    p = Parameters().replace({'selection.method': 'divergence'})
+    features = extract_features(look(outline(L_ROOM), SE2(), FULL, 0.01, 1), p)
+    assert register(features, features.without(np.ones(len(features.dense_cloud), dtype=bool)), p).overlap == 0.0
+
+
+def test_a_scan_without_returns_is_refused():
+    with pytest.raises(ScanError, match='0 of 360 beams have a return'):
+        extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())
+
+
+def test_noise_draws_no_match_to_one_side():
+    """Scans from one place, with 3 cm of noise: what is found of the motion between them is nothing on average."""
+    scans = [extract_features(look(ROOM, SE2(), noise=0.03, seed=seed)) for seed in range(120)]
+    guess = Prior(SE2(), np.diag([0.05, 0.05, 0.02]) ** 2)
+    found = np.array([register(*pair, prior=guess).transform.as_array() for pair in zip(scans[::2], scans[1::2])])
+    assert (np.abs(found.mean(axis=0)) < (0.002, 0.002, 0.001)).all()
+
+
+def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
+    narrow = Parameters().replace({'rotation.hypotheses': 1, 'selection.heaviest': 1, 'selection.widen': 1})
+    again = narrow.replace({'selection.widen': 60})
+    truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
+    found = {}
+    for name, parameters in (('narrow', narrow), ('again', again)):
+        pairs = [(extract_features(look(ROOM, SE2()), parameters), extract_features(look(ROOM, truth), parameters))
+                 for truth in truths]
+        found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair, truth in zip(pairs, truths, strict=True)]
+    assert all(found['again'])
+    assert not all(found['narrow'])
+
+
+def test_a_search_that_finds_nothing_but_violations_ends():
+    """A room that is a little larger: every point is in the way, and each counts twenty times."""
+    parameters = Parameters().replace({'density.violation': 20.0})
+    reference, current = (extract_features(look(outline(size * np.asarray(L_ROOM))), parameters) for size in (1.1, 1.0))
+    found = register(reference, current, parameters)
+    assert found.score < -1.0 and found.status is Status.FAILED
+
+
+def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
+    refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse': 4,
+                                       'refinement.final_scale': 0.02, 'refinement.fine': 1, 'refinement.window': 3,
+                                       'refinement.window_first_scale': 0.04, 'refinement.window_scale': 0.001}).refinement
+    assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
+    assert refinement.fine_scales() == [0.1]
+    assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
+
+
+def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
+    narrow = Parameters().replace({'rotation.hypotheses': 3, 'selection.candidates': 5, 'selection.refined': 2,
+                                   'selection.widen': 4})
+    expected = {'rotation.hypotheses': 12, 'selection.heaviest': 20, 'selection.candidates': 20, 'selection.refined': 8,
+                'selection.widen': 1}
+    assert narrow.widened == narrow.replace(expected)
+
+
+def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
+    """A scan with 30 % outliers, moved: after the coarse refinement the best hypothesis is still 0.2 m away, and was OK there."""
+    label, truth = '4740', synthetic.PAPER_MOTION
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel'), seed=5) if (each.group, each.label) == ('paper_30', label))
+    found = register(extract_features(trial.reference), extract_features(trial.current))
+    distance, angle = off(found, truth)
+    assert found.status is Status.OK and distance < 0.02 and angle < 0.01
+
+
+@pytest.mark.parametrize('label', ['40', '3566'])
+def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
+    """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
+    pair = extract_features(trial.reference), extract_features(trial.current)
+    narrow, wide = (register(*pair, Parameters().replace({'selection.better': better})) for better in (2.0, 0.02))
+    assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
+    distance, angle = off(wide, trial.truth)
+    assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

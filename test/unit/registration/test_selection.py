@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From many hypotheses to few: how well each fits, how far it is from what was expected, which are one."""
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, HALF, L_ROOM, look, outline
+from scipy.spatial.distance import mahalanobis
+
+from dbscan_reg_ros import SE2, Parameters, Prior
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.parameters.registration import FreeDirectionParameters
+from dbscan_reg_ros.core.registration.degeneracy import search_free_direction, weakest_direction
+from dbscan_reg_ros.core.registration.point_to_line import fit
+from dbscan_reg_ros.core.registration.scoring import distinct, hopeful, reverse_violation, same, score, sieve, surprise
+
+ALIKE = Parameters().replace({'density.balance': 1000.0, 'density.points': 1000})
+"""Every point counts the same, and all of them."""
+DENSITY = ALIKE.density
+ROOM = outline(L_ROOM)
+BOX = outline([(0.3, -0.4), (0.7, -0.4), (0.7, 0.0), (0.3, 0.0)])
+"""Stands in the room, a metre from its walls."""
+START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
+MOTION = START.inverse() @ END
+
+
+def features(pose, walls=ROOM):
+    return extract_features(look(walls, pose, FULL), ALIKE)
+
+
+def on_the_box(scan, pose):
+    """Share of a scan's points that lie on the box."""
+    points = pose.apply(np.column_stack((scan.cloud.points.real, scan.cloud.points.imag)))
+    return (np.abs(points - (0.5, -0.2)).max(axis=1) < 0.25).mean()
+
+
+def rows(*motions):
+    return np.array([motion.as_array() for motion in motions])
+
+
+def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
+    """What the current scan sees of a box, the reference saw through."""
+    empty, current = features(START), features(END, np.concatenate((ROOM, BOX)))
+    share = on_the_box(current, END)
+    assert share > 0.05
+    found = fit(rows(MOTION), current.cloud, empty.surface, DENSITY.facing)
+    value, overlap = score(found, empty, current, 0.05, DENSITY)
+    assert overlap[0] == pytest.approx(1.0 - share, abs=0.01)
+    assert value[0] == pytest.approx(1.0 - share - DENSITY.violation * share, abs=0.02)
+
+
+def test_what_stood_where_the_current_scan_sees_through_counts_as_much():
+    box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
+    share = on_the_box(box, START)
+    assert share > 0.05
+    found = reverse_violation(rows(MOTION, MOTION @ SE2(0.0, 0.0, 0.1)), box, current, DENSITY)
+    assert found[0] == pytest.approx(share, abs=0.005)
+    assert reverse_violation(rows(MOTION), features(START), current, DENSITY)[0] == 0.0
+
+
+def test_the_sieve_keeps_the_best_first():
+    reference, current = features(START), features(END)
+    order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
+    candidates = rows(*(MOTION @ off for off in order))
+    chosen = ALIKE.replace({'selection.refined': 3}).selection
+    np.testing.assert_array_equal(sieve(candidates[::-1], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(sieve(candidates[:3], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
+
+
+def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
+    """Half a scan from the middle of a hall, and a small room: one side of it on a wall of the hall, or all of it behind."""
+    hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
+    reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
+    at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
+    one = ALIKE.replace({'selection.refined': 1}).selection
+    found = sieve(np.concatenate((at_the_wall, behind)), current.cloud, reference.view, one, DENSITY)
+    np.testing.assert_array_equal(found, behind)
+
+
+def test_hopeful_is_what_has_enough_of_the_best_ones_support():
+    reference, current = features(START), features(END)
+    candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
+    fits = fit(candidates, current.cloud, reference.surface, DENSITY.facing)
+    support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.cloud)
+    assert support[1] > 0.9 > support[0] > 0.5 > 0.3 > support[2]
+    for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0, [0, 1, 2]):
+        kept, known = hopeful(candidates, fits, 0.2, share)
+        np.testing.assert_array_equal(kept, candidates[expected])
+        for part, whole in zip(known, fits, strict=True):
+            np.testing.assert_array_equal(part, whole[expected])
+
+
+def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
+    """It expects to face along y: a step along y is one ahead, one along -x is one to the left."""
+    prior = Prior(SE2(1.0, 2.0, 0.5 * math.pi), np.diag([0.1, 0.2, 0.05]) ** 2)
+    off = np.array([(0.0, 0.1, 0.0), (-0.4, 0.0, 0.0), (0.0, 0.0, 0.15 + 2.0 * math.pi), (-0.4, -0.1, -0.05)])
+    assert surprise(prior.transform.as_array() + off, prior) == pytest.approx([1.0, 4.0, 9.0, 6.0])
+    root = np.array([[0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [-0.1, 0.05, 0.1]])
+    skewed = Prior(SE2(1.0, 2.0, 0.7), root @ root.T)
+    step = SE2(0.3, -0.2, 0.1)
+    distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(skewed.covariance))
+    assert surprise(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
+
+
+def test_the_spread_of_a_prior_is_that_of_its_widest_direction():
+    for angle in (0.0, 0.4, 1.2, 2.5):
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        prior = Prior(SE2(), turn @ np.diag([0.3, 0.1, 0.05]) ** 2 @ turn.T)
+        assert prior.spread == pytest.approx(0.3) and prior.angular_spread == pytest.approx(0.05)
+
+
+def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
+    candidates = np.array([(0.0, 0.0, math.pi - 0.005), (0.03, 0.04, -math.pi + 0.005), (0.0, 0.06, math.pi),
+                           (0.0, 0.0, -math.pi + 0.02), (0.04, 0.04, math.pi - 0.015)])
+    assert same(candidates, candidates[0], 0.0501, 0.02).tolist() == [True, True, False, False, False]
+    assert distinct(candidates, 5, 0.0501, 0.02) == [0, 2, 3]
+    assert distinct(candidates, 2, 0.0501, 0.02) == [0, 2]
+
+
+def test_the_weakest_direction_leaves_the_rotation_free():
+    """Points at (0, 2) and (0, -2) that face along x tell a rotation, one point alone does not tell x from it."""
+    def information(*rows):
+        rows = np.array(rows)
+        return rows.T @ rows
+
+    one = (1.0, 0.0, 2.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+    angle, weak, strong = weakest_direction(information(*one))
+    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 0.0, 2.0))
+    angle, weak, strong = weakest_direction(information((1.0, 0.0, -2.0), *one, (0.0, 1.0, 0.0)))
+    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 2.0, 3.0))
+    slanted = np.array([math.cos(0.4), math.sin(0.4), 0.0])
+    angle, weak, strong = weakest_direction(np.diag([5.0, 5.0, 1.0]) - 4.0 * np.outer(slanted, slanted))
+    assert (math.sin(angle - 0.4), weak, strong) == pytest.approx((0.0, 1.0, 5.0))
+
+
+CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])
+FREE = FreeDirectionParameters()
+
+
+@pytest.mark.parametrize('off', [0.93, -0.47, 0.02, -0.93])
+def test_the_end_of_a_corridor_is_found_along_it(off):
+    """To half of the last step, with a sensor that is turned and a second corridor that is not off."""
+    start, end = SE2(0.0, 0.0, 0.7), SE2(0.4, 0.1, -0.5)
+    reference, current = features(start, CORRIDOR), features(end, CORRIDOR)
+    truth = start.inverse() @ end
+    axis = -start.theta
+    away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
+    found = search_free_direction(rows(away, truth), np.array([axis, axis + math.pi]), reference, current, FREE, DENSITY)
+    assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.scale + 0.005
+
+
+def test_without_points_that_face_along_it_a_free_direction_is_left_alone():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
+    scan = features(SE2(0.0, 0.0, 0.7), walls)
+    candidates = rows(SE2(0.3, 0.0, 0.0))
+    found = search_free_direction(candidates, np.array([-0.7]), scan, scan, FREE, DENSITY)
+    np.testing.assert_array_equal(found, candidates)

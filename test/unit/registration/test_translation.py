@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Translation: pairs of line equations (Eq. 10-15), signed and squared."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rooms import L_ROOM, look, outline
+from sklearn.cluster import DBSCAN
+
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.records import EndKind, Segments
+from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
+from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.dbscan import k_distances, knee
+from dbscan_reg_ros.core.registration.paper.squared_translation import line_equations, squared_samples
+from dbscan_reg_ros.core.registration.rotation import Rotations, estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.translation import cluster, estimate_translations, match_lines
+
+MOTION = SE2(0.4, -0.3, 0.2)
+LINES_ONLY = TranslationParameters(end_weight=0.0)
+SQUARED = TranslationParameters(form='squared', sigma=0.05, width=0.0, min_points=1, parallel=0.1)
+
+
+def walls(*ends, kind=EndKind.OCCLUSION):
+    """Segments between the given pairs of points [m]."""
+    ends = np.asarray(ends, dtype=float).reshape(-1, 2, 2)
+    along = ends[:, 1] - ends[:, 0]
+    small = np.full(len(ends), 1e-3)
+    return Segments(ends[:, 0], ends[:, 1], np.arctan2(along[:, 1], along[:, 0]), np.hypot(*along.T), small, small,
+                    np.full((len(ends), 2), kind, dtype=int), np.zeros((len(ends), 2), dtype=int))
+
+
+def moved(segments, motion):
+    """The segments as seen after `motion`."""
+    back = motion.inverse()
+    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
+                               direction=wrap(segments.direction - motion.theta))
+
+
+ROOM = walls([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0), (2.0, 3.5)],
+             [(-1.0, 2.5), (-3.0, 0.5)])
+"""Walls of four directions."""
+
+
+def translations(reference, current, parameters, **rotation):
+    chosen = RotationParameters(**({'sigma': 0.01, 'hypotheses': 1} | rotation))
+    weights = pair_weights(reference, current, chosen)
+    rotations = estimate_rotations(reference, current, weights, chosen)
+    return estimate_translations(reference, current, rotations, weights, parameters)
+
+
+def test_the_signed_form_finds_the_motion_from_lines_alone():
+    found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY)
+    np.testing.assert_allclose(found.transform[0], MOTION.as_array(), atol=1e-9)
+    # Four lines make six pairs, all of which cross.
+    np.testing.assert_allclose(found.samples, np.tile((MOTION.x, MOTION.y), (6, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_motion_is_among_the_heaviest_hypotheses_for_a_scanned_room(seed):
+    parameters = Parameters()
+    scans = [look(outline(L_ROOM), pose, noise=0.01, seed=seed + 10 * i) for i, pose in enumerate((SE2(), MOTION))]
+    reference, current = (extract_features(scan).segments for scan in scans)
+    weights = pair_weights(reference, current, parameters.rotation)
+    rotations = estimate_rotations(reference, current, weights, parameters.rotation)
+    found = estimate_translations(reference, current, rotations, weights, parameters.translation)
+    off = np.abs(found.transform[:10] - MOTION.as_array())
+    assert (np.maximum(off[:, 0], off[:, 1]) + off[:, 2]).min() < 0.05
+
+
+def test_a_squared_equation_knows_the_distance_of_two_parallel_lines():
+    """Eq. 14, with the line y = k x + b and the midpoint of the other's segment."""
+    angle, distance = line_equations(ROOM, moved(ROOM, MOTION), MOTION.theta, SQUARED)
+    assert len(angle) == 4
+    for i, theta in enumerate(ROOM.direction):
+        middle = SE2(0.0, 0.0, MOTION.theta).apply(moved(ROOM, MOTION).midpoint[i])
+        if abs(math.cos(theta)) > 1e-6:
+            k = math.tan(theta)
+            b = ROOM.start[i, 1] - k * ROOM.start[i, 0]
+            expected = abs(k * middle[0] - middle[1] + b) / math.hypot(k, 1.0)
+        else:
+            expected = abs(middle[0] - ROOM.start[i, 0])
+        assert distance[i] == pytest.approx(expected, abs=1e-9)
+        asked = -math.sin(theta) * MOTION.x + math.cos(theta) * MOTION.y
+        assert distance[i] == pytest.approx(abs(asked), abs=1e-9)
+        assert abs(math.remainder(angle[i] - theta, math.pi)) < 1e-9
+
+
+def test_two_squared_equations_have_four_solutions():
+    """Eq. 15: each satisfies both, two and two are opposite, one is the motion."""
+    pair = walls(((0.0, -2.0), (6.0, -2.0)), ((6.0, -2.0), (5.0, 1.0)))
+    current = moved(pair, MOTION)
+    samples = squared_samples(pair, current, MOTION.theta, SQUARED)
+    assert samples.shape == (4, 2)
+    angle, distance = line_equations(pair, current, MOTION.theta, SQUARED)
+    normal = np.stack((-np.sin(angle), np.cos(angle)), axis=1)
+    np.testing.assert_allclose((samples @ normal.T) ** 2, np.tile(distance ** 2, (4, 1)), atol=1e-12)
+    np.testing.assert_allclose(samples, -samples[::-1], atol=1e-12)
+    assert np.linalg.norm(samples - (MOTION.x, MOTION.y), axis=1).min() < 1e-9
+    assert len(np.unique(samples.round(6), axis=0)) == 4
+
+
+def test_the_two_key_clusters_are_opposite_and_the_mixed_signs_scatter():
+    """As regions 1 and 2 of Figure 8."""
+    found = translations(ROOM, moved(ROOM, MOTION), SQUARED, directed=False, weighted=False)
+    assert len(found.samples) == 4 * 6
+    np.testing.assert_array_equal(found.weight[:2], [6.0, 6.0])
+    assert found.weight[2:].max() < 6.0
+    np.testing.assert_allclose(found.transform[0, :2], -found.transform[1, :2], atol=1e-9)
+    key = found.transform[:2, :2]
+    assert np.linalg.norm(key - (MOTION.x, MOTION.y), axis=1).min() < 1e-9
+
+
+def test_clusters_of_the_squared_form_are_those_of_scikit_learn():
+    scans = [look(outline(L_ROOM), pose, noise=0.01, seed=i) for i, pose in enumerate((SE2(), MOTION))]
+    reference, current = (extract_features(scan).segments for scan in scans)
+    found = translations(reference, current, SQUARED, directed=False, weighted=False, sigma=0.0566)
+    labels = DBSCAN(eps=0.05, min_samples=1).fit_predict(found.samples)
+    sizes = np.sort(np.bincount(labels))[::-1]
+    np.testing.assert_array_equal(found.weight, sizes)
+    pairs = set(zip(labels, found.labels, strict=True))
+    assert len(pairs) == len(sizes)
+
+
+def test_eps1_shrinks_until_no_more_pairs_are_left_than_the_current_scan_has_segments():
+    """Four lines each of nearly one direction: 16 pairs pass 0.1 rad."""
+    fan = [0.0, 0.011, 0.023, 0.036]
+    reference = walls(*[((0.0, 0.0), (math.cos(a), math.sin(a))) for a in fan])
+    angle, _ = line_equations(reference, reference, 0.0, SQUARED)
+    assert len(angle) == 4
+    np.testing.assert_allclose(angle, fan, atol=1e-12)
+    few = walls(((0.0, 0.0), (1.0, 0.0)))
+    assert len(line_equations(reference, few, 0.0, SQUARED)[0]) == 1
+    assert len(line_equations(few, reference, 0.0, SQUARED)[0]) == 4
+    strict = TranslationParameters(form='squared', parallel=0.02)
+    assert len(line_equations(few, reference, 0.0, strict)[0]) == 2
+
+
+def test_an_angle_equal_to_eps1_is_too_much():
+    reference, current = walls(((0.0, 0.0), (1.0, 0.0))), walls(((0.0, 0.0), (math.cos(0.1), math.sin(0.1))))
+    turn = float(current.direction[0])
+    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel=turn))[0]) == 0
+    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel=turn + 1e-9))[0]) == 1
+
+
+def test_a_pair_has_the_mean_direction_of_its_lines_also_across_the_seam():
+    for a, b in ((0.1, 0.16), (math.pi - 0.01, -math.pi + 0.03), (0.5 * math.pi - 0.01, -0.5 * math.pi + 0.03)):
+        one, other = (walls(((0.0, 0.0), (math.cos(v), math.sin(v)))) for v in (a, b))
+        angle, _ = line_equations(one, other, 0.0, SQUARED)
+        middle = a + 0.5 * math.remainder(b - a, math.pi)
+        assert abs(math.remainder(angle[0] - middle, math.pi)) < 1e-9
+
+
+@pytest.mark.parametrize('form', ['signed', 'squared'])
+def test_pairs_that_hardly_cross_give_no_sample(form):
+    """eps2 as the sine of the angle between them."""
+    reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
+    for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
+        parameters = TranslationParameters(form=form, crossing=crossing, parallel=0.05, end_weight=0.0, width=0.0)
+        found = translations(reference, reference, parameters, sigma=0.05)
+        assert len(found.samples) == count * (1 if form == 'signed' else 4)
+
+
+@pytest.mark.parametrize('form', ['signed', 'squared'])
+def test_a_corridor_and_an_empty_scan_give_no_sample_from_lines(form):
+    corridor = walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0)))
+    nothing = walls()
+    parameters = TranslationParameters(form=form, end_weight=0.0)
+    for reference, current in ((corridor, corridor), (nothing, corridor), (corridor, nothing), (nothing, nothing)):
+        found = translations(reference, current, parameters, directed=form == 'signed')
+        assert found.samples.shape == (0, 2)
+        assert len(found.transform) == len(found.weight) == 0
+
+
+def test_the_ends_of_a_corridor_place_it_where_the_lines_do_not():
+    """Two walls of one direction that end in the open: their ends ask for the motion along it."""
+    corridor = walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0)), kind=EndKind.FREE)
+    found = translations(corridor, moved(corridor, MOTION), TranslationParameters())
+    np.testing.assert_allclose(found.transform[0], MOTION.as_array(), atol=1e-9)
+
+
+def test_between_parallel_walls_the_shortest_translation_leads_across_them_only():
+    turn = SE2(theta=0.7)
+    corridor = moved(walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0))), turn.inverse())
+    across = turn @ SE2(0.0, 0.25)
+    for along in (-0.4, 0.0, 1.3):
+        seen = moved(corridor, turn @ SE2(along, 0.25, 0.2) @ turn.inverse())
+        x, y, theta = translations(corridor, seen, TranslationParameters(), hypotheses=3).shortest[0]
+        assert math.hypot(x - across.x, y - across.y) < 0.02 * 0.25
+        assert theta == pytest.approx(0.2, abs=1e-6)
+
+
+def test_where_lines_cross_the_shortest_translation_is_the_motion_and_one_wrong_pair_does_not_count():
+    elsewhere = walls([(4.0, 4.0), (5.0, 4.0)])
+    one, two = (Segments(**{f.name: np.concatenate((getattr(room, f.name), getattr(extra, f.name)))
+                            for f in dataclasses.fields(Segments)})
+                for room, extra in ((ROOM, elsewhere), (moved(ROOM, MOTION), moved(elsewhere, MOTION @ SE2(0.0, 0.8)))))
+    found = translations(one, two, TranslationParameters(), hypotheses=3)
+    assert found.shortest.shape == (2, 3)
+    np.testing.assert_allclose(found.shortest[0], MOTION.as_array(), atol=0.03)
+
+
+def test_ends_that_are_hidden_count_little():
+    """A corner is worth ten hidden ends."""
+    weights = {}
+    for kind in (EndKind.CORNER, EndKind.OCCLUSION):
+        room = walls(((0.0, 1.0), (5.0, 1.0)), kind=kind)
+        weights[kind] = translations(room, room, TranslationParameters()).sample_weight.sum()
+    assert weights[EndKind.OCCLUSION] == pytest.approx(0.1 * weights[EndKind.CORNER])
+
+
+def test_wide_clusters_are_cut_and_the_papers_are_not():
+    """A chain of samples 0.04 m apart."""
+    rng = np.random.default_rng(0)
+    noisy = dataclasses.replace(ROOM, start=ROOM.start + rng.normal(0.0, 0.06, (4, 2)),
+                                end=ROOM.end + rng.normal(0.0, 0.06, (4, 2)))
+    counts = {}
+    for width in (0.0, 0.02):
+        parameters = TranslationParameters(sigma=0.3, sigma_max=0.3, width=width, recuts=4, end_weight=0.0)
+        counts[width] = len(translations(ROOM, noisy, parameters, sigma=0.1).weight)
+    assert counts[0.02] > counts[0.0]
+
+
+def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
+    """Two lines here, three there, of weights 1 to 6; off by so many times `parallel` = 0.1 rad."""
+    off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
+    phi = np.array([3.1, -1.0])
+    rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
+    weights = np.arange(1.0, 7.0).reshape(2, 3)
+    rotation, here, there, weight = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=100))
+    found = {(i, j): w for i, j, w in zip(here, there, weight)}
+    assert not rotation.any()
+    assert found == pytest.approx({(0, 0): 1.0, (0, 1): 2.0 * math.exp(-0.5), (0, 2): 3.0 * math.exp(-1.125),
+                                   (1, 0): 4.0 * math.exp(-0.5), (1, 2): 6.0})
+    _, here, there, _ = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=2))
+    assert sorted(zip(here, there)) == [(1, 0), (1, 2)]
+
+
+def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
+    noisy = dataclasses.replace(ROOM, start=ROOM.start + np.random.default_rng(0).normal(0.0, 0.06, (4, 2)))
+    assert translations(ROOM, noisy, TranslationParameters(sigma=0.07)).sigma == 0.07
+    for min_points in (1, 2, 4):
+        parameters = TranslationParameters(sigma=0.0, min_points=min_points, sigma_min=0.0001, sigma_max=5.0)
+        found = translations(ROOM, noisy, parameters)
+        assert found.sigma == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
+    limits = TranslationParameters(sigma=0.0, sigma_min=3.0, sigma_max=4.0)
+    assert translations(ROOM, noisy, limits).sigma == 3.0
+
+
+@pytest.mark.parametrize('recuts, labels', [(0, [0, 0, 0, 0]), (1, [1, 1, 2, 2]), (2, [3, 4, 5, 6])])
+def test_wide_clusters_are_cut_no_more_often_than_asked_for(recuts, labels):
+    """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m, 0.05 m and 0.025 m."""
+    samples = 1j * np.array([0.0, 0.04, 0.13, 0.17])
+    parameters = TranslationParameters(min_points=1, width=0.001, recuts=recuts)
+    assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
+
+
+def test_every_rotation_has_samples_of_its_own():
+    found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY, hypotheses=3, sigma=0.01)
+    for rotation in np.unique(found.rotation):
+        labels = found.labels[found.rotation == rotation]
+        assert not np.isin(labels, found.labels[found.rotation != rotation]).any()
+    assert len(np.unique(found.transform[:, 2])) == len(np.unique(found.rotation))
