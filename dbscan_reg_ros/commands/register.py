@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
 
-OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.window', 'decision.vague'
+OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
 """How the names of the parameters begin that do not count for a pair of scans."""
 
 
@@ -75,9 +75,9 @@ def describe(registration) -> list:
              'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
              *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
              f'overlap     {registration.overlap:.3f}']
-    if registration.free_direction is not None:
-        lines.append(f'free        along {math.degrees(registration.free_direction):.1f} deg of the reference')
-    if registration.free_turn:
+    if registration.degenerate_direction is not None:
+        lines.append(f'free        along {math.degrees(registration.degenerate_direction):.1f} deg of the reference')
+    if registration.rotation_unobservable:
         lines.append('free        the rotation')
     lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
     lines += [f'            score {h.score:.3f}  {_motion(h.transform)}' for h in registration.hypotheses]

@@ -17,8 +17,8 @@ from .command_line import (
     seed,
 )
 
-SEARCHED = ('refinement.window_scale', 'refinement.window_first_scale', 'refinement.damping', 'density.reach',
-            'density.violation', 'selection.sieve_tolerance')
+SEARCHED = ('refinement.map_scale', 'refinement.map_first_scale', 'refinement.damping', 'density.max_distance',
+            'density.violation_weight', 'selection.preselection_tolerance')
 """Unless parameters are named."""
 
 

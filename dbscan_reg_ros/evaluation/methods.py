@@ -86,7 +86,7 @@ def _ours(parameters, name):
         except ScanError:
             return None
         # Made when first asked for; a reference was a current scan once and has them.
-        for name in ('view', 'leverage'):
+        for name in ('free_space', 'leverage'):
             getattr(features, name)
         return features
 

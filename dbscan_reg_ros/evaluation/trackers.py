@@ -44,7 +44,7 @@ class Step:
 
     pose: SE2
     status: Status = Status.OK
-    free_direction: float | None = None
+    degenerate_direction: float | None = None
     covariance: np.ndarray | None = None
     registration: None = None
     restarted: bool = False
@@ -59,10 +59,10 @@ class Ours:
 
     def process(self, scan, told=None) -> Step:
         try:
-            update = self._odometry.process(scan, told and told(self._odometry.expected_motion(scan.stamp)))
+            update = self._odometry.process(scan, told and told(self._odometry.predict_motion(scan.stamp)))
         except ScanError:
-            return dataclasses.replace(self._last, status=Status.FAILED, free_direction=None)
-        free = update.registration and update.registration.free_direction
+            return dataclasses.replace(self._last, status=Status.FAILED, degenerate_direction=None)
+        free = update.registration and update.registration.degenerate_direction
         free = None if free is None else update.reference_pose.theta + free
         self._last = Step(update.pose, update.status, free, update.covariance)
         return self._last
@@ -148,11 +148,11 @@ def wheels(course) -> list:
 def gyroscope(course, seed=0) -> list:
     """What the node takes a gyroscope to say that follows the true turns, 1 % too far and with noise of 3 mrad."""
     def told(turn):
-        return lambda expected: expected.with_turn(turn, SPREAD(SE2(0.0, 0.0, turn))[2])
+        return lambda expected: expected.with_rotation(turn, SPREAD(SE2(0.0, 0.0, turn))[2])
     turns = relative(course.reference[:-1], course.reference[1:])[:, 2]
     return [None, *map(told, (1.01 * turns + np.random.default_rng(seed).normal(0.0, 0.003, len(turns))).tolist())]
 
 
-SPREAD = NodePriorParameters().told_spread
+SPREAD = NodePriorParameters().wheel_sigma
 PRIORS = {'none': nobody, 'wheel': wheels, 'imu': gyroscope}
 """Name -> ``priors(course)``: what is told of each scan's motion."""

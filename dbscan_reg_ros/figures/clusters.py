@@ -33,7 +33,7 @@ def _k_distances(axes, steps):
     sigma = np.degrees(steps.rotations.sigma)
     axes.plot(np.arange(1, len(distances) + 1), np.degrees(distances), color='black', linewidth=1.2)
     axes.axhline(sigma, **RESULT)
-    origin = 'as given' if steps.parameters.rotation.sigma else 'from the knee, within its bounds'
+    origin = 'as given' if steps.parameters.rotation.eps else 'from the knee, within its bounds'
     axes.set(title=f'sigma {sigma:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
              ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * sigma, 0.1)))
     grid(axes)

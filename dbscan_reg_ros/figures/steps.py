@@ -105,5 +105,5 @@ class Steps:
 
     def rotation_distances(self):
         """The k-dist graph of the angle differences [rad], and its k."""
-        k = max(self.parameters.rotation.min_points - 1, 1)
+        k = max(self.parameters.rotation.min_samples - 1, 1)
         return k_distances(self.rotations.difference.ravel(), k), k

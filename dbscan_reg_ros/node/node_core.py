@@ -108,7 +108,7 @@ class ScanMatcher:
         if self._services.paused:
             return
         self._health.doubt(self._reader.look(message))
-        due, wrong = self._stamps.settle(message, self._live.value.time.jump)
+        due, wrong = self._stamps.update(message, self._live.value.time.max_jump)
         if wrong:
             self._skip('its stamp lies far before those of the scans around it')
         for scan in due:
@@ -123,9 +123,9 @@ class ScanMatcher:
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
             scan = self._reader.read(message, mounting, self._live.value)
-            if self._stamps.start_again(scan.stamp, self._live.value.time.jump):
+            if self._stamps.start_again(scan.stamp, self._live.value.time.max_jump):
                 self._reset('the stamps of the scans start again', Start())
-            prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.expected_motion)
+            prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.predict_motion)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
             self._skip(str(error))
@@ -183,7 +183,7 @@ class ScanMatcher:
 
     def _on_time_jump(self, jump):
         """Reset when the clock goes back, as it does when a bag is played in a loop; a little back is jitter."""
-        if jump.delta.nanoseconds >= -self._live.value.time.jump * SECOND:
+        if jump.delta.nanoseconds >= -self._live.value.time.max_jump * SECOND:
             return
         if self._listener:
             self._listener.restart()

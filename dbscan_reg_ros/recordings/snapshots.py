@@ -198,11 +198,11 @@ def _registration_fields(registration, k, arrays):
     arrays[f'matches_{k}'] = np.asarray(registration.matches, dtype=np.int64).reshape(-1, 2)
     arrays[f'hypotheses_{k}'] = np.array([[*_numbers(h.transform), h.score] for h in registration.hypotheses],
                                          dtype=float).reshape(-1, 4)
-    free = registration.free_direction
+    free = registration.degenerate_direction
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
             'free_direction': None if free is None else float(free),
-            'weakest': None if registration.weakest is None else float(registration.weakest), 'free_turn': registration.free_turn}
+            'weakest': None if registration.weakest_information is None else float(registration.weakest_information), 'free_turn': registration.rotation_unobservable}
 
 
 def _update(fields, k, scans, arrays):

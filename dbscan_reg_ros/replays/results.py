@@ -52,7 +52,7 @@ class Results:
         `register` is the command that shows a pair of scans once their numbers are added.
         """
         stamps, poses, name = self.track.stamps, self.track.pose_array(), self.recording.name
-        known, measures = self._known(), self.track.measures(self.parameters.time.jump)
+        known, measures = self._known(), self.track.measures(self.parameters.time.max_jump)
         measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
         write_metrics(self.folder / 'metrics.json', self.recording, measures)

@@ -24,9 +24,9 @@ OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 class InputParameters(ParameterGroup):
     """Which scans are used, and which of their beams."""
 
-    every: int = parameter(1, 'only one scan in so many is used', 'scans', 1, 1000)
-    queue: int = parameter(3, 'so many scans may wait; when there are more, the oldest are dropped', 'scans', 1, 50)
-    wait: float = parameter(0.05, 'a scan waits at most this long for what is to be known at its stamp: a moving '
+    every_nth: int = parameter(1, 'only one scan in so many is used', 'scans', 1, 1000)
+    queue_size: int = parameter(3, 'so many scans may wait; when there are more, the oldest are dropped', 'scans', 1, 50)
+    max_wait: float = parameter(0.05, 'a scan waits at most this long for what is to be known at its stamp: a moving '
                             'mounting, or the motion that prior.source tells', 's', 0.0, 10.0)
     mask: tuple = parameter((0.0,) * 2 * SECTORS, 'up to four sectors that see the robot itself: first and last bearing of '
                             'each, counter-clockwise in the frame of the scans; equal ones are no sector', 'rad', -6.3, 6.3)
@@ -52,7 +52,7 @@ class NodePriorParameters(PriorParameters):
     rotation_by_distance: float = parameter(0.1, 'odometry, tf: at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
     rotation_min: float = parameter(0.03, 'and at least this', 'rad', 0.0001, 3.2)
 
-    def told_spread(self, motion):
+    def wheel_sigma(self, motion):
         """Standard deviations [m, m, rad] of a `motion` (`SE2`) that is told, in the frame that it ends in."""
         way, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
         translation = max(self.translation_min, self.translation * way, self.translation_by_turn * turn)

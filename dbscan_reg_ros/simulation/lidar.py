@@ -47,7 +47,7 @@ class Lidar:
     rate: float = 10.0
     duration: float = 0.0
     noise: float = 0.01
-    noise_share: float = 0.0
+    noise_ratio: float = 0.0
     dropouts: float = 0.0
     outliers: float = 0.0
     resolution: float = 0.0
@@ -66,7 +66,7 @@ class Lidar:
     def measured(self, distances, rng):
         """(N,) ranges [m] that the sensor says of true `distances` (N,) [m]; `inf` without a return."""
         number = len(distances)
-        spread = np.maximum(self.noise, self.noise_share * np.minimum(distances, self.range_max))
+        spread = np.maximum(self.noise, self.noise_ratio * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)
         kind = rng.random(number)
         random = rng.uniform(self.range_min, max(self.range_min, min(OUTLIER_RANGE, self.range_max)), number)
@@ -79,13 +79,13 @@ class Lidar:
 
 LIDARS = {
     'hokuyo_urg04lx': Lidar(682, math.radians(-120.0), math.radians(240.0) / 681, 0.06, 4.0, 10.0, duration=0.0667,
-                            noise=0.01, noise_share=0.01, resolution=0.001),
+                            noise=0.01, noise_ratio=0.01, resolution=0.001),
     'hokuyo_utm30lx': Lidar(1081, math.radians(-135.0), math.radians(0.25), 0.1, 30.0, 40.0, duration=0.019, noise=0.01,
                             resolution=0.001),
-    'lds': Lidar(360, 0.0, math.radians(1.0), 0.12, 3.5, 5.0, duration=0.199, noise=0.01, noise_share=0.02,
+    'lds': Lidar(360, 0.0, math.radians(1.0), 0.12, 3.5, 5.0, duration=0.199, noise=0.01, noise_ratio=0.02,
                  resolution=0.001),
     'rplidar_a': Lidar(720, math.pi, -math.radians(0.5), 0.15, 12.0, 10.0, duration=0.0999, noise=0.01,
-                       noise_share=0.01, dropouts=0.02),
+                       noise_ratio=0.01, dropouts=0.02),
     'rplidar_s': Lidar(920, math.pi, -math.radians(360.0 / 920), 0.1, 30.0, 10.0, duration=0.0999, noise=0.02,
                        resolution=0.001),
     'sick_lms200': Lidar(180, -math.pi / 2, math.radians(1.0), 0.1, 30.0, 10.0, noise=0.01, resolution=0.01),

@@ -172,7 +172,7 @@ def leader(folder) -> list:
 
 def far_noise(folder, share=0.03) -> list:
     """Tours through halls and crooked rooms by a lidar whose ranges are off by three per cent, as those of the cheapest are far away."""
-    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_share=share)
+    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_ratio=share)
     return [simulated(world(seed), lidar, seed=seed) for world in (hall, crooked) for seed in SEEDS]
 
 

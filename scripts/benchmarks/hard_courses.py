@@ -23,10 +23,10 @@ SIMULATED_DISTANCES = (1.0, 1.5, 2.0, 2.5)
 TURN = math.radians(30.0)
 """A key frame is due as well when the sensor has turned by this [rad] for each metre of the distance."""
 CAMERAS = {
-    'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005, noise_share=0.01),
-    'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005, noise_share=0.015),
-    'flight_60deg_16': Lidar(16, math.radians(-30.0), math.radians(4.0), 0.1, 6.0, 15.0, noise=0.01, noise_share=0.01),
-    'flight_90deg_64': Lidar(64, math.radians(-45.0), math.radians(90.0) / 63, 0.2, 5.0, 15.0, noise=0.01, noise_share=0.01),
+    'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005, noise_ratio=0.01),
+    'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005, noise_ratio=0.015),
+    'flight_60deg_16': Lidar(16, math.radians(-30.0), math.radians(4.0), 0.1, 6.0, 15.0, noise=0.01, noise_ratio=0.01),
+    'flight_90deg_64': Lidar(64, math.radians(-45.0), math.radians(90.0) / 63, 0.2, 5.0, 15.0, noise=0.01, noise_ratio=0.01),
 }
 """Depth cameras as lidars."""
 NARROW_SECONDS = 25.0

@@ -115,7 +115,7 @@ def judge(drive) -> dict:
 def _free_direction(drive):
     course, poses, reference = drive.course, drive.poses, drive.course.reference
     axis = course.axis - reference[0, 2]
-    named = [step.free_direction is not None and abs(wrap(2.0 * (step.free_direction - axis))) < 2.0 * NAMED_WITHIN
+    named = [step.degenerate_direction is not None and abs(wrap(2.0 * (step.degenerate_direction - axis))) < 2.0 * NAMED_WITHIN
              for step in drive.steps[1:]]
     path = path_lengths(reference)
     later = np.searchsorted(path, path + 1.0)

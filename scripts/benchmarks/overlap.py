@@ -71,7 +71,7 @@ MOTIONS = {'any': any_motion, 'near': near_motion}
 def sensor(cell):
     """The lidar of a `Cell`, all of whose beams are measured at once."""
     lidar, factor = LIDARS[LIDARS_BY_VIEW[cell.lidar]], NOISES[cell.noise]
-    return dataclasses.replace(lidar, duration=0.0, noise=factor * lidar.noise, noise_share=factor * lidar.noise_share)
+    return dataclasses.replace(lidar, duration=0.0, noise=factor * lidar.noise, noise_ratio=factor * lidar.noise_ratio)
 
 
 def worlds(name) -> list:
@@ -87,16 +87,16 @@ def cluttered(world, seed) -> World:
     rng = np.random.default_rng(seed)
     way = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(world.tour)])
     low, high = world.segments.min(axis=(0, 1)), world.segments.max(axis=(0, 1))
-    boxes, posts, none = [], [], np.empty((0, 3))
+    boxes, poles, none = [], [], np.empty((0, 3))
     for x, y in rng.uniform(low, high, (CLUTTER, 2)):
         part = box(x, y, rng.uniform(0.15, 0.6), rng.uniform(0.15, 0.5), rng.uniform(0.0, math.pi))
         post = np.array([(x, y, rng.uniform(0.03, 0.15))])
         if rng.random() < 0.5 and clearance(way, part, none).min() > CLEAR:
             boxes.append(part)
         elif clearance(way, np.empty((0, 2, 2)), post).min() > CLEAR:
-            posts.append(post)
+            poles.append(post)
     return dataclasses.replace(world, segments=np.concatenate([world.segments, *boxes]),
-                               circles=np.concatenate([world.circles, *posts]))
+                               circles=np.concatenate([world.circles, *poles]))
 
 
 def shared_view(reference, current, truth) -> float:

@@ -46,8 +46,8 @@ def figures(run) -> dict:
 
 def wrong(poses, reference, ok, first, last, limits):
     """Errors [m], [deg] of the motions between scans `first` and `last` with all of their scans `OK`, and how many are wrong."""
-    doubted = np.concatenate(([0], np.cumsum(~ok)))
-    sure = doubted[last + 1] == doubted[first]
+    demoted_if_weak = np.concatenate(([0], np.cumsum(~ok)))
+    sure = demoted_if_weak[last + 1] == demoted_if_weak[first]
     first, last = first[sure], last[sure]
     metres, degrees = errors(relative(poses[first], poses[last]), relative(reference[first], reference[last]))
     return metres, degrees, int(((metres > limits[0]) | (degrees > limits[1])).sum())

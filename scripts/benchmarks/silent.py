@@ -38,12 +38,12 @@ def measure(args) -> Report:
 def silent(drive):
     """Counts and greatest errors, and a line for each failure, of a `Drive`."""
     poses, reference = drive.poses, drive.course.reference
-    doubted = np.array([step.status is not Status.OK for step in drive.steps])
-    so_far = np.cumsum(doubted)
-    figures, lines = {'scans_count': len(poses), 'ok': float(np.mean(~doubted))}, []
+    demoted_if_weak = np.array([step.status is not Status.OK for step in drive.steps])
+    so_far = np.cumsum(demoted_if_weak)
+    figures, lines = {'scans_count': len(poses), 'ok': float(np.mean(~demoted_if_weak))}, []
     each = np.arange(len(poses) - 1)
     for name, (first, last) in {'step': (each, each + 1), '1m': apart(reference, 1.0)}.items():
-        sure = so_far[last] == so_far[first] - doubted[first]
+        sure = so_far[last] == so_far[first] - demoted_if_weak[first]
         first, last = first[sure], last[sure]
         metres, degrees = errors(relative(poses[first], poses[last]), relative(reference[first], reference[last]))
         wrong = (metres > TRANSLATION) | (degrees > ROTATION)

@@ -64,7 +64,7 @@ def test_the_twist_is_in_the_frame_of_the_base(start_node, player, scans, truth)
 
 
 def test_the_twist_does_not_depend_on_how_fast_the_scans_come(start_node, player, peer, scans):
-    start_node('-p', 'input.queue:=50')
+    start_node('-p', 'input.queue_size:=50')
     slow = played(player, scans[:20], rate=1.0)
     assert peer.call(Trigger, '/scan_matcher/reset', Trigger.Request()).success
     fast = player.play(scans[:20], rate=20.0)
@@ -149,7 +149,7 @@ def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the
     """Nothing is left out as moving: at that margin rounding decides. So it does which old points belong to the local map, and a
     pose differs by millimetres.
     """
-    alike = '-p', 'odometry.moving_frames:=0'
+    alike = '-p', 'odometry.dynamic_key_frames:=0'
     plain = start_node(*mounted(AHEAD), *alike)
     expected = played(player, recorded)
     plain.stop()

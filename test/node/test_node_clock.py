@@ -126,7 +126,7 @@ def test_the_stamp_of_a_scan_that_cannot_be_used_does_not_count(node, player, pe
 
 def test_the_twist_goes_by_the_stamps_and_not_by_the_clock_on_the_wall(start_node, player, scans, truth):
     """Played five times as fast."""
-    start_node('-p', 'input.queue:=50')
+    start_node('-p', 'input.queue_size:=50')
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:60], rate=5.0)
     assert answers.lost == 0

@@ -253,7 +253,7 @@ def test_the_transform_of_the_laser_comes_late(start_node, player, peer, scans, 
 @needs_tf2_msgs
 def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, moment, steady):
     from tf2_msgs.msg import TFMessage
-    node = start_node('-p', 'mounting:=tf', '-p', 'input.wait:=0.5')
+    node = start_node('-p', 'mounting:=tf', '-p', 'input.max_wait:=0.5')
     player.wait_for_node(TIMEOUT)
     Loudspeaker(peer, TFMessage, '/tf').tell(
         TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))

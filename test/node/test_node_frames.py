@@ -169,7 +169,7 @@ def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command
 
 
 def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):
-    start_command('scan_matcher', '--ros-args', '-p', 'input.wait:=10.0')
+    start_command('scan_matcher', '--ros-args', '-p', 'input.max_wait:=10.0')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)

@@ -53,7 +53,7 @@ def test_the_robots_own_body_is_masked(start_node, player, peer, scans, truth, t
 
 
 def test_only_one_scan_in_so_many_is_used(start_node, player, scans, truth):
-    start_node('-p', 'input.every:=4')
+    start_node('-p', 'input.every_nth:=4')
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:40], rate=4.0, patience=0.5)
     assert [k for k, message in enumerate(answers.messages) if message] == list(range(0, 40, 4))

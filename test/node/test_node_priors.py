@@ -20,7 +20,7 @@ from dbscan_reg_ros.robot.parameters import NodePriorParameters
 LASER = SE2(0.2, 0.1, 0.5)
 """On the base."""
 PLACE = mounted(LASER)
-WAIT = ['-p', 'input.wait:=5.0']
+WAIT = ['-p', 'input.max_wait:=5.0']
 
 
 def along_base(motion):
@@ -100,7 +100,7 @@ def stamp(message):
     ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
     ((0.0, 2.0, 0.5), 0.2, 0.2)])
 def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translation, rotation):
-    spread = NodePriorParameters().told_spread(SE2(*motion))
+    spread = NodePriorParameters().wheel_sigma(SE2(*motion))
     assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
 
 
@@ -184,8 +184,8 @@ def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, 
         assert math.hypot(update.prior.transform.x, update.prior.transform.y) == pytest.approx(0.1 * speed, abs=0.03)
         # The way is known no better than without a gyroscope, the turn as its parameters say.
         own = math.hypot(0.01, 0.1 ** 2, 0.3 * 0.1 * speed)
-        assert update.prior.spread == pytest.approx(own, rel=0.2)
-        assert update.prior.angular_spread == pytest.approx(0.03, rel=1e-6)
+        assert update.prior.translation_sigma == pytest.approx(own, rel=0.2)
+        assert update.prior.rotation_sigma == pytest.approx(0.03, rel=1e-6)
 
 
 def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, player, peer, scans, truth, tmp_path):

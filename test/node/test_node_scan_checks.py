@@ -53,7 +53,7 @@ def test_the_node_says_of_scans_what_is_said_of_their_recording(kind, start_node
     offline = told_of(write_bag(tmp_path / 'bag', [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
                                                    for k, each in enumerate(messages)]))
     assert list(offline) == [kind]
-    node = start_node('-p', 'input.queue:=50')
+    node = start_node('-p', 'input.queue_size:=50')
     heard = peer.listen(DiagnosticArray, '/diagnostics')
     speaker = Loudspeaker(peer, LaserScan, 'scan')
     peer.greet()
@@ -111,5 +111,5 @@ def test_a_list_that_is_refused_is_printed_as_numbers(node, peer):
 
 
 def test_a_list_where_none_is_expected_is_printed_as_numbers(start_node, peer):
-    said(start_node('-p', 'input.every:=[1, 2]'), 'input.every = [1, 2]: expected a whole number', peer)
+    said(start_node('-p', 'input.every_nth:=[1, 2]'), 'input.every_nth = [1, 2]: expected a whole number', peer)
     said(start_node('-p', 'input.mask:=[0.5, 1.0]'), 'input.mask = [0.5, 1.0]: expected 8 numbers', peer)

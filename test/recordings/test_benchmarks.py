@@ -227,7 +227,7 @@ def test_a_gyroscope_tells_the_turns_and_wheels_the_motion():
     assert first is None and np.abs(turns - 1.01 * np.linspace(-0.5, 0.5, 40)).max() < 0.012
     assert np.ptp(turns - 1.01 * np.linspace(-0.5, 0.5, 40)) > 0.003
     assert all(math.hypot(each.transform.x, each.transform.y) == pytest.approx(0.1) for each in told)
-    assert all(each.spread == pytest.approx(0.3) for each in told)
+    assert all(each.translation_sigma == pytest.approx(0.3) for each in told)
     first, *wheels = PRIORS['wheel'](course)
     steps = [each(before).transform.as_array() for each in wheels]
     assert first is None and np.allclose(steps, [(0.2, 0.0, turn) for turn in np.linspace(-0.5, 0.5, 40)])

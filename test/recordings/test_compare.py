@@ -69,10 +69,10 @@ def test_the_interval_is_reproducible_and_as_wide_as_the_blocks_say():
 
 def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(compare, tmp_path):
     (tmp_path / 'robot.yaml').write_text(
-        '/**: {ros__parameters: {input.every: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
+        '/**: {ros__parameters: {input.every_nth: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
     code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
     assert code == 0 and 'B is neither better nor worse.' in printed.out
-    assert printed.err == f'compare: {tmp_path}/robot.yaml: does not count here: mounting, laser_pose, input.every\n'
+    assert printed.err == f'compare: {tmp_path}/robot.yaml: does not count here: mounting, laser_pose, input.every_nth\n'
     assert set(content['differences']) == {'hall', 'all'}
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
 

@@ -99,7 +99,7 @@ def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
 
 
 def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path):
-    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.sigma: -1.0\n')
+    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.eps: -1.0\n')
     process = demo('--params-file', tmp_path / 'wrong.yaml')
     assert process.wait(15.0) == 2
     assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.sigma = -1\.0: expected .*', process.output().splitlines()[-1])

@@ -171,7 +171,7 @@ def test_circles_that_lie_on_each_other_are_reached_with_the_buttons(browser, pa
 
 
 def test_changed_parameters_stand_out(browser, page):
-    browser.open(page(parameters=Parameters().replace({'rotation.sigma': 0.02})).as_uri())
+    browser.open(page(parameters=Parameters().replace({'rotation.eps': 0.02})).as_uri())
     assert browser.value('document.getElementById("changes").textContent') == '1 not at the default, in bold.'
     assert browser.value('document.querySelector("#parameters .changed").textContent').startswith(
         'rotation.sigma0.02 raddefault 0.0')

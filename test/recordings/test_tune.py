@@ -22,7 +22,7 @@ from dbscan_reg_ros.tuning.objective import HOPELESS, cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
 
-BAD = {'refinement.window_scale': 0.5, 'refinement.window_first_scale': 0.9}
+BAD = {'refinement.map_scale': 0.5, 'refinement.map_first_scale': 0.9}
 SEARCH = ('--parameters', *BAD, '--scans', '40', '--search', 'random')
 
 
@@ -49,8 +49,8 @@ def trials_of(folder):
 
 
 @pytest.mark.parametrize(('text', 'axis'), [
-    ('refinement.window_scale', Axis('refinement.window_scale', float, 0.2, 5.0)),
-    ('selection.finalists=2:9', Axis('selection.finalists', int, 2, 9)),
+    ('refinement.map_scale', Axis('refinement.map_scale', float, 0.2, 5.0)),
+    ('selection.top_candidates=2:9', Axis('selection.top_candidates', int, 2, 9)),
     ('rotation.directed', Axis('rotation.directed', bool, choices=(False, True))),
 ])
 def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, axis):
@@ -62,9 +62,9 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 
 @pytest.mark.parametrize(('text', 'says'), [
-    ('refinement.windowscale', "did you mean 'refinement.window_scale'"), ('rotation.sigma', 'rotation.sigma=LOW:HIGH'),
-    ('refinement.window_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.window_scale=2:1', 'lower bound below'),
-    ('refinement.window_scale=0.1:99', 'refinement.window_scale = 99'), ('rotation.directed=0:1', 'has no range'),
+    ('refinement.windowscale', "did you mean 'refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
+    ('refinement.map_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.map_scale=2:1', 'lower bound below'),
+    ('refinement.map_scale=0.1:99', 'refinement.map_scale = 99'), ('rotation.directed=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'), ('segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
@@ -99,7 +99,7 @@ def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path,
     trials, scans = size((10, 500), (200, 5505))
     intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
     write_parameters(bad, NodeParameters().replace(BAD | {
-        'refinement.damping': 0.1, 'density.reach': 2.0, 'density.violation': 3.5, 'density.cell': 0.5, 'selection.sieve_tolerance': 1.25}))
+        'refinement.damping': 0.1, 'density.max_distance': 2.0, 'density.violation_weight': 3.5, 'density.cell_size': 0.5, 'selection.preselection_tolerance': 1.25}))
     assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
                  'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
     costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
@@ -182,7 +182,7 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
 
 def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
-    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, odometry.rest: 4.0}}')
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
     assert capsys.readouterr().err.startswith(f'tune: {file}: does not count here: mounting, upside_down\ntune: ')
 

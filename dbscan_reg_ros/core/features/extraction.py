@@ -7,13 +7,13 @@ from ..geometry.line_fit import fit_lines, summed_moments
 from ..geometry.se2 import as_complex, as_vectors
 from ..parameters.tree import Parameters
 from ..scan import Scan
-from .range_noise import estimate_noise, estimate_noise_share, range_noise
+from .range_noise import estimate_noise, estimate_noise_ratio, range_noise
 from .records import Features
 from .ring_band import ring_band_filter
 from .segments import extract_segments, find_breaks
 
 
-def extract_features(scan: Scan, parameters: Parameters = Parameters(), noise_share=None) -> Features:
+def extract_features(scan: Scan, parameters: Parameters = Parameters(), noise_ratio=None) -> Features:
     """Filter a scan and describe it by points, normals and line segments (sections 2.1 and 2.2).
 
     Parameters
@@ -39,7 +39,7 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters(), noise_sh
     radius, total = np.abs(places), summed_moments(places)
     # Outliers count as noise while they are there. Corners have to stand out from all of it.
     left = min(noise, estimate_noise(radius, limits)) if len(points) < returns else noise
-    share = noise_share_of(scan, limits) if noise_share is None else noise_share
+    share = scan_noise_ratio(scan, limits) if noise_ratio is None else noise_ratio
     breaks = find_breaks(places, radius, beams, scan.geometry, left, parameters.segments)
     normals = estimate_normals(places, total, breaks, scan.geometry.angle_increment, range_noise(radius, left, share),
                                parameters.segments)
@@ -49,11 +49,11 @@ def extract_features(scan: Scan, parameters: Parameters = Parameters(), noise_sh
     return Features(scan, points, beams, normals, segments, left, parameters.density, share)
 
 
-def noise_share_of(scan, limits):
-    """`estimate_noise_share` of what the `ScanParameters` leave of a scan."""
+def scan_noise_ratio(scan, limits):
+    """`estimate_noise_ratio` of what the `ScanParameters` leave of a scan."""
     points = as_complex(usable_points(scan, limits))
     beams = np.isfinite(points.real).nonzero()[0]
-    return estimate_noise_share(points[beams], beams, limits)
+    return estimate_noise_ratio(points[beams], beams, limits)
 
 
 def filtered_points(scan: Scan, parameters: Parameters):

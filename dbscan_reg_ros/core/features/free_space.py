@@ -10,7 +10,7 @@ from ..geometry.se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class FreeSpaceProfile:
     """How far a scan saw in every direction.
 
     Attributes
@@ -61,8 +61,8 @@ def _edges(size):
     return np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
 
 
-def build_view(points, increment) -> View:
-    """The `View` of a scan from its filtered points ``(P, 2)``.
+def build_free_space_profile(points, increment) -> FreeSpaceProfile:
+    """The `FreeSpaceProfile` of a scan from its filtered points ``(P, 2)``.
 
     A bin is known when beams on both of its sides have a return, no farther apart than three increments.
     """
@@ -80,4 +80,4 @@ def build_view(points, increment) -> View:
     ends = radius[before[1:]], radius[after[1:]]
     near = np.minimum(np.minimum.reduceat(radius, before)[:-1], np.minimum(*ends))
     far = np.maximum(np.maximum.reduceat(radius, before)[:-1], np.maximum(*ends))
-    return View(near * known, far * known)
+    return FreeSpaceProfile(near * known, far * known)

@@ -7,14 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 from ..parameters.registration import DensityParameters
-from .oriented_points import Cloud
+from .oriented_points import OrientedPoints
 
 _AT_ONCE = 2**22
 """So many cells are written in one step, however far the points reach."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LikelihoodField:
     """Oriented points behind a grid that names the nearest of them: the reference density as a table (Eq. 16-18).
 
     The Gaussian kernel of the density estimate is taken of the nearest point's line only: one look-up a point instead of
@@ -57,14 +57,14 @@ class Surface:
         return self.index.take(at).astype(np.intp)
 
 
-def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
-    """The `Surface` of all points of a scan that have a normal."""
+def build_likelihood_field(cloud: OrientedPoints, parameters: DensityParameters) -> LikelihoodField:
+    """The `LikelihoodField` of all points of a scan that have a normal."""
     size, x, y = len(cloud), cloud.points.real, cloud.points.imag
     low, high = (complex(x.min(), y.min()), complex(x.max(), y.max())) if size else (0j, 0j)
     wide = high - low
-    cell = max(parameters.cell, (max(wide.real, wide.imag) + 2.0 * parameters.reach) / parameters.cells)
+    cell = max(parameters.cell_size, (max(wide.real, wide.imag) + 2.0 * parameters.max_distance) / parameters.max_cells)
     # One cell for rounding, and one near nothing all around: what lies beyond it is looked up there.
-    margin = int(math.ceil(parameters.reach / cell)) + 2
+    margin = int(math.ceil(parameters.max_distance / cell)) + 2
     origin = low - complex(margin, margin) * cell
     rows, columns = (int(side / cell) + 2 * margin + 1 for side in (wide.real, wide.imag))
     # The table is large and is looked up everywhere: small numbers keep it in the cache.
@@ -81,7 +81,7 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     # beams or of the offsets, would favour the points on one side and draw every match that way.
     winner = index[home] == order
     home, order = home[winner], order[winner]
-    row, column = _disc(parameters.reach / cell)
+    row, column = _disc(parameters.max_distance / cell)
     away, some = row * columns + column, max(_AT_ONCE // max(len(order), 1), 1)
     quarter = 2 * (x.take(order) > 0.0) + (y.take(order) > 0.0)
     # One long list of places is written twice as fast as a table of them.
@@ -93,7 +93,7 @@ def build_surface(cloud: Cloud, parameters: DensityParameters) -> Surface:
     parts = normals * np.append(cloud.points, 0.0)
     gaps = np.concatenate(([np.inf], np.abs(cloud.points[1:] - cloud.points[:-1]), [np.inf]))
     extents = np.maximum(np.append(np.minimum(gaps[1:], gaps[:-1])[:size], 0.0), cell)
-    return Surface(origin, cell, (rows, columns), index, normals, parts.real.copy(), parts.imag.copy(), extents)
+    return LikelihoodField(origin, cell, (rows, columns), index, normals, parts.real.copy(), parts.imag.copy(), extents)
 
 
 @lru_cache(maxsize=4)

@@ -8,7 +8,7 @@ from ..geometry.se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class OrientedPoints:
     """The points of a scan that are compared to a reference.
 
     Places and directions of the plane are complex numbers here and in all that compares scans: turning is multiplying.
@@ -29,34 +29,34 @@ class Cloud:
     points: np.ndarray
     normals: np.ndarray
     beams: np.ndarray
-    worth: np.ndarray | None = None
-    sharpness: np.ndarray | None = None
+    weights: np.ndarray | None = None
+    inverse_noise: np.ndarray | None = None
 
     def __len__(self):
         return len(self.points)
 
     def select(self, chosen):
         """The points that `chosen`, a mask or indices, picks."""
-        worth, sharpness = (part if part is None else part[chosen] for part in (self.worth, self.sharpness))
-        return Cloud(self.points[chosen], self.normals[chosen], self.beams[chosen], worth, sharpness)
+        weights, inverse_noise = (part if part is None else part[chosen] for part in (self.weights, self.inverse_noise))
+        return OrientedPoints(self.points[chosen], self.normals[chosen], self.beams[chosen], weights, inverse_noise)
 
     def joined(self, other):
         """These points and then those of another cloud, all of them sharp."""
         parts = (self.points, other.points), (self.normals, other.normals), (self.beams, other.beams)
-        worth = np.concatenate([each.weighed(np.ones(len(each))) for each in (self, other)])
-        return Cloud(*map(np.concatenate, parts), worth)
+        weights = np.concatenate([each.weighted(np.ones(len(each))) for each in (self, other)])
+        return OrientedPoints(*map(np.concatenate, parts), weights)
 
-    def weighed(self, weight):
+    def weighted(self, weight):
         """A `weight` ``(..., P)`` of the points times what they count."""
-        return weight if self.worth is None else weight * self.worth
+        return weight if self.weights is None else weight * self.weights
 
     def sharpened(self, values):
         """`values` ``(..., P)`` in units of each point's noise, where that is unusual."""
-        return values if self.sharpness is None else values * self.sharpness
+        return values if self.inverse_noise is None else values * self.inverse_noise
 
     def tolerance(self, distance):
         """A `distance` [m] that is more for points noisier than others."""
-        return distance if self.sharpness is None else distance / self.sharpness
+        return distance if self.inverse_noise is None else distance / self.inverse_noise
 
     def thinned(self, count):
         """At most `count` of the points, evenly along the scan."""
@@ -70,14 +70,14 @@ def stride(size, count):
     return -(-size // count)
 
 
-def build_cloud(points, normals, beams) -> Cloud:
-    """The `Cloud` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
+def build_oriented_points(points, normals, beams) -> OrientedPoints:
+    """The `OrientedPoints` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
     normals = as_complex(normals)
     known = normals != 0.0
-    return Cloud(as_complex(points)[known], normals[known], beams[known])
+    return OrientedPoints(as_complex(points)[known], normals[known], beams[known])
 
 
-def leverage(cloud: Cloud, balance):
+def leverage(cloud: OrientedPoints, balance):
     """Weight ``(P,)`` of each point, in sum 1: more where few points face the same way.
 
     In a corridor the few points that face along it decide, not the hundreds on its walls. The weight is the statistical
@@ -86,7 +86,7 @@ def leverage(cloud: Cloud, balance):
     size = max(len(cloud), 1)
     nx, ny = cloud.normals.real, cloud.normals.imag
     xx, xy, yy = nx @ nx / size + balance, nx @ ny / size, ny @ ny / size + balance
-    weight = cloud.weighed(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
+    weight = cloud.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
     return weight / max(float(weight.sum()), 1e-9)
 
 
@@ -107,7 +107,7 @@ def high_leverage(normals):
     return (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
 
 
-def sample(cloud: Cloud, count):
+def sample(cloud: OrientedPoints, count):
     """At most `count` of the points, evenly along the scan, and all of `high_leverage`: in a corridor those decide."""
     if len(cloud) <= count:
         return cloud

@@ -19,7 +19,7 @@ def estimate_noise(ranges, limits):
     return min(max(float(bend[at]) / (_NORMAL * math.sqrt(1.5)), limits.noise_min), limits.noise_max)
 
 
-def estimate_noise_share(places, beams, limits):
+def estimate_noise_ratio(places, beams, limits):
     """Standard deviation of a range as a share of it; 0 where far ranges are not noisier than near ones.
 
     From how far points lie along their beams from the line through their neighbours: points of a straight wall lie on it, at a
@@ -53,23 +53,23 @@ def estimate_noise_share(places, beams, limits):
     near_range, far_range = away[near[half // 2]], away[far[half // 2]]
     if far_noise ** 2 * near_range <= near_noise ** 2 * far_range or far_most > _WIDE * far_noise:
         return 0.0
-    return min(float(far_noise / far_range) / _NORMAL, limits.noise_share_max)
+    return min(float(far_noise / far_range) / _NORMAL, limits.noise_ratio_max)
 
 
 def range_noise(radius, noise, share):
     """Standard deviation [m] of each range ``(P,)``: the `noise` of the scan, and more where its `share` of the range is unusual."""
-    return noise + np.maximum(share * radius - USUAL_NOISE, 0.0)
+    return noise + np.maximum(share * radius - TYPICAL_NOISE, 0.0)
 
 
 @dataclass(frozen=True)
-class UsualShare:
+class NoiseRatioHistory:
     """The noise share of a sensor: what nearly all of its last scans say at least, as clutter seems to be noise in some."""
 
     shares: tuple = ()
 
     def after(self, share):
         """With that of one more scan."""
-        return UsualShare((*self.shares, share)[-_SCANS:])
+        return NoiseRatioHistory((*self.shares, share)[-_SCANS:])
 
     @property
     def value(self):
@@ -77,7 +77,7 @@ class UsualShare:
         return sorted(self.shares)[int(_SHARE_QUANTILE * len(self.shares))]
 
 
-USUAL_NOISE = 0.05
+TYPICAL_NOISE = 0.05
 """[m] Ranges noisier than this are taken to be so."""
 _NOISE_QUANTILE = 0.3
 # That quantile of |N(0, 1)|.

@@ -11,10 +11,10 @@ import numpy as np
 from ..geometry.se2 import wrap
 from ..parameters.registration import DensityParameters
 from ..scan import Scan
-from .free_space import build_view
-from .likelihood_field import build_surface
-from .oriented_points import Cloud, build_cloud, leverage
-from .range_noise import USUAL_NOISE
+from .free_space import build_free_space_profile
+from .likelihood_field import build_likelihood_field
+from .oriented_points import OrientedPoints, build_oriented_points, leverage
+from .range_noise import TYPICAL_NOISE
 
 
 class EndKind(IntEnum):
@@ -92,23 +92,23 @@ class Features:
     noise_share : float
         The same as a share of the range, where far ranges are noisier than near ones.
     posts : Cloud or None
-        What small things without normals count as, from `posts.with_posts`.
+        What small things without normals count as, from `poles.with_poles`.
     walls : Cloud
         The points that have a normal.
     dense_cloud : Cloud
-        `walls`, and then the `posts`.
+        `wall_points`, and then the `poles`.
     cloud : Cloud
         Some of them, evenly along the scan: those that hypotheses are compared by.
     leverage : (P,) float
-        Weight of each point of `cloud` in a comparison.
+        Weight of each point of `sampled_points` in a comparison.
     surface : Surface
-        The density of this scan as a reference; made when first asked for, like `view`.
+        The density of this scan as a reference; made when first asked for, like `free_space`.
     view : View
         How far this scan saw.
     worth : (P',) float or None
-        What each point of `dense_cloud` counts, from 0 to 1; None: all the same.
+        What each point of `oriented_points` counts, from 0 to 1; None: all the same.
     around : Cloud or None
-        Points of other scans that belong to `surface` as well.
+        Points of other scans that belong to `likelihood_field` as well.
     """
 
     scan: Scan
@@ -118,49 +118,49 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
-    noise_share: float = 0.0
-    posts: Cloud | None = None
-    worth: np.ndarray | None = None
-    around: Cloud | None = None
+    noise_ratio: float = 0.0
+    poles: OrientedPoints | None = None
+    weights: np.ndarray | None = None
+    map_points: OrientedPoints | None = None
 
     def without(self, left_out):
-        """The same, without the normals of those points of `dense_cloud` that `left_out`, a mask, picks; posts go as a whole."""
-        walls, normals = len(self.walls), self.normals.copy()
+        """The same, without the normals of those points of `oriented_points` that `left_out`, a mask, picks; posts go as a whole."""
+        walls, normals = len(self.wall_points), self.normals.copy()
         normals[np.flatnonzero(normals.any(axis=1))[left_out[:walls]]] = 0.0
-        posts = self.posts and self.posts.select(~np.isin(self.posts.beams, self.posts.beams[left_out[walls:]]))
-        return dataclasses.replace(self, normals=normals, posts=posts)
+        poles = self.poles and self.poles.select(~np.isin(self.poles.beams, self.poles.beams[left_out[walls:]]))
+        return dataclasses.replace(self, normals=normals, poles=poles)
 
-    def doubting(self, points, worth):
-        """The same, but those points of `dense_cloud` that `points`, a mask or indices, picks count `worth`."""
-        each = self.dense_cloud.weighed(np.ones(len(self.dense_cloud)))
-        each[points] *= worth
-        return dataclasses.replace(self, worth=each)
-
-    @cached_property
-    def walls(self):
-        return build_cloud(self.points, self.normals, self.beams)
+    def downweighted(self, points, weights):
+        """The same, but those points of `oriented_points` that `points`, a mask or indices, picks count `weights`."""
+        each = self.oriented_points.weighted(np.ones(len(self.oriented_points)))
+        each[points] *= weights
+        return dataclasses.replace(self, weights=each)
 
     @cached_property
-    def dense_cloud(self):
-        cloud = self.walls.joined(self.posts) if self.posts else self.walls
+    def wall_points(self):
+        return build_oriented_points(self.points, self.normals, self.beams)
+
+    @cached_property
+    def oriented_points(self):
+        cloud = self.wall_points.joined(self.poles) if self.poles else self.wall_points
         # Errors of points that are noisier than usual are measured in units of their noise.
-        times = self.noise_share / USUAL_NOISE * np.abs(cloud.points)
-        sharpness = 1.0 / np.maximum(times, 1.0) if (times > 1.0).any() else None
-        worth = cloud.worth if self.worth is None else self.worth
-        return dataclasses.replace(cloud, worth=worth, sharpness=sharpness)
+        times = self.noise_ratio / TYPICAL_NOISE * np.abs(cloud.points)
+        inverse_noise = 1.0 / np.maximum(times, 1.0) if (times > 1.0).any() else None
+        weights = cloud.weights if self.weights is None else self.weights
+        return dataclasses.replace(cloud, weights=weights, inverse_noise=inverse_noise)
 
     @cached_property
-    def cloud(self):
-        return self.dense_cloud.thinned(self.density.points)
+    def sampled_points(self):
+        return self.oriented_points.thinned(self.density.max_points)
 
     @cached_property
     def leverage(self):
-        return leverage(self.cloud, self.density.balance)
+        return leverage(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
-    def surface(self):
-        return build_surface(self.dense_cloud.joined(self.around) if self.around else self.dense_cloud, self.density)
+    def likelihood_field(self):
+        return build_likelihood_field(self.oriented_points.joined(self.map_points) if self.map_points else self.oriented_points, self.density)
 
     @cached_property
-    def view(self):
-        return build_view(self.points, self.scan.geometry.angle_increment)
+    def free_space(self):
+        return build_free_space_profile(self.points, self.scan.geometry.angle_increment)

@@ -54,7 +54,7 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
         candidate, inner, outer, deviation = _consensus_outliers(points, noise, parameters)
     if not candidate.any():
         return points, outcome
-    gross = deviation > (parameters.gross or np.inf)
+    gross = deviation > (parameters.gross_error or np.inf)
     removed = candidate & ((inner >= parameters.inner_threshold) | gross)
     corner = candidate & ~removed & (outer >= parameters.outer_threshold)
     smoothed = candidate & ~removed & ~corner
@@ -164,7 +164,7 @@ def _judged_by_lines(points, noise, parameters):
     candidate[doubtful] = ~(on[:len(_ONE_SIDED)].any(axis=0) | on[len(_ONE_SIDED):].any(axis=0) & ~corner[doubtful])
     deviation[doubtful] = distance.min(axis=0)
     inner, outer = candidate.astype(int), candidate.astype(int)
-    counted = candidate if parameters.gross == 0.0 else candidate & (deviation <= parameters.gross)
+    counted = candidate if parameters.gross_error == 0.0 else candidate & (deviation <= parameters.gross_error)
     at = counted.nonzero()[0]
     if len(at):
         distance, tolerance = _off_lines(padded, at, _ACROSS, noise, parameters)

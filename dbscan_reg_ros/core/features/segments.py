@@ -99,8 +99,8 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     length = np.abs(end - start)
     keep = (count >= parameters.min_points) & (length >= parameters.min_length) & (residual < (0.15 * length) ** 2)
     keep = keep.nonzero()[0]
-    if len(keep) > parameters.most:
-        keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.most]])
+    if len(keep) > parameters.max_segments:
+        keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.max_segments]])
     start, end, along, first, last, count, residual, spread = (
         values[keep] for values in (start, end, along, first, last, count, residual, spread))
     sigma = 0.5 * (noise[first] + noise[last])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.se2 import as_complex
-from .oriented_points import Cloud
+from .oriented_points import OrientedPoints
 from .records import Features
 from .segments import find_breaks
 
@@ -14,7 +14,7 @@ from .segments import find_breaks
 _AROUND = np.exp(2j * np.pi * np.arange(8) / 8)
 
 
-def with_posts(features: Features, size, parameters) -> Features:
+def with_poles(features: Features, size, parameters) -> Features:
     """The same, and in place of each post points all around it that face away from its middle.
 
     A small thing that stands free is a post if none of its points has a normal. A point that has one holds the motion across
@@ -35,7 +35,7 @@ def with_posts(features: Features, size, parameters) -> Features:
     bare = as_complex(features.normals) == 0.0
     if not bare.any():
         return features
-    things = free_standing(features, size, parameters)
+    things = find_small_objects(features, size, parameters)
     chosen = things.bare.nonzero()[0]
     if not len(chosen):
         return features
@@ -44,12 +44,12 @@ def with_posts(features: Features, size, parameters) -> Features:
     towards = -front / np.maximum(np.abs(front), 1e-9)
     normals = towards[:, None] * _AROUND
     around = (front - half * towards)[:, None] + half[:, None] * normals
-    worth = np.minimum(2.0 * returns / len(_AROUND), 1.0)
-    posts = Cloud(*(each.ravel() for each in (around, normals)), *(each.repeat(len(_AROUND)) for each in (beams, worth)))
-    return dataclasses.replace(features, posts=posts)
+    weights = np.minimum(2.0 * returns / len(_AROUND), 1.0)
+    poles = OrientedPoints(*(each.ravel() for each in (around, normals)), *(each.repeat(len(_AROUND)) for each in (beams, weights)))
+    return dataclasses.replace(features, poles=poles)
 
 
-class Things(NamedTuple):
+class SmallObjects(NamedTuple):
     """Small things that stand free, T of them.
 
     Attributes
@@ -81,11 +81,11 @@ class Things(NamedTuple):
         return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), 1e-9))
 
 
-def free_standing(features: Features, size, parameters) -> Things:
+def find_small_objects(features: Features, size, parameters) -> SmallObjects:
     """Runs of points (Eq. 5) smaller than a `size` [m] beside which it is deeper, or nothing, on both sides."""
     geometry, beams, points = features.scan.geometry, features.beams, as_complex(features.points)
     if not len(points):
-        return Things(beams, beams, np.abs(points), points, np.abs(points), points == 0.0)
+        return SmallObjects(beams, beams, np.abs(points), points, np.abs(points), points == 0.0)
     bare = as_complex(features.normals) == 0.0
     radius = np.abs(points)
     breaks = find_breaks(points, radius, beams, geometry, features.noise, parameters)
@@ -107,5 +107,5 @@ def free_standing(features: Features, size, parameters) -> Things:
     free &= np.abs(points[last] - points[first]) < size
     at, first, last = at[free], first[free], last[free]
     front, returns = 0.5 * (points[first] + points[last]), last - first + 1
-    return Things(beams[first] % turn, returns, np.minimum.reduceat(radius, start)[at], front,
+    return SmallObjects(beams[first] % turn, returns, np.minimum.reduceat(radius, start)[at], front,
                   returns * abs(geometry.angle_increment) * np.abs(front), np.logical_and.reduceat(bare, start)[at])

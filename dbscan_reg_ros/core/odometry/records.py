@@ -42,7 +42,7 @@ class OdometryUpdate:
     restarted : str
         Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else empty.
     told_error : (3, 3) float
-        What is known to be wrong with told motions: one told as m [m, m, rad] was m + `told_error` @ m, in the sensor's frame. 0
+        What is known to be wrong with told motions: one told as m [m, m, rad] was m + `wheel_correction` @ m, in the sensor's frame. 0
         as long as nothing is known.
     number : int
         How many scans this `Odometry` used before this one, resets included.
@@ -64,6 +64,6 @@ class OdometryUpdate:
     reference_pose: SE2
     reference_changed: bool
     restarted: str = ''
-    told_error: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     number: int = 0
     reference_number: int | None = None

@@ -16,7 +16,7 @@ class ScanParameters(ParameterGroup):
     min_returns: int = parameter(8, 'a scan with fewer returns is skipped', 'beams', 3, 100000)
     noise_min: float = parameter(0.004, 'least range noise assumed, whatever the scan says', 'm', 0.0001, 1.0)
     noise_max: float = parameter(0.05, 'greatest range noise assumed', 'm', 0.0001, 1.0)
-    noise_share_max: float = parameter(0.05, 'greatest range noise assumed as a share of the range: far returns that are noisier '
+    noise_ratio_max: float = parameter(0.05, 'greatest range noise assumed as a share of the range: far returns that are noisier '
                                        'than near ones count less; 0: all count the same', '', 0.0, 0.5)
 
 
@@ -29,7 +29,7 @@ class RingBandParameters(ParameterGroup):
                           choices=('anchor', 'consensus', 'off'))
     inner_threshold: int = parameter(2, 'T1: this many outliers in the inner ring remove the candidate', 'beams', 1, 4)
     outer_threshold: int = parameter(3, 'T2: this many outliers in the outer ring make it a corner', 'beams', 1, 8)
-    gross: float = parameter(0.05, 'an outlier farther than this from its neighbours\' line is removed, never averaged; '
+    gross_error: float = parameter(0.05, 'an outlier farther than this from its neighbours\' line is removed, never averaged; '
                              '0: always averaged', 'm', 0.0, 100.0)
     slope_tolerance: float = parameter(0.2, 'anchor: a slope this far from the ring\'s median is an outlier', 'rad', 0.001, 3.2)
     jump: float = parameter(0.5, 'anchor: rings whose neighbours lie farther apart are not judged', 'm', 0.01, 100.0)
@@ -60,7 +60,7 @@ class SegmentParameters(ParameterGroup):
     join_gap: float = parameter(1.0, 'neighbours farther apart are never joined', 'm', 0.0, 100.0)
     min_points: int = parameter(4, 'a segment has at least this many points', 'beams', 2, 1000)
     min_length: float = parameter(0.15, 'a segment is at least this long', 'm', 0.0, 100.0)
-    most: int = parameter(100, 'so many segments of a scan are kept, the longest', '', 2, 1000)
+    max_segments: int = parameter(100, 'so many segments of a scan are kept, the longest', '', 2, 1000)
     depth_margin: float = parameter(0.15, 'an end is free when the next return lies this much deeper', 'm', 0.0, 10.0)
     corner_reach: float = parameter(0.1, 'two lines meet in a corner when both end this close to it', 'm', 0.0, 10.0)
     normal_reach: float = parameter(0.1, 'normals are fitted to neighbours up to this far on each side', 'm', 0.0, 10.0)

@@ -20,7 +20,7 @@ from .registration import (
 )
 from .schema import ParameterTree
 
-_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')
+_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translation', 'eps')
 """Group and name of what has a least and a greatest value, each a parameter; a greatest one of 0 is none."""
 
 
@@ -37,7 +37,7 @@ class Parameters(ParameterTree):
     selection: SelectionParameters = dataclasses.field(default_factory=SelectionParameters)
     divergence: DivergenceParameters = dataclasses.field(default_factory=DivergenceParameters)
     refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)
-    free: FreeDirectionParameters = dataclasses.field(default_factory=FreeDirectionParameters)
+    degeneracy: FreeDirectionParameters = dataclasses.field(default_factory=FreeDirectionParameters)
     decision: DecisionParameters = dataclasses.field(default_factory=DecisionParameters)
     prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
@@ -55,9 +55,9 @@ class Parameters(ParameterTree):
     @cached_property
     def widened(self):
         """The same with a search of more hypotheses, which is not repeated."""
-        more = self.selection.widen
-        rotation = dataclasses.replace(self.rotation, hypotheses=min(more * self.rotation.hypotheses, _MOST))
-        candidates = min(more * self.selection.candidates, _MOST)
-        selection = dataclasses.replace(self.selection, widen=1, refined=min(more * self.selection.refined, _MOST),
-                                        candidates=candidates, heaviest=candidates)
+        more = self.selection.wide_search_factor
+        rotation = dataclasses.replace(self.rotation, max_hypotheses=min(more * self.rotation.max_hypotheses, _MOST))
+        candidates = min(more * self.selection.max_clusters_with_prior, _MOST)
+        selection = dataclasses.replace(self.selection, wide_search_factor=1, preselected=min(more * self.selection.preselected, _MOST),
+                                        max_clusters_with_prior=candidates, max_clusters=candidates)
         return dataclasses.replace(self, rotation=rotation, selection=selection)

@@ -27,15 +27,15 @@ def weakest_direction(information):
     return 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi, max(half - root, 0.0), half + root
 
 
-def between_walls(information, angle):
+def is_corridor_like(information, angle):
     """Whether all but few points face across the direction `angle` [rad], by their `information` ``(3, 3)``: not so in a round room."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
     c, s = math.cos(angle), math.sin(angle)
     return c * c * xx + 2.0 * c * s * xy + s * s * yy < _FEW * (xx + yy)
 
 
-def without_slant(rows, angle, least, of=None):
-    """`point_to_line.derivatives` as if walls that are all but along the direction `angle` [rad] were exactly along it.
+def without_near_parallel(rows, angle, least, of=None):
+    """`point_to_line.jacobian` as if walls that are all but along the direction `angle` [rad] were exactly along it.
 
     They would hold the way along it by their slant; but where all points of one are off by 1 cm, a range that is too long or a
     map that is too narrow, the way is off by 10 cm if the slant is 6 deg.
@@ -61,7 +61,7 @@ def _along(rows, angle):
     return math.cos(angle) * rows[0] + math.sin(angle) * rows[1]
 
 
-def search_free_direction(candidates, angles, reference, current, parameters, density):
+def search_degenerate_direction(candidates, angles, reference, current, parameters, density):
     """Slide each candidate along its direction to where the few points that face that way fit best.
 
     Parameters
@@ -77,22 +77,22 @@ def search_free_direction(candidates, angles, reference, current, parameters, de
     -------
     (H, 3) array
     """
-    cloud = current.cloud
+    cloud = current.sampled_points
     facing = np.abs((np.exp(1j * (candidates[:, 2] - angles))[:, None] * cloud.normals).real).max(axis=0)
-    cloud = cloud.select(facing > parameters.facing)
+    cloud = cloud.select(facing > parameters.min_facing)
     if len(cloud) < parameters.min_points:
         return candidates
     along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
-    for reach, step, scale in ((parameters.reach, 2.0 * parameters.scale, 3.0 * parameters.scale),
-                               (2.5 * parameters.scale, 0.4 * parameters.scale, parameters.scale)):
+    for reach, step, scale in ((parameters.search_distance, 2.0 * parameters.search_scale, 3.0 * parameters.search_scale),
+                               (2.5 * parameters.search_scale, 0.4 * parameters.search_scale, parameters.search_scale)):
         count = math.floor(reach / step)
         shift = np.arange(-count, count + 1) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
-        fit = point_to_line.fit(moved, cloud, reference.surface, density.facing)
+        fit = point_to_line.fit(moved, cloud, reference.likelihood_field, density.min_normal_cosine)
         component = (fit.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
-        violation = reference.view.violation(fit.places, cloud.tolerance(density.violation_tolerance))
+        violation = reference.free_space.violation(fit.places, cloud.tolerance(density.violation_tolerance))
         weight = fit.weight(scale)
-        value = (weight * component ** 2 - density.violation * violation * (1.0 - weight)).sum(axis=1)
+        value = (weight * component ** 2 - density.violation_weight * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
         best = value.argmax(axis=1)
         candidates = candidates + shift[best][:, None] * along

@@ -7,19 +7,19 @@ has, and tells the whole motion.
 import numpy as np
 
 from ..features.records import Features
-from ..features.small_objects import free_standing
+from ..features.small_objects import find_small_objects
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
 from ..parameters.tree import Parameters
 from .point_to_line import transform_points
 from .records import Prior
-from .scoring import distinct, not_ruled_out
+from .scoring import distinct, within_gate
 
 
 def landmarks(features: Features, parameters: Parameters):
     """Their middles (complex [m]), of the nearest first."""
-    things = free_standing(features, parameters.selection.landmark_size, parameters.segments)
-    return things.middle[things.nearest.argsort(kind='stable')[:parameters.selection.landmarks]]
+    things = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
+    return things.middle[things.nearest.argsort(kind='stable')[:parameters.selection.max_landmarks]]
 
 
 def landmark_motions(reference: Features, current: Features, parameters: Parameters, prior: Prior | None = None):
@@ -42,7 +42,7 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     way = 0.5 * (here[first[of]] + here[second[of]] - turn * (there[start[to]] + there[end[to]]))
     motions = np.column_stack((as_vectors(way), np.angle(turn)))
     if prior is not None:
-        motions = motions[not_ruled_out(motions, prior, parameters.prior)]
+        motions = motions[within_gate(motions, prior, parameters.prior)]
     missed = np.abs(transform_points(motions, there)[:, :, None] - here).min(axis=2, initial=np.inf)
     support = kernel(missed, _CLOSE).sum(axis=1)
     motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _LEAST)]]

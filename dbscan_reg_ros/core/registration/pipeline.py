@@ -9,13 +9,13 @@ import numpy as np
 from ..features.oriented_points import sample
 from ..features.records import Features
 from ..parameters.tree import Parameters
-from .degeneracy import search_free_direction, weakest_direction
+from .degeneracy import search_degenerate_direction, weakest_direction
 from .landmarks import landmark_motions
 from .paper.divergence import select_by_divergence
 from .point_to_line import Fit, fit, next_step, polish, refine
 from .records import Prior, Registration, Status
 from .rotation import estimate_rotations, pair_weights
-from .scoring import distinct, hopeful, not_ruled_out, reverse_violation, score, sieve, surprise
+from .scoring import distinct, promising, within_gate, reverse_violation, score, preselect, squared_mahalanobis
 from .status import decide, failed
 from .translation import estimate_translations
 
@@ -40,48 +40,48 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
     """
     p = parameters
-    if current.dense_cloud.sharpness is not None and not reference.noise_share:
+    if current.oriented_points.inverse_noise is not None and not reference.noise_ratio:
         # Of the same sensor: noise of far ranges that one scan alone shows is chance, or outliers.
-        current = dataclasses.replace(current, noise_share=0.0)
+        current = dataclasses.replace(current, noise_ratio=0.0)
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     if near and prior is not None and p.selection.method == 'density':
-        found = search_near(prior, reference, current, rotations, weights, p, p.prior.enough)
+        found = search_within_gate(prior, reference, current, rotations, weights, p, p.prior.enough)
         if found is not None:
             return found
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     if p.selection.method == 'divergence':
         return select_by_divergence(reference, current, rotations, translations, p)
-    sure, most = translations.shortest, p.selection.heaviest
+    sure, most = translations.shortest, p.selection.max_clusters
     if prior is not None:
-        sure, most = np.concatenate((prior.transform.as_array()[None], sure)), p.selection.candidates
+        sure, most = np.concatenate((prior.transform.as_array()[None], sure)), p.selection.max_clusters_with_prior
     candidates = translations.transform[:most]
-    if p.selection.landmarks and p.selection.widen == 1:
+    if p.selection.max_landmarks and p.selection.wide_search_factor == 1:
         candidates = np.concatenate((landmark_motions(reference, current, p, prior), candidates))
     found = select(sure, candidates, reference, current, p, prior)
-    doubtful = found.score < p.selection.doubt or prior is None and found.status is not Status.OK
-    if doubtful and p.selection.widen > 1:
+    doubtful = found.score < p.selection.wide_search_score or prior is None and found.status is not Status.OK
+    if doubtful and p.selection.wide_search_factor > 1:
         wide = register(reference, current, p.widened, prior, near=False)
-        if wide.score > found.score + p.selection.better:
+        if wide.score > found.score + p.selection.wide_search_gain:
             return wide
     return found
 
 
-def register_near(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:
+def register_within_gate(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:
     """The best of what the prior does not rule out, however well others may fit: as `register`."""
     weights = pair_weights(reference.segments, current.segments, parameters.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, parameters.rotation)
-    return search_near(prior, reference, current, rotations, weights, parameters, -np.inf)
+    return search_within_gate(prior, reference, current, rotations, weights, parameters, -np.inf)
 
 
-def search_near(prior, reference, current, rotations, weights, p, least):
+def search_within_gate(prior, reference, current, rotations, weights, p, least):
     """The best of what the prior does not rule out; None where it scores no more than `least`."""
     expected = prior.transform.as_array()
-    near = rotations.near(expected[2], p.prior.limit * prior.angular_spread)
+    near = rotations.near(expected[2], p.prior.gate * prior.rotation_sigma)
     translations = estimate_translations(reference.segments, current.segments, near, weights, p.translation)
     candidates = translations.transform
-    candidates = candidates[not_ruled_out(candidates, prior, p.prior)]
-    return select(expected[None], candidates[:p.selection.candidates], reference, current, p, prior, least)
+    candidates = candidates[within_gate(candidates, prior, p.prior)]
+    return select(expected[None], candidates[:p.selection.max_clusters_with_prior], reference, current, p, prior, least)
 
 
 def select(sure, candidates, reference, current, p, prior, least=-np.inf):
@@ -96,38 +96,38 @@ def select(sure, candidates, reference, current, p, prior, least=-np.inf):
     """
     if not len(sure) + len(candidates):
         return failed('no line of one scan has a partner in the other')
-    if not len(current.cloud):
+    if not len(current.sampled_points):
         return failed('no returns of the scan lie on a surface')
     if prior is None:
         # Most hypotheses are far off: a part of the points tells which, and leads the others close enough.
-        cloud, candidates = sample(current.cloud, p.selection.sieve_points), np.concatenate((sure, candidates))
-        candidates, found = hopeful(candidates, fit(candidates, cloud, reference.surface, p.density.facing),
-                                    p.refinement.coarse_scale, p.selection.hopeful)
+        cloud, candidates = sample(current.sampled_points, p.selection.preselection_points), np.concatenate((sure, candidates))
+        candidates, found = promising(candidates, fit(candidates, cloud, reference.likelihood_field, p.density.min_normal_cosine),
+                                    p.refinement.coarse_scale, p.selection.min_support_ratio)
     else:
-        cloud, found = current.cloud, None
-        candidates = np.concatenate((sure, sieve(candidates, cloud, reference.view, p.selection, p.density)))
+        cloud, found = current.sampled_points, None
+        candidates = np.concatenate((sure, preselect(candidates, cloud, reference.free_space, p.selection, p.density)))
     coarse = approach(candidates, found, cloud, reference, current, p, prior)
     if coarse.score[0] <= least:
         return None
-    chosen = distinct(coarse.candidates, p.selection.finalists, p.selection.same_distance, p.selection.same_angle)
-    close = [each for each in chosen if coarse.score[each] >= coarse.score[0] - p.selection.clear]
-    finalists = follow_free_direction(coarse.candidates[close], coarse.equations[close], reference, current, p)
+    chosen = distinct(coarse.candidates, p.selection.top_candidates, p.selection.same_distance, p.selection.same_angle)
+    close = [each for each in chosen if coarse.score[each] >= coarse.score[0] - p.selection.max_score_gap]
+    finalists = follow_degenerate_direction(coarse.candidates[close], coarse.equations[close], reference, current, p)
     if len(finalists) > 1:
         fine, fine_score, overlap, _, found = improve(
-            finalists, None, current.cloud, p.refinement.fine_scales(), reference, current, p, prior, both_ways=True)
+            finalists, None, current.sampled_points, p.refinement.fine_scales(), reference, current, p, prior, both_ways=True)
         if fine_score[0] <= least:
             return None
     else:
         fine, fine_score, overlap, found = coarse.candidates[chosen], coarse.score[chosen], coarse.overlap[chosen], coarse.best
-        if not p.refinement.polish:
-            fine[:1], _ = refine(finalists, current.cloud, reference.surface, p.refinement.fine_scales(), p.density.facing,
+        if not p.refinement.polish_iterations:
+            fine[:1], _ = refine(finalists, current.sampled_points, reference.likelihood_field, p.refinement.fine_scales(), p.density.min_normal_cosine,
                                  p.refinement.damping, found)
-            found = fit(fine[:1], current.cloud, reference.surface, p.density.facing)
-    cloud = current.dense_cloud if p.refinement.polish else current.cloud
-    if cloud is not current.cloud:
-        found = fit(fine[:1], cloud, reference.surface, p.density.facing)
+            found = fit(fine[:1], current.sampled_points, reference.likelihood_field, p.density.min_normal_cosine)
+    cloud = current.oriented_points if p.refinement.polish_iterations else current.sampled_points
+    if cloud is not current.sampled_points:
+        found = fit(fine[:1], cloud, reference.likelihood_field, p.density.min_normal_cosine)
     fine[0], found = polish(fine[0], found, cloud, p.refinement)
-    return decide(fine, fine_score, overlap, found.thinned(p.density.points), coarse.candidates, coarse.score, reference, current, p)
+    return decide(fine, fine_score, overlap, found.thinned(p.density.max_points), coarse.candidates, coarse.score, reference, current, p)
 
 
 class Ranking(NamedTuple):
@@ -164,31 +164,31 @@ def approach(candidates, known, cloud, reference, current, p, prior):
     coarse = improve(candidates, known, cloud, scales, reference, current, p, prior)
     if prior is not None:
         return coarse
-    way = next_step(coarse.best, current.cloud, p.refinement.fine_scale, p.refinement.damping)
+    way = next_step(coarse.best, current.sampled_points, p.refinement.fine_scale, p.refinement.damping)
     if math.hypot(way[0], way[1]) < p.refinement.final_scale:
         return coarse
     # Some go past the place: those from before stay.
-    return coarse.joined(improve(coarse.candidates, None, current.cloud, scales, reference, current, p, prior))
+    return coarse.joined(improve(coarse.candidates, None, current.sampled_points, scales, reference, current, p, prior))
 
 
 def improve(candidates, known, cloud, scales, reference, current, p, prior, both_ways=False):
     """Refine all hypotheses, whose `Fit` may be `known`, together by the points of a cloud, and score them by all points."""
-    candidates, equations = refine(candidates, cloud, reference.surface, scales, p.density.facing, p.refinement.damping, known)
-    fits = fit(candidates, current.cloud, reference.surface, p.density.facing)
+    candidates, equations = refine(candidates, cloud, reference.likelihood_field, scales, p.density.min_normal_cosine, p.refinement.damping, known)
+    fits = fit(candidates, current.sampled_points, reference.likelihood_field, p.density.min_normal_cosine)
     value, overlap = score(fits, reference, current, p.refinement.score_scale, p.density)
     if both_ways:
-        value = value - p.density.violation * reverse_violation(candidates, reference, current, p.density)
+        value = value - p.density.violation_weight * reverse_violation(candidates, reference, current, p.density)
     if prior is not None:
-        value = value - p.prior.weight * np.minimum(surprise(candidates, prior) / p.prior.limit ** 2, 1.0)
+        value = value - p.prior.weight * np.minimum(squared_mahalanobis(candidates, prior) / p.prior.gate ** 2, 1.0)
     order = (-value).argsort(kind='stable')
     return Ranking(candidates[order], value[order], overlap[order], equations[order], fits.select(slice(order[0], order[0] + 1)))
 
 
-def follow_free_direction(candidates, equations, reference, current, p):
+def follow_degenerate_direction(candidates, equations, reference, current, p):
     """Where the normal equations leave a direction all but free, a better place along it joins as a further hypothesis."""
     angle, weak, strong = np.array([weakest_direction(each[:3, :3]) for each in equations]).T
-    free = weak < p.free.ratio * strong
+    free = weak < p.degeneracy.information_ratio * strong
     if not free.any():
         return candidates
-    slid = search_free_direction(candidates[free], angle[free], reference, current, p.free, p.density)
+    slid = search_degenerate_direction(candidates[free], angle[free], reference, current, p.degeneracy, p.density)
     return np.concatenate((candidates, slid[(slid != candidates[free]).any(axis=1)]))

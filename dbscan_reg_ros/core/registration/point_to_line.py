@@ -26,7 +26,7 @@ class Fit(NamedTuple):
     Attributes
     ----------
     error : (H, P) float [m]
-        Signed distance from the line of the nearest point, times the cloud's `sharpness`.
+        Signed distance from the line of the nearest point, times the cloud's `inverse_noise`.
     alike : (H, P) bool
         Whether that point faces the same way.
     normals : (H, P) complex
@@ -40,7 +40,7 @@ class Fit(NamedTuple):
     error: np.ndarray
     alike: np.ndarray
     normals: np.ndarray
-    arms: np.ndarray
+    rotated_points: np.ndarray
     places: np.ndarray
 
     def weight(self, scale):
@@ -50,15 +50,15 @@ class Fit(NamedTuple):
         return weight
 
     def rows(self):
-        """``(H, 4, P)`` `linear_errors`."""
-        return linear_errors(self.error, self.normals, self.arms)
+        """``(H, 4, P)`` `linear_residuals`."""
+        return linear_residuals(self.error, self.normals, self.rotated_points)
 
     def select(self, chosen):
         """The fits of the candidates that `chosen`, indices or a slice, picks."""
         return Fit(*(part[chosen] for part in self))
 
     def thinned(self, count):
-        """That of at most `count` of the points, as `Cloud.thinned`."""
+        """That of at most `count` of the points, as `OrientedPoints.thinned`."""
         step = stride(self.error.shape[1], count)
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
@@ -75,8 +75,8 @@ def fit(candidates, cloud, surface, facing) -> Fit:
         Least cosine of the angle between the normals of partners.
     """
     turn = np.exp(1j * candidates[:, 2:])
-    arms = turn * cloud.points
-    places = arms + origins(candidates)
+    rotated_points = turn * cloud.points
+    places = rotated_points + origins(candidates)
     nearest = surface.nearest(places)
     normals = surface.normals.take(nearest)
     error = cloud.sharpened((normals * places).real - surface.offsets.take(nearest))
@@ -84,10 +84,10 @@ def fit(candidates, cloud, surface, facing) -> Fit:
     if facing < 0.0:
         # The normal of no point is 0.
         alike &= nearest != len(surface.normals) - 1
-    return Fit(error, alike, cloud.sharpened(normals), arms, places)
+    return Fit(error, alike, cloud.sharpened(normals), rotated_points, places)
 
 
-def derivatives(normals, arms, rows=3):
+def jacobian(normals, rotated_points, rows=3):
     """``(..., rows, P)``: of the points' errors by x, y [m] and theta [rad] in the first three rows.
 
     Parameters
@@ -98,13 +98,13 @@ def derivatives(normals, arms, rows=3):
     table = np.empty((*normals.shape[:-1], rows, normals.shape[-1]))
     table[..., 0, :] = normals.real
     np.negative(normals.imag, out=table[..., 1, :])
-    np.negative((normals * arms).imag, out=table[..., 2, :])
+    np.negative((normals * rotated_points).imag, out=table[..., 2, :])
     return table
 
 
-def linear_errors(error, normals, arms):
-    """``(..., 4, P)``: the `derivatives`, and the errors [m] themselves; times a step ``(x, y, theta, 1)`` the errors after it."""
-    rows = derivatives(normals, arms, 4)
+def linear_residuals(error, normals, rotated_points):
+    """``(..., 4, P)``: the `jacobian`, and the errors [m] themselves; times a step ``(x, y, theta, 1)`` the errors after it."""
+    rows = jacobian(normals, rotated_points, 4)
     rows[..., 3, :] = error
     return rows
 
@@ -113,10 +113,10 @@ NO_STEP = np.array((0.0, 0.0, 0.0, 1.0))
 
 
 def normal_equations(rows, weight):
-    """``(..., 4, 4)`` weighted squares of `linear_errors`.
+    """``(..., 4, 4)`` weighted squares of `linear_residuals`.
 
     The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
-    the sum of the squared errors. Of the `derivatives` alone: the information.
+    the sum of the squared errors. Of the `jacobian` alone: the information.
     """
     return (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
 
@@ -130,7 +130,7 @@ def shared_information(rows, weight, own):
     Parameters
     ----------
     rows, own : (3, P) arrays
-        `derivatives` by the normals of the partners, and by the points' own.
+        `jacobian` by the normals of the partners, and by the points' own.
     weight : (P,) array
     """
     product = (rows * weight) @ own.T
@@ -161,14 +161,14 @@ def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
         now, known = known or fit(candidates, cloud, surface, facing), None
-        equations = normal_equations(now.rows(), cloud.weighed(now.weight(scale)))
+        equations = normal_equations(now.rows(), cloud.weighted(now.weight(scale)))
         candidates -= solve(equations, damping)
     return candidates, equations
 
 
 def next_step(found, cloud, scale, damping):
     """The step ``(3,)`` of one more iteration with a kernel of the `scale` [m], from the one candidate whose `Fit` was `found`."""
-    return -solve_one(normal_equations(found.rows()[0], cloud.weighed(found.weight(scale))[0]), damping)
+    return -solve_one(normal_equations(found.rows()[0], cloud.weighted(found.weight(scale))[0]), damping)
 
 
 def polish(candidate, found, cloud, refinement):
@@ -183,12 +183,12 @@ def polish(candidate, found, cloud, refinement):
     found : Fit
         Of it, H = 1.
     """
-    if not refinement.polish:
+    if not refinement.polish_iterations:
         return candidate, found
-    rows, worth = found.rows()[0], cloud.weighed(found.alike[0].astype(float))
+    rows, weights = found.rows()[0], cloud.weighted(found.alike[0].astype(float))
     way, scale = np.zeros(3), refinement.final_scale
-    for _ in range(refinement.polish):
-        weight = kernel(rows[3], scale) * worth
+    for _ in range(refinement.polish_iterations):
+        weight = kernel(rows[3], scale) * weights
         equations = normal_equations(rows, weight)
         step = solve_one(equations, refinement.damping)
         scale = refinement.narrowed(scale, math.sqrt(equations.item(15) / max(float(weight.sum()), 1e-9)))

@@ -75,11 +75,11 @@ class Registration:
     overlap: float = 0.0
     score: float = 0.0
     hypotheses: tuple = ()
-    free_direction: float | None = None
+    degenerate_direction: float | None = None
     find_matches: Callable = no_matches
     reason: str = ''
-    weakest: float | None = None
-    free_turn: bool = False
+    weakest_information: float | None = None
+    rotation_unobservable: bool = False
 
     @cached_property
     def matches(self):
@@ -96,29 +96,29 @@ class Prior:
         Pose of the current sensor in the reference's frame.
     covariance : (3, 3) float
         As in `Registration`; positive definite.
-    change : (3, 3) float or None
+    velocity_change : (3, 3) float or None
         Of a motion that goes on as before: the part of the covariance that is a change of the velocity, and lasts. None: the
         motion is known from elsewhere.
     """
 
     transform: SE2
     covariance: np.ndarray
-    change: np.ndarray | None = None
+    velocity_change: np.ndarray | None = None
 
     @property
-    def spread(self):
+    def translation_sigma(self):
         """Standard deviation [m] of the translation in the direction of which least is known."""
         (xx, xy, _), (_, yy, _), _ = self.covariance.tolist()
         return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
 
     @property
-    def angular_spread(self):
+    def rotation_sigma(self):
         """Standard deviation [rad] of the rotation."""
         return math.sqrt(self.covariance.item(2, 2))
 
-    def with_turn(self, turn, spread) -> 'Prior':
+    def with_rotation(self, turn, spread) -> 'Prior':
         """The same way, but with a `turn` [rad] known to `spread` [rad]; its chord turns by half the difference."""
         chord = SE2(0.0, 0.0, 0.5 * wrap(turn - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
         way = np.diag((1.0, 1.0, 0.0))
         return Prior(SE2(chord.x, chord.y, wrap(turn)), way @ self.covariance @ way + np.diag((0.0, 0.0, spread * spread)),
-                     None if self.change is None else way @ self.change @ way)
+                     None if self.velocity_change is None else way @ self.velocity_change @ way)

@@ -52,21 +52,21 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
     difference = wrap_period(difference, period)
     samples = difference.ravel()
     if not len(samples):
-        return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.sigma)
+        return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.eps)
     weights = weights.ravel()
-    sigma = parameters.sigma or knee_sigma(samples, parameters)
+    sigma = parameters.eps or knee_sigma(samples, parameters)
     labels = unlabelled(len(samples))
     todo, offset = np.arange(len(samples)), 0
     reach = sigma
-    for _ in range(parameters.recuts + 1):
-        found = dbscan_line(samples[todo], reach, parameters.min_points, None, period)
+    for _ in range(parameters.recluster_levels + 1):
+        found = dbscan_line(samples[todo], reach, parameters.min_samples, None, period)
         count = int(found.max(initial=NOISE)) + 1
         if not count:
             break
         kept = found != NOISE
         labels[todo[kept]] = found[kept] + offset
         todo, found = todo[kept], found[kept]
-        if parameters.width <= 0.0:
+        if parameters.max_width <= 0.0:
             break
         anchor = np.empty(count)
         anchor[found] = samples[todo]
@@ -74,7 +74,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
         low, high = np.zeros((2, count))
         np.minimum.at(low, found, spread)
         np.maximum.at(high, found, spread)
-        wide = (high - low > parameters.width)[found]
+        wide = (high - low > parameters.max_width)[found]
         if not wide.any():
             break
         todo, offset, reach = todo[wide], offset + count, 0.5 * reach
@@ -87,13 +87,13 @@ def pair_weights(reference, current, parameters):
         return np.ones((len(reference), len(current)))
     variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
     shorter = np.minimum(reference.length[:, None], current.length)
-    return shorter / (1.0 + variance / parameters.width ** 2) if parameters.width else shorter
+    return shorter / (1.0 + variance / parameters.max_width ** 2) if parameters.max_width else shorter
 
 
 def knee_sigma(samples, parameters):
     """The neighbourhood from the knee of the k-dist graph, with ``k = MinPts - 1`` (at least 1), within its bounds."""
-    bend = knee(k_distances(samples, max(parameters.min_points - 1, 1)))
-    return min(max(bend, parameters.sigma_min), parameters.sigma_max)
+    bend = knee(k_distances(samples, max(parameters.min_samples - 1, 1)))
+    return min(max(bend, parameters.eps_min), parameters.eps_max)
 
 
 def wrap_period(angle, period):
@@ -111,10 +111,10 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     anchor = np.empty(len(mass))
     anchor[index] = samples[at]
     offset, weight = wrap_period(samples[at] - anchor[index], period), weights[at]
-    if parameters.focus > 0.0:
-        weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.focus) ** 2)
+    if parameters.median_scale > 0.0:
+        weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.median_scale) ** 2)
     mean = np.bincount(index, weight * offset) / np.bincount(index, weight)
-    order = (-mass).argsort(kind='stable')[:parameters.hypotheses]
+    order = (-mass).argsort(kind='stable')[:parameters.max_hypotheses]
     rank = unlabelled(len(mass))
     rank[order] = np.arange(len(order))
     ranked = unlabelled(len(samples))

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from ..features.free_space import View, in_front
-from ..features.oriented_points import Cloud, sample
+from ..features.free_space import FreeSpaceProfile, in_front
+from ..features.oriented_points import OrientedPoints, sample
 from ..features.records import Features
 from ..geometry.se2 import wrap
 from ..geometry.symmetric_matrix import inverse
@@ -18,24 +18,24 @@ from ..parameters.registration import DensityParameters, SelectionParameters
 from . import point_to_line
 
 
-def sieve(candidates, cloud: Cloud, view: View, parameters: SelectionParameters, density: DensityParameters):
+def preselect(candidates, cloud: OrientedPoints, view: FreeSpaceProfile, parameters: SelectionParameters, density: DensityParameters):
     """The hypotheses ``(C, 3)`` that lay a scan's points best onto the outline of the reference, at most `refined` of them.
 
     A table of candidates x beams: no surface is built for it.
     """
-    if len(candidates) <= parameters.refined:
+    if len(candidates) <= parameters.preselected:
         return candidates
-    places = point_to_line.transform_points(candidates, sample(cloud, parameters.sieve_points).points)
+    places = point_to_line.transform_points(candidates, sample(cloud, parameters.preselection_points).points)
     bins, radius = view.bins(places), np.abs(places)
     near, far = view.near.take(bins), view.far.take(bins)
     off = np.maximum(near - radius, radius - far)
-    support = np.minimum(np.maximum(1.0 - off / parameters.sieve_tolerance, 0.0), 1.0)
+    support = np.minimum(np.maximum(1.0 - off / parameters.preselection_tolerance, 0.0), 1.0)
     support *= near > 0.0
-    support -= density.violation * in_front(radius, near, parameters.sieve_tolerance)
-    return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.refined]]
+    support -= density.violation_weight * in_front(radius, near, parameters.preselection_tolerance)
+    return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.preselected]]
 
 
-def hopeful(candidates, fits: point_to_line.Fit, scale, share):
+def promising(candidates, fits: point_to_line.Fit, scale, share):
     """The hypotheses ``(H, 3)`` with at least a `share` of the best one's support, and their fits.
 
     The support is the sum of the kernels of a `scale` [m] over the points (Eq. 16).
@@ -56,19 +56,19 @@ def score(fit: point_to_line.Fit, reference: Features, current: Features, scale,
         Plain share of the points on the reference's surfaces.
     """
     weight = fit.weight(scale)
-    violation = reference.view.violation(fit.places, current.cloud.tolerance(parameters.violation_tolerance))
+    violation = reference.free_space.violation(fit.places, current.sampled_points.tolerance(parameters.violation_tolerance))
     violation *= 1.0 - weight
-    return (weight - parameters.violation * violation) @ current.leverage, weight.sum(axis=1) / max(len(current.cloud), 1)
+    return (weight - parameters.violation_weight * violation) @ current.leverage, weight.sum(axis=1) / max(len(current.sampled_points), 1)
 
 
 def reverse_violation(candidates, reference: Features, current: Features, parameters: DensityParameters):
     """Weighted share of the reference's points that lie in the current scan's free space, for each hypothesis."""
-    away = reference.cloud.points - point_to_line.origins(candidates)
+    away = reference.sampled_points.points - point_to_line.origins(candidates)
     places = np.exp(-1j * candidates[:, 2:]) * away
-    return current.view.violation(places, reference.cloud.tolerance(parameters.violation_tolerance)) @ reference.leverage
+    return current.free_space.violation(places, reference.sampled_points.tolerance(parameters.violation_tolerance)) @ reference.leverage
 
 
-def surprise(candidates, prior):
+def squared_mahalanobis(candidates, prior):
     """Squared Mahalanobis distance ``(H,)`` of each hypothesis from the prior, in the prior sensor's frame."""
     expected = prior.transform
     step = candidates - expected.as_array()
@@ -77,9 +77,9 @@ def surprise(candidates, prior):
     return (error * (inverse(prior.covariance) @ error)).sum(axis=0)
 
 
-def not_ruled_out(candidates, prior, parameters: PriorParameters):
+def within_gate(candidates, prior, parameters: PriorParameters):
     """Which hypotheses ``(H, 3)`` lie within the limit of a prior."""
-    reach, turn = parameters.limit * prior.spread, parameters.limit * prior.angular_spread
+    reach, turn = parameters.gate * prior.translation_sigma, parameters.gate * prior.rotation_sigma
     return same(candidates, prior.transform.as_array(), reach, turn)
 
 

@@ -25,12 +25,12 @@ def decide(fine, fine_score, overlap, found, coarse, coarse_score, reference: Fe
     fine, fine_score, overlap : (H, 3), (H,), (H,) arrays
         Finely refined hypotheses, best first.
     found : Fit
-        Of the best, for the points of the current scan's `cloud`.
+        Of the best, for the points of the current scan's `sampled_points`.
     coarse, coarse_score : (G, 3), (G,) arrays
         All hypotheses after the coarse refinement: the rivals are among them.
     """
     best, limits = fine[0], p.decision
-    covariance, held = uncertainty(best, found, current.cloud, max(reference.noise, current.noise), p)
+    covariance, held = uncertainty(best, found, current.sampled_points, max(reference.noise, current.noise), p)
     angle, free = held.angle, held.weak < limits.min_information
     level = slid(coarse, best, angle) if free else coarse
     rivals = ~same(level, best, limits.rival_distance, limits.rival_angle)
@@ -74,33 +74,33 @@ def judge(score, margin, held, parameters: DecisionParameters):
     if margin < parameters.min_margin:
         return Status.AMBIGUOUS, f'a rival scores within {max(margin, 0.0):.3f} of the best; {parameters.min_margin} asked for'
     if held.weak < parameters.min_information:
-        return Status.DEGENERATE, few_points(held.weak, parameters.min_information)
+        return Status.DEGENERATE, few_points_reason(held.weak, parameters.min_information)
     if held.turn < parameters.min_information:
         return Status.DEGENERATE, (f'only {held.turn:.2f} points, as if 1 m away, hold the rotation; '
                                    f'{parameters.min_information} asked for')
     return Status.OK, ''
 
 
-def few_points(weak, asked):
+def few_points_reason(weak, asked):
     """The reason for ``DEGENERATE``."""
     return f'only {weak:.2f} points hold the motion along one direction; {asked} asked for'
 
 
-def firmness(registration: Registration, parameters: DecisionParameters):
+def observability_ratio(registration: Registration, parameters: DecisionParameters):
     """How firmly a scan holds the motion, from 0 to 1: in parts of the points that are asked for when it is not known."""
-    weak, asked = registration.weakest, parameters.vague_information
+    weak, asked = registration.weakest_information, parameters.weak_prior_information
     return 1.0 if weak is None or weak >= asked else weak / asked
 
 
-def doubted(registration: Registration, prior: Prior, parameters: DecisionParameters):
+def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters):
     """`registration`, no longer ``OK`` where few points hold a motion of which nothing was known before.
 
     Along a corridor that repeats itself another place fits a few points as well as the true one does.
     """
-    weak, spread = registration.weakest, prior.spread
-    if registration.status is not Status.OK or firmness(registration, parameters) == 1.0 or spread <= parameters.vague:
+    weak, spread = registration.weakest_information, prior.translation_sigma
+    if registration.status is not Status.OK or observability_ratio(registration, parameters) == 1.0 or spread <= parameters.weak_prior_sigma:
         return registration
-    reason = f'{few_points(weak, parameters.vague_information)} where the motion is expected to {spread:.2f} m only'
+    reason = f'{few_points_reason(weak, parameters.weak_prior_information)} where the motion is expected to {spread:.2f} m only'
     return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
 
 

@@ -80,11 +80,11 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         lines = line_samples(pairs, equations, parameters)
         ends = end_samples(reference, current, rotations, pairs, parameters)
         samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
-        shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest])
+        shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest_rotations])
     if not len(samples):
         return Translations(np.empty((0, 3)), np.empty(0), as_vectors(samples), mass, rotation, np.empty(0, dtype=int), 0.0,
                             shortest)
-    sigma = parameters.sigma or knee_sigma(samples, rotation, parameters)
+    sigma = parameters.eps or knee_sigma(samples, rotation, parameters)
     labels = cluster(samples, rotation, sigma, parameters)
     return _rank(samples, mass, rotation, labels, sigma, rotations.phi, shortest)
 
@@ -98,12 +98,12 @@ def match_lines(rotations, weights, parameters):
     weight : (L,) array
     """
     off = wrap_period(rotations.difference.ravel() - rotations.phi[:, None], 2.0 * np.pi)
-    rotation, pair = (np.abs(off) < 2.0 * parameters.parallel).nonzero()
-    weight = np.exp(-0.5 * (off[rotation, pair] / parameters.parallel) ** 2) * weights.ravel()[pair]
+    rotation, pair = (np.abs(off) < 2.0 * parameters.parallel_sigma).nonzero()
+    weight = np.exp(-0.5 * (off[rotation, pair] / parameters.parallel_sigma) ** 2) * weights.ravel()[pair]
     order = np.lexsort((-weight, rotation))
     size = np.bincount(rotation)
     rank = np.arange(len(order)) - (size.cumsum() - size).repeat(size)
-    chosen = order[rank < parameters.pairs]
+    chosen = order[rank < parameters.max_pairs]
     return rotation[chosen], *np.divmod(pair[chosen], weights.shape[1]), weight[chosen]
 
 
@@ -130,7 +130,7 @@ def line_samples(pairs, equations, parameters):
     along, distance = equations
     first, second = pairs_before(rotation.searchsorted(rotation, 'right'))
     determinant = (along.conj()[first] * along[second]).imag
-    crossing = np.abs(determinant) > parameters.crossing
+    crossing = np.abs(determinant) > parameters.min_crossing_sine
     first, second, determinant = first[crossing], second[crossing], determinant[crossing]
     samples = (distance[first] * along[second] - distance[second] * along[first]) / determinant
     return samples, np.minimum(weight[first], weight[second]) * np.abs(determinant), rotation[first]
@@ -164,12 +164,12 @@ def end_samples(reference, current, rotations, pairs, parameters):
     world.
     """
     rotation, r, o, weight = pairs
-    worth = parameters.end_weight * _END_WORTH[reference.kinds.T[:, r], current.kinds.T[:, o]]
-    side, use = worth.nonzero()
+    weights = parameters.end_weight * _END_WORTH[reference.kinds.T[:, r], current.kinds.T[:, o]]
+    side, use = weights.nonzero()
     here, there = (np.array((as_complex(each.start), as_complex(each.end))) for each in (reference, current))
     group = rotation[use]
     samples = here[side, r[use]] - np.exp(1j * rotations.phi)[group] * there[side, o[use]]
-    return samples, weight[use] * worth[side, use], group
+    return samples, weight[use] * weights[side, use], group
 
 
 _END_WORTH = np.zeros((3, 3))
@@ -181,9 +181,9 @@ _END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
 
 def knee_sigma(samples, rotation, parameters):
     """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
-    apart = _apart(samples, rotation, parameters.sigma_max)
-    bend = knee(k_distances(as_vectors(apart), max(parameters.min_points - 1, 1)))
-    return min(max(bend, parameters.sigma_min), parameters.sigma_max)
+    apart = _apart(samples, rotation, parameters.eps_max)
+    bend = knee(k_distances(as_vectors(apart), max(parameters.min_samples - 1, 1)))
+    return min(max(bend, parameters.eps_min), parameters.eps_max)
 
 
 def _apart(samples, rotation, reach):
@@ -195,20 +195,20 @@ def _apart(samples, rotation, reach):
 def cluster(samples, rotation, sigma, parameters):
     """DBSCAN of the samples (complex [m]) of each rotation; clusters wider than `width` again, twice as finely."""
     labels = unlabelled(len(samples))
-    apart = as_vectors(_apart(samples, rotation, max(sigma, parameters.sigma_max)))
+    apart = as_vectors(_apart(samples, rotation, max(sigma, parameters.eps_max)))
     todo, offset = np.arange(len(samples)), 0
-    for _ in range(parameters.recuts + 1):
-        found = dbscan_plane(apart[todo], sigma, parameters.min_points)
+    for _ in range(parameters.recluster_levels + 1):
+        found = dbscan_plane(apart[todo], sigma, parameters.min_samples)
         kept = found != NOISE
         todo, found = todo[kept], found[kept]
         if not len(todo):
             break
         labels[todo] = found + offset
-        if parameters.width <= 0.0:
+        if parameters.max_width <= 0.0:
             break
         chosen, weight = samples[todo], np.bincount(found)
         off = np.abs(chosen - _means(found, chosen, weight)[found])
-        wide = (np.bincount(found, off * off) > parameters.width ** 2 * weight)[found]
+        wide = (np.bincount(found, off * off) > parameters.max_width ** 2 * weight)[found]
         if not wide.any():
             break
         offset += len(weight)

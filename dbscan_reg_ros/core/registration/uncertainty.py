@@ -10,28 +10,28 @@ from ..geometry.se2 import turned
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.registration import DecisionParameters
 from ..parameters.tree import Parameters
-from .degeneracy import between_walls, weakest_direction, without_slant
-from .point_to_line import derivatives, mean_square, normal_equations, shared_information
+from .degeneracy import is_corridor_like, weakest_direction, without_near_parallel
+from .point_to_line import jacobian, mean_square, normal_equations, shared_information
 
 
 def uncertainty(candidate, found, cloud, noise, p: Parameters):
-    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, and what holds it, `Held`.
+    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, and what holds it, `Observability`.
 
-    The information is that of the points of a `cloud` as they were `found` there, a `Fit`, each as uncertain as the points that
+    The information is that of the points of a `sampled_points` as they were `found` there, a `Fit`, each as uncertain as the points that
     fit are, at least the range `noise` [m].
     """
-    rows, own = derivatives(found.normals[0], found.arms[0]), own_derivatives(cloud.sharpened(cloud.normals), candidate[2], found.arms[0])
-    weight = cloud.weighed(found.weight(p.refinement.score_scale))[0]
+    rows, own = jacobian(found.normals[0], found.rotated_points[0]), own_jacobian(cloud.sharpened(cloud.normals), candidate[2], found.rotated_points[0])
+    weight = cloud.weighted(found.weight(p.refinement.score_scale))[0]
     covariance, held = match_covariance(found.error[0], weight, rows, own, noise, p.decision)
     return turned(covariance, -candidate[2]), held
 
 
-def own_derivatives(normals, theta, arms):
-    """``(3, P)`` `derivatives` by the points' own `normals` (complex), turned by `theta` [rad]."""
-    return derivatives((cmath.exp(1j * theta) * normals).conj(), arms)
+def own_jacobian(normals, theta, rotated_points):
+    """``(3, P)`` `jacobian` by the points' own `normals` (complex), turned by `theta` [rad]."""
+    return jacobian((cmath.exp(1j * theta) * normals).conj(), rotated_points)
 
 
-def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_way=False, free_turn=False):
+def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_way=False, rotation_unobservable=False):
     """As `uncertainty`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
 
     Parameters
@@ -45,20 +45,20 @@ def match_covariance(error, weight, rows, own, noise, parameters: DecisionParame
     """
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
     angle, weak, _ = weakest_direction(shared)
-    if weak < parameters.vague_information and between_walls(shared, angle):
-        straight, own_straight = (without_slant(each, angle, parameters.slant, of=rows) for each in (rows, own))
+    if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
+        straight, own_straight = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows) for each in (rows, own))
         shared = shared_information(straight, weight, own_straight)
     points = float(weight.sum())
-    held = what_holds(information, shared, points, parameters)
+    held = observability(information, shared, points, parameters)
     if free_way:
         chance = _chance(points) * (weakest_direction(information)[1] - held.weak)
         held = held._replace(weak=max(held.weak - chance, 0.0))
-    if free_turn:
+    if rotation_unobservable:
         held = held._replace(turn=0.0)
-    return calibrated(information, shared, mean_square(error, weight) + noise ** 2, held, parameters), held
+    return calibrated_covariance(information, shared, mean_square(error, weight) + noise ** 2, held, parameters), held
 
 
-class Held(NamedTuple):
+class Observability(NamedTuple):
     """What holds a motion.
 
     Attributes
@@ -76,7 +76,7 @@ class Held(NamedTuple):
     turn: float
 
 
-def what_holds(information, shared, points, parameters: DecisionParameters) -> Held:
+def observability(information, shared, points, parameters: DecisionParameters) -> Observability:
     """What of the `information` ``(3, 3)`` of so many `points` is `shared` by both scans: noise on the normals holds nothing.
 
     Where only noise holds the rotation, as in a round room, a match turns to where that of both scans happens to agree.
@@ -84,7 +84,7 @@ def what_holds(information, shared, points, parameters: DecisionParameters) -> H
     angle, weak, _ = weakest_direction(shared)
     turn = _turn_information(shared, information, parameters)[0]
     noise = max(_turn_information(information, information, parameters)[0] - turn, 0.0)
-    return Held(angle, weak, max(turn - _chance(points) * noise, 0.0))
+    return Observability(angle, weak, max(turn - _chance(points) * noise, 0.0))
 
 
 def _chance(points):
@@ -102,7 +102,7 @@ def _turn_information(shared, information, parameters):
     return turn + along * x + across * y, along, across
 
 
-def motion_along(angle, shared, parameters: DecisionParameters):
+def degenerate_translation(angle, shared, parameters: DecisionParameters):
     """``(3,)``: a way of 1 m along `angle` [rad], and the turn [rad] that goes with it by the `shared` information ``(3, 3)``.
 
     What is held as long as nothing turns, as the way along the wall of a round room is, may be free where it turns.
@@ -113,13 +113,13 @@ def motion_along(angle, shared, parameters: DecisionParameters):
     return np.array([c, s, -(x * c + y * s) / turn if turns else 0.0])
 
 
-def motion_around(information, shared, parameters: DecisionParameters):
-    """``(3,)``: a turn of 1 rad, and the way [m] that goes with it; arguments as for `calibrated`."""
+def degenerate_rotation(information, shared, parameters: DecisionParameters):
+    """``(3,)``: a turn of 1 rad, and the way [m] that goes with it; arguments as for `calibrated_covariance`."""
     _, *way = _turn_information(shared, information, parameters)
     return np.array((*way, 1.0))
 
 
-def calibrated(information, shared, variance, held: Held, parameters: DecisionParameters):
+def calibrated_covariance(information, shared, variance, held: Observability, parameters: DecisionParameters):
     """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
 
     What holds a direction is the `shared` information ``(3, 3)``. Few points hold it less surely than their number says:
@@ -134,11 +134,11 @@ def calibrated(information, shared, variance, held: Held, parameters: DecisionPa
     posterior = information / variance
     posterior.flat[::4] += parameters.prior_information()
     covariance = inverse(posterior)
-    along, free = motion_along(held.angle, shared, parameters), 1.0 / known
-    extra = free if held.weak < parameters.min_information else min(variance * parameters.few / held.weak ** 2, free)
+    along, free = degenerate_translation(held.angle, shared, parameters), 1.0 / known
+    extra = free if held.weak < parameters.min_information else min(variance * parameters.few_points_scale / held.weak ** 2, free)
     covariance += extra * along[:, None] * along
     if held.turn < parameters.min_information:
-        turn = motion_around(information, shared, parameters)
+        turn = degenerate_rotation(information, shared, parameters)
         covariance += turn[:, None] * turn / known_turn
     return covariance
 

@@ -69,7 +69,7 @@ class TransformSender:
 
         Without tf2_msgs say so once and send nothing.
         """
-        self._jump = parameters.time.jump * SECOND
+        self._jump = parameters.time.max_jump * SECOND
         if not parameters.publish_tf:
             self._withdraw()
             self._right, self._other = RightOfWay(), None

@@ -87,7 +87,7 @@ class TransformStore:
     def _edge(self, frame, stamp):
         """What counts for `frame` at `stamp`: an _Edge to its parent, or None."""
         static, moving = self._static.get(frame), self._moving.get(frame)
-        return moving if static is None or moving and moving.goes_on(stamp) else static
+        return moving if static is None or moving and moving.has_velocity(stamp) else static
 
     def _ancestors(self, frame, stamp):
         """`frame`, its parent, the parent of that, ..."""
@@ -119,7 +119,7 @@ class _Edge:
         """Whether a transform at `stamp` belongs to another run than those before it."""
         return not self.static and stamp < self._stamps[-1] - SPAN
 
-    def goes_on(self, stamp):
+    def has_velocity(self, stamp):
         """Whether several transforms have come, and `stamp` is not far from them."""
         return len(self._stamps) > 1 and self._stamps[0] - SILENT <= stamp <= self._stamps[-1] + SILENT
 

@@ -79,12 +79,12 @@ class Outputs:
             self.publish_pictures()
 
     def _renew_map(self, update):
-        """Keep the last `odometry.window` key frames."""
+        """Keep the last `odometry.key_frames` key frames."""
         if update.registration is None:
             self._key_frames.clear()
         if update.reference_changed:
             self._key_frames.append((update.features, update.pose))
-        del self._key_frames[:-self.parameters.odometry.window]
+        del self._key_frames[:-self.parameters.odometry.key_frames]
 
     def _lengthen_path(self, state):
         """Add the pose to the path when it is a step away from the last one."""

@@ -85,7 +85,7 @@ class Priors:
             return None
         adjoint = mounting.place.inverse().adjoint()
         return Prior(last_mounting.place.inverse() @ told.transform @ mounting.place,
-                     adjoint @ told.covariance @ adjoint.T, told.change)
+                     adjoint @ told.covariance @ adjoint.T, told.velocity_change)
 
     def processed(self, stamp, mounting: Mounting):
         """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
@@ -116,11 +116,11 @@ class _Question:
     parameters: Any
 
     def measured(self, motion) -> Prior:
-        return Prior(motion, np.diag(self.parameters.told_spread(motion)) ** 2)
+        return Prior(motion, np.diag(self.parameters.wheel_sigma(motion)) ** 2)
 
     def going_on(self) -> Prior:
         own = self.expected(self.now)
-        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance, own.change)
+        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance, own.velocity_change)
 
 
 class _Wheels:
@@ -179,7 +179,7 @@ class _Gyroscope:
         if start is None or end is None:
             return None
         turn = start.inverse() @ end
-        return asked.going_on().with_turn(turn.theta, asked.parameters.told_spread(turn)[2])
+        return asked.going_on().with_rotation(turn.theta, asked.parameters.wheel_sigma(turn)[2])
 
 
 class _Frame:

@@ -91,7 +91,7 @@ class ScanInbox:
         if not self._waiting:
             return
         message, arrival = self._waiting[0]
-        remaining = arrival + self.parameters.input.wait - time.monotonic()
+        remaining = arrival + self.parameters.input.max_wait - time.monotonic()
         if remaining > 0.0 and not self._ready(message):
             self._look_in(remaining)
             return
@@ -106,10 +106,10 @@ class ScanInbox:
 
     def _keep(self, message):
         self.received += 1
-        if (self.received - 1) % self.parameters.input.every:
+        if (self.received - 1) % self.parameters.input.every_nth:
             return
         self._waiting.append((message, time.monotonic()))
-        while len(self._waiting) > self.parameters.input.queue:
+        while len(self._waiting) > self.parameters.input.queue_size:
             self._waiting.popleft()
             self.dropped += 1
 
@@ -190,7 +190,7 @@ class Stamps:
         """The scan at `stamp` [ns] was used."""
         self._used.append(stamp)
 
-    def settle(self, message, jump):
+    def update(self, message, jump):
         """What to do when `message` has come.
 
         Parameters

@@ -55,15 +55,15 @@ class Health:
         self.trouble = ''
         self.place = place
         self.direction = None
-        if update.registration and update.registration.free_direction is not None:
-            self.direction = (origin @ update.reference_pose).theta + update.registration.free_direction
+        if update.registration and update.registration.degenerate_direction is not None:
+            self.direction = (origin @ update.reference_pose).theta + update.registration.degenerate_direction
 
     @property
-    def told_error(self):
-        """What is wrong with told motions of the base: `OdometryUpdate.told_error` in its frame; None while nothing is known."""
-        if not self.update or not self.update.told_error.any():
+    def wheel_correction(self):
+        """What is wrong with told motions of the base: `OdometryUpdate.wheel_correction` in its frame; None while nothing is known."""
+        if not self.update or not self.update.wheel_correction.any():
             return None
-        return self.place.adjoint() @ self.update.told_error @ self.place.inverse().adjoint()
+        return self.place.adjoint() @ self.update.wheel_correction @ self.place.inverse().adjoint()
 
     def skip(self, trouble):
         """Take note of a scan that was not answered."""

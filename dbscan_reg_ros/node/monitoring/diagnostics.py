@@ -149,7 +149,7 @@ class Diagnostics:
         yield 'scans skipped', str(health.skipped)
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'free direction [rad]', '-' if health.direction is None else f'{health.direction:.3f}'
-        error = health.told_error
+        error = health.wheel_correction
         if error is not None:
             (way, _, _), (_, _, aside), (bend, _, turn) = error.tolist()
             yield 'told way corrected by [%]', f'{100.0 * way:+.1f}'

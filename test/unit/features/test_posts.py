@@ -9,7 +9,7 @@ from rooms import FULL, L_ROOM, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.small_objects import with_posts
+from dbscan_reg_ros.core.features.small_objects import with_poles
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.recordings.poses import relative
@@ -32,21 +32,21 @@ def place_with(*circles, pose=SE2(), geometry=FULL):
 
 def middles(features):
     """Middles of the posts, complex [m]."""
-    return features.posts.points.reshape(-1, 8).mean(axis=1)
+    return features.poles.points.reshape(-1, 8).mean(axis=1)
 
 
 def test_a_leg_is_points_all_around_it():
-    features = with_posts(place_with(LEG), 0.3, SEGMENTS)
-    posts = features.posts.points.reshape(-1, 8)
+    features = with_poles(place_with(LEG), 0.3, SEGMENTS)
+    poles = features.poles.points.reshape(-1, 8)
     beams = np.flatnonzero(np.abs(features.scan.ranges - math.hypot(*LEG[:2])) < 0.05)
-    assert len(posts) == 1 and set(features.posts.beams) == {beams[0]}
+    assert len(poles) == 1 and set(features.poles.beams) == {beams[0]}
     middle, = middles(features)
     assert abs(middle - complex(*LEG[:2])) < 0.01
     half = 0.5 * len(beams) * math.radians(1.0) * abs(middle)
-    assert np.abs(posts - middle) == pytest.approx(half, rel=0.02)
-    away = features.posts.points - middle
-    assert (features.posts.normals * away.conj()).real == pytest.approx(np.abs(away))
-    assert features.posts.worth.sum() == pytest.approx(2.0 * len(beams))
+    assert np.abs(poles - middle) == pytest.approx(half, rel=0.02)
+    away = features.poles.points - middle
+    assert (features.poles.normals * away.conj()).real == pytest.approx(np.abs(away))
+    assert features.poles.weights.sum() == pytest.approx(2.0 * len(beams))
 
 
 def test_it_does_not_matter_at_which_beam_the_scan_begins():
@@ -54,39 +54,39 @@ def test_it_does_not_matter_at_which_beam_the_scan_begins():
     legs = [(1.2 * math.cos(a), 1.2 * math.sin(a), 0.025) for a in np.radians(np.arange(0.5, 360.0, 30.0))]
     for first in range(-180, 180, 5):
         geometry = ScanGeometry(math.radians(first), math.radians(1.0), 360)
-        features = with_posts(place_with(*legs, geometry=geometry), 0.3, SEGMENTS)
-        assert len(features.posts) == 8 * len(legs)
-        assert features.posts.beams.min() >= 0 and features.posts.beams.max() < 360
+        features = with_poles(place_with(*legs, geometry=geometry), 0.3, SEGMENTS)
+        assert len(features.poles) == 8 * len(legs)
+        assert features.poles.beams.min() >= 0 and features.poles.beams.max() < 360
 
 
 def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
-    features = with_posts(place_with(LEG, OTHER), 0.3, SEGMENTS)
-    cloud, walls = features.dense_cloud, len(features.walls)
-    assert len(cloud) == walls + 16 and (cloud.worth[:walls] == 1.0).all()
-    assert np.array_equal(cloud.worth[walls:], features.posts.worth)
+    features = with_poles(place_with(LEG, OTHER), 0.3, SEGMENTS)
+    cloud, walls = features.oriented_points, len(features.wall_points)
+    assert len(cloud) == walls + 16 and (cloud.weights[:walls] == 1.0).all()
+    assert np.array_equal(cloud.weights[walls:], features.poles.weights)
     left_out = np.zeros(len(cloud), dtype=bool)
     left_out[[3, 4, *range(walls, walls + 8)]] = True
     less = features.without(left_out)
-    assert np.array_equal(less.dense_cloud.points, cloud.points[~left_out]) and len(less.posts) == 8
-    assert np.array_equal(less.dense_cloud.worth, cloud.worth[~left_out])
-    doubted = features.doubting(np.arange(walls, walls + 16), 0.1).dense_cloud
-    assert doubted.worth[walls:] == pytest.approx(0.1 * features.posts.worth) and (doubted.worth[:walls] == 1.0).all()
+    assert np.array_equal(less.oriented_points.points, cloud.points[~left_out]) and len(less.poles) == 8
+    assert np.array_equal(less.oriented_points.weights, cloud.weights[~left_out])
+    demoted_if_weak = features.downweighted(np.arange(walls, walls + 16), 0.1).oriented_points
+    assert demoted_if_weak.weights[walls:] == pytest.approx(0.1 * features.poles.weights) and (demoted_if_weak.weights[:walls] == 1.0).all()
 
 
 @pytest.mark.parametrize('circle', [(0.6, -1.42, 0.03), (1.2, 0.6, 0.3)], ids=['before a wall', 'large'])
 def test_what_is_large_or_stands_close_before_a_wall_is_no_post(circle):
     features = place_with(circle)
-    assert with_posts(features, 0.3, SEGMENTS) is features
+    assert with_poles(features, 0.3, SEGMENTS) is features
 
 
 def test_what_is_no_smaller_than_asked_for_is_no_post():
     features = place_with(LEG)
-    assert with_posts(features, 0.005, SEGMENTS) is features
+    assert with_poles(features, 0.005, SEGMENTS) is features
 
 
 def test_walls_are_no_posts():
     features = place_with()
-    assert with_posts(features, 0.3, SEGMENTS) is features and len(features.dense_cloud) == len(features.walls)
+    assert with_poles(features, 0.3, SEGMENTS) is features and len(features.oriented_points) == len(features.wall_points)
 
 
 def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_not():
@@ -94,11 +94,11 @@ def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_
     ranges = np.full(360, np.inf)
     ranges[100:180] = 2.0 / np.cos(np.radians(np.arange(100, 180) - 140.0))
     ranges[200:202] = 1.5
-    alone = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
-    assert abs(middles(alone)[0]) == pytest.approx(1.5 + 1.5 * math.radians(1.0), abs=0.01) and len(alone.posts) == 8
+    alone = with_poles(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert abs(middles(alone)[0]) == pytest.approx(1.5 + 1.5 * math.radians(1.0), abs=0.01) and len(alone.poles) == 8
     ranges[202] = 0.9
-    beside = with_posts(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
-    assert beside.posts is None or np.abs(middles(beside)).max() < 1.0
+    beside = with_poles(extract_features(Scan(0, ranges, FULL), UNFILTERED), 0.3, SEGMENTS)
+    assert beside.poles is None or np.abs(middles(beside)).max() < 1.0
 
 
 @pytest.mark.parametrize('closed', [True, False])
@@ -106,20 +106,20 @@ def test_where_a_scan_ends_nobody_knows_what_lies_beside(closed):
     """The first beam sees a leg; only a scan that goes all the way round tells what lies before it."""
     geometry = FULL if closed else ScanGeometry(-math.pi, math.radians(1.0), 330)
     assert geometry.closed == closed
-    features = with_posts(place_with((-1.2, 0.0, 0.012), geometry=geometry), 0.3, SEGMENTS)
-    assert (features.posts is not None) == closed
+    features = with_poles(place_with((-1.2, 0.0, 0.012), geometry=geometry), 0.3, SEGMENTS)
+    assert (features.poles is not None) == closed
 
 
 def test_a_post_holds_both_directions():
     """Two legs in an empty place, seen from 5 cm beside and turned by 0.02 rad."""
     def seen(pose):
         legs = place_with(LEG, OTHER, pose=pose)
-        features = with_posts(legs, 0.3, SEGMENTS)
-        return features.without(np.arange(len(features.dense_cloud)) < len(features.walls))
+        features = with_poles(legs, 0.3, SEGMENTS)
+        return features.without(np.arange(len(features.oriented_points)) < len(features.wall_points))
     pose = SE2(0.04, -0.03, 0.02)
     reference, current = seen(SE2()), seen(pose)
-    assert len(reference.dense_cloud) == len(current.dense_cloud) == 16
-    found, _ = refine(np.zeros((1, 3)), current.cloud, reference.surface, [0.2] * 10, 0.5, 0.003)
+    assert len(reference.oriented_points) == len(current.oriented_points) == 16
+    found, _ = refine(np.zeros((1, 3)), current.sampled_points, reference.likelihood_field, [0.2] * 10, 0.5, 0.003)
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
 
 
@@ -140,8 +140,8 @@ def test_chair_legs_hold_the_odometry_where_walls_are_out_of_sight(seed):
     course = chairs(None)[seed]
     off = drive(course)
     assert off < 0.03
-    assert off < 0.75 * drive(course, **{'odometry.post_size': 0.0})
-    assert off < 0.1 * drive(course, **{'odometry.window': 1})
+    assert off < 0.75 * drive(course, **{'odometry.pole_size': 0.0})
+    assert off < 0.1 * drive(course, **{'odometry.key_frames': 1})
 
 
 def test_a_few_trunks_are_enough():

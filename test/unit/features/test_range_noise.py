@@ -9,9 +9,9 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.likelihood_field import build_surface
-from dbscan_reg_ros.core.features.oriented_points import Cloud
-from dbscan_reg_ros.core.features.range_noise import UsualShare, estimate_noise, estimate_noise_share, range_noise
+from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory, estimate_noise, estimate_noise_ratio, range_noise
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.pipeline import register
@@ -48,7 +48,7 @@ def along_a_wall(noise, share, seed=0, uneven=0.0):
 
 
 def share_of(points, limits=LIMITS, every=1):
-    return estimate_noise_share(points, every * np.arange(len(points)), limits)
+    return estimate_noise_ratio(points, every * np.arange(len(points)), limits)
 
 
 def shares(noise, share, limits=LIMITS, uneven=0.0):
@@ -84,8 +84,8 @@ def test_outliers_are_no_noise():
 
 
 def test_the_share_keeps_within_its_limit_and_asks_for_points_side_by_side():
-    assert shares(0.0, 0.04, ScanParameters(noise_share_max=0.03)).max() == 0.03
-    assert shares(0.0, 0.04, ScanParameters(noise_share_max=0.0)).max() == 0.0
+    assert shares(0.0, 0.04, ScanParameters(noise_ratio_max=0.03)).max() == 0.03
+    assert shares(0.0, 0.04, ScanParameters(noise_ratio_max=0.0)).max() == 0.0
     points = along_a_wall(0.0, 0.04)
     assert share_of(points, every=2) == share_of(points[:17]) == share_of(points[:0]) == 0.0
 
@@ -94,15 +94,15 @@ def test_noise_that_one_of_two_scans_shows_is_chance():
     one, other = (extract_features(look(outline(L_ROOM), SE2(0.05 * k), FULL, 0.01, k)) for k in range(2))
 
     def found(before, after):
-        return register(dataclasses.replace(one, noise_share=before), dataclasses.replace(other, noise_share=after))
+        return register(dataclasses.replace(one, noise_ratio=before), dataclasses.replace(other, noise_ratio=after))
 
     np.testing.assert_array_equal(found(0.0, 0.05).covariance, found(0.0, 0.0).covariance)
-    assert found(0.05, 0.05).weakest < 0.9 * found(0.0, 0.0).weakest
+    assert found(0.05, 0.05).weakest_information < 0.9 * found(0.0, 0.0).weakest_information
 
 
 def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():
     def usual(shares):
-        known, values = UsualShare(), []
+        known, values = NoiseRatioHistory(), []
         for share in shares:
             known = known.after(share)
             values.append(known.value)
@@ -115,37 +115,37 @@ def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():
 def test_errors_of_noisy_points_count_in_units_of_their_noise():
     """Six walls; of the points on one side an error counts a third: least squares with those weights, as numpy solves it."""
     features = extract_features(look(outline(L_ROOM), geometry=FULL))
-    cloud, surface, density = features.cloud, features.surface, DensityParameters()
+    cloud, surface, density = features.sampled_points, features.likelihood_field, DensityParameters()
     rng = np.random.default_rng(0)
-    sharpness = np.where(cloud.points.real > 0.0, 1.0 / 3.0, 1.0)
-    noisy = dataclasses.replace(cloud, points=cloud.points + rng.normal(0.0, 0.005, len(cloud)), sharpness=sharpness)
-    plain = dataclasses.replace(noisy, sharpness=None)
+    inverse_noise = np.where(cloud.points.real > 0.0, 1.0 / 3.0, 1.0)
+    noisy = dataclasses.replace(cloud, points=cloud.points + rng.normal(0.0, 0.005, len(cloud)), inverse_noise=inverse_noise)
+    plain = dataclasses.replace(noisy, inverse_noise=None)
     still = np.zeros((1, 3))
-    sharp, blunt = (fit(still, each, surface, density.facing) for each in (noisy, plain))
-    assert sharp.rows() == pytest.approx(blunt.rows() * sharpness, abs=1e-12)
+    sharp, blunt = (fit(still, each, surface, density.min_normal_cosine) for each in (noisy, plain))
+    assert sharp.rows() == pytest.approx(blunt.rows() * inverse_noise, abs=1e-12)
     assert (sharp.alike == blunt.alike).all()
-    found, _ = refine(still, noisy, surface, [100.0], density.facing, 0.0)
-    rows = blunt.rows()[0] * (sharpness * blunt.alike[0])
+    found, _ = refine(still, noisy, surface, [100.0], density.min_normal_cosine, 0.0)
+    rows = blunt.rows()[0] * (inverse_noise * blunt.alike[0])
     step, *_ = np.linalg.lstsq(rows[:3].T, -rows[3], rcond=None)
     assert found[0] == pytest.approx(step, abs=1e-6)
-    assert np.abs(found[0] - refine(still, plain, surface, [100.0], density.facing, 0.0)[0][0]).max() > 1e-4
+    assert np.abs(found[0] - refine(still, plain, surface, [100.0], density.min_normal_cosine, 0.0)[0][0]).max() > 1e-4
 
 
 def test_a_part_of_a_cloud_stays_as_sharp():
-    cloud = Cloud(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None, np.array((1.0, 0.5, 0.25, 0.2)))
-    assert cloud.select([2, 0]).sharpness.tolist() == [0.25, 1.0]
+    cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None, np.array((1.0, 0.5, 0.25, 0.2)))
+    assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
     assert cloud.tolerance(0.1).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.5])
-    assert dataclasses.replace(cloud, sharpness=None).tolerance(0.1) == 0.1
-    assert build_surface(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0, 3.0]), 'where they lie'
+    assert dataclasses.replace(cloud, inverse_noise=None).tolerance(0.1) == 0.1
+    assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0, 3.0]), 'where they lie'
 
 
 def test_only_points_that_are_noisier_than_usual_are_blunt():
     features = extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.02))
-    assert features.dense_cloud.sharpness is None
-    noisy = dataclasses.replace(features, noise_share=0.02).dense_cloud
+    assert features.oriented_points.inverse_noise is None
+    noisy = dataclasses.replace(features, noise_ratio=0.02).oriented_points
     far = np.abs(noisy.points) > 2.5
     assert 0.1 < far.mean() < 0.9
-    assert (noisy.sharpness[~far] == 1.0).all() and noisy.sharpness[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
+    assert (noisy.inverse_noise[~far] == 1.0).all() and noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
 
 
 def test_a_range_is_as_noisy_as_the_scan_and_more_where_its_share_is_unusual():
@@ -164,15 +164,15 @@ def test_far_walls_are_as_straight_as_their_noise_lets_them_be():
         normals = np.abs(features.normals[features.normals.any(axis=1)])
         return np.median(np.arcsin(normals.min(axis=1)))
 
-    told, not_told = extract_features(scan), extract_features(scan, noise_share=0.0)
-    assert told.noise_share == pytest.approx(0.03, abs=0.006)
+    told, not_told = extract_features(scan), extract_features(scan, noise_ratio=0.0)
+    assert told.noise_ratio == pytest.approx(0.03, abs=0.006)
     assert straying(told) < 0.25 < 0.4 < straying(not_told)
     assert np.median(told.segments.length) > 3.0 > 1.0 > np.median(not_told.segments.length)
 
 
 def lost(share, **changes):
     """Score of the scan of a drive through a hall that is found least well, and how far off [m] the last one is, by a cheap lidar."""
-    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_share=share)
+    lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_ratio=share)
     world = hall(0)
     drive = simulate(world, follow(world.tour), lidar, seed=0)
     odometry = Odometry(Parameters().replace(changes))
@@ -188,4 +188,4 @@ def test_a_lidar_whose_far_ranges_are_off_by_a_quarter_of_a_metre_is_not_lost():
     """Otherwise, what is off by several kernels of the score speaks against the true place, and the least is hardly enough."""
     score, off = lost(0.03)
     assert score > 0.5 and off < 0.2
-    assert lost(0.03, **{'scan.noise_share_max': 0.0})[0] < 0.4
+    assert lost(0.03, **{'scan.noise_ratio_max': 0.0})[0] < 0.4

@@ -48,7 +48,7 @@ def pushed(points, **metres):
 
 
 def filtered(points, test, **changes):
-    return ring_band_filter(points, NOISE, RingBandParameters(**({'test': test, 'gross': 0.0} | changes)))
+    return ring_band_filter(points, NOISE, RingBandParameters(**({'test': test, 'gross_error': 0.0} | changes)))
 
 
 def only(beam, outcome, size=21):
@@ -153,17 +153,17 @@ def test_a_clean_room_and_a_noisy_wall_pass_unchanged(test):
 @pytest.mark.parametrize('test', TESTS)
 def test_a_gross_outlier_is_removed_and_not_smeared_over_three_beams(test):
     points = pushed(wall(), b10=1.0)
-    after, outcome = filtered(points, test, gross=0.05)
+    after, outcome = filtered(points, test, gross_error=0.05)
     np.testing.assert_array_equal(outcome, only(P5, REMOVED))
     assert np.isfinite(np.delete(after, P5, axis=0)).all()
-    assert filtered(points, test, gross=0.0)[1][P5] == SMOOTHED
+    assert filtered(points, test, gross_error=0.0)[1][P5] == SMOOTHED
 
 
 @pytest.mark.parametrize('test', TESTS)
 def test_the_gross_limit_itself_is_not_gross(test):
     points = pushed(wall(), b10=0.12)
-    assert filtered(points, test, gross=0.1205)[1][P5] == SMOOTHED
-    assert filtered(points, test, gross=0.1195)[1][P5] == REMOVED
+    assert filtered(points, test, gross_error=0.1205)[1][P5] == SMOOTHED
+    assert filtered(points, test, gross_error=0.1195)[1][P5] == REMOVED
 
 
 @pytest.mark.parametrize('test', TESTS)
@@ -194,7 +194,7 @@ def test_consensus_judges_the_beams_at_both_ends():
     for beam in range(21):
         outcome = filtered(pushed(wall(), **{f'b{beam}': 0.3}), 'consensus')[1]
         np.testing.assert_array_equal(outcome, only(beam, KEPT if beam in (0, 20) else SMOOTHED))
-        gross = filtered(pushed(wall(), **{f'b{beam}': 0.3}), 'consensus', gross=0.05)[1]
+        gross = filtered(pushed(wall(), **{f'b{beam}': 0.3}), 'consensus', gross_error=0.05)[1]
         np.testing.assert_array_equal(gross, only(beam, REMOVED))
 
 
@@ -206,7 +206,7 @@ def test_missing_returns_are_passed_over(test, missing):
     after, outcome = filtered(points, test)
     assert not outcome.any()
     np.testing.assert_array_equal(after, points)
-    after, outcome = filtered(pushed(points, b10=1.0), test, gross=0.05)
+    after, outcome = filtered(pushed(points, b10=1.0), test, gross_error=0.05)
     np.testing.assert_array_equal(outcome, only(P5, REMOVED))
 
 
@@ -216,7 +216,7 @@ def test_where_most_beams_have_no_return_the_ring_is_made_of_returns(test, spaci
     """The ring of beams holds too few of them to make a line."""
     points = np.full((21 * spacing, 2), np.nan)
     points[::spacing] = pushed(wall(), b10=0.3)
-    np.testing.assert_array_equal(filtered(points, test, gross=0.05)[1], only(P5 * spacing, REMOVED, len(points)))
+    np.testing.assert_array_equal(filtered(points, test, gross_error=0.05)[1], only(P5 * spacing, REMOVED, len(points)))
 
 
 @pytest.mark.parametrize('test', TESTS)
@@ -233,14 +233,14 @@ def test_both_sides_of_a_range_jump_are_kept(test):
     near, far = wall(), 2.5 * wall()
     for edge in range(3, 18):
         points = np.where((np.arange(21) < edge)[:, None], near, far)
-        assert not filtered(points, test, gross=0.05)[1].any()
+        assert not filtered(points, test, gross_error=0.05)[1].any()
 
 
 @pytest.mark.parametrize('test', TESTS)
 @pytest.mark.parametrize('error', [-0.4, -0.15, 0.15, 0.4, 3.0])
 def test_a_wild_anchor_costs_no_good_beam(test, error):
     points = pushed(wall(), b6=error)
-    outcome = filtered(points, test, gross=0.05)[1]
+    outcome = filtered(points, test, gross_error=0.05)[1]
     np.testing.assert_array_equal(outcome, only(P1, REMOVED))
 
 
@@ -257,7 +257,7 @@ def test_the_order_of_the_beams_does_not_matter_on_a_wall(test):
 @pytest.mark.parametrize('size', [1, 2, 3, 7, 8])
 def test_short_and_empty_scans_are_no_trouble(test, size):
     for points in (wall()[:size], np.full((size, 2), np.nan)):
-        after, outcome = filtered(points, test, gross=0.05)
+        after, outcome = filtered(points, test, gross_error=0.05)
         np.testing.assert_array_equal(after, points)
         assert not outcome.any()
 

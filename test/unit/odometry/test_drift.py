@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import Drift
+from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation
 from dbscan_reg_ros.core.registration.records import Prior
 
 STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
@@ -22,7 +22,7 @@ def sigma(covariance):
 
 
 def test_what_the_key_frames_hold_is_as_good_as_the_match():
-    drift = Drift()
+    drift = CovariancePropagation()
     for _ in range(5):
         drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
     np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
@@ -31,7 +31,7 @@ def test_what_the_key_frames_hold_is_as_good_as_the_match():
 
 
 def test_every_key_frame_adds_its_own_error():
-    drift, straight = Drift(), SE2(0.3, 0.0, 0.0)
+    drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
     for k in range(1, 5):
         drift.advance(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), EVERYBODY, MATCHED)
         drift.anchor()
@@ -41,7 +41,7 @@ def test_every_key_frame_adds_its_own_error():
 
 
 def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
-    drift, still = Drift(), SE2()
+    drift, still = CovariancePropagation(), SE2()
     for k in range(1, 31):
         drift.advance(still, INTERVAL, Prior(still, 1e-12 * EVERYBODY, 1e-12 * EVERYBODY))
         assert sigma(drift.pose) == pytest.approx(3 * [k * INTERVAL], rel=1e-3)
@@ -49,14 +49,14 @@ def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
 
 
 def test_no_speed_grows_without_bound():
-    drift, still = Drift(), SE2()
+    drift, still = CovariancePropagation(), SE2()
     for _ in range(2000):
         drift.advance(still, INTERVAL, Prior(still, SPREAD, CHANGE))
     assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-6)
 
 
 def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
-    drift, still = Drift(), SE2()
+    drift, still = CovariancePropagation(), SE2()
     for k in range(1, 10):
         drift.advance(still, INTERVAL, Prior(still, SPREAD))
         np.testing.assert_allclose(drift.pose, k * SPREAD)
@@ -64,14 +64,14 @@ def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
 
 
 def test_an_interval_of_which_nothing_is_known_says_nothing_of_the_twist():
-    drift = Drift()
+    drift = CovariancePropagation()
     drift.advance(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
     assert np.isfinite(drift.pose).all()
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
 def test_after_a_leap_all_is_unknown():
-    drift = Drift()
+    drift = CovariancePropagation()
     drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
     drift.leap()
     np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
@@ -85,7 +85,7 @@ def test_the_errors_of_many_drives_are_as_large(shares):
     rng = np.random.default_rng(5)
     size, key_frames = 40000, (3, 5)
     back = STEP.inverse().adjoint()
-    drift = Drift()
+    drift = CovariancePropagation()
     # An error is that of the estimate against the truth, in the estimate's own frame; rows are drives.
     pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)

@@ -11,7 +11,7 @@ from rooms import FULL, look, outline
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import relative
 
@@ -26,13 +26,13 @@ def key_frame(pose, *things, known=True):
 
 def around(*frames):
     """The points that older key frames add to the map, in the frame of the last."""
-    found = Window(frames).local_map.around
+    found = KeyFrameWindow(frames).local_map.map_points
     return np.zeros(0) if found is None else found.points
 
 
 def test_a_single_key_frame_is_the_map():
     frame = key_frame(HERE)
-    assert Window([frame]).local_map is frame.features
+    assert KeyFrameWindow([frame]).local_map is frame.features
 
 
 def test_what_is_hidden_from_the_last_key_frame_is_known_from_before():
@@ -61,7 +61,7 @@ def test_what_lies_farther_off_than_any_saw_is_out_of_sight():
 def test_a_key_frame_whose_place_is_not_known_has_no_part():
     old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, known=False), key_frame(HERE, BOX)
     assert len(around(old, last)) > 0
-    assert Window([unknown, last]).local_map is last.features
+    assert KeyFrameWindow([unknown, last]).local_map is last.features
 
 
 def test_a_drive_among_a_few_trunks_is_not_lost():

@@ -7,7 +7,7 @@ import pytest
 
 from dbscan_reg_ros.core.features.records import Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
-from dbscan_reg_ros.core.odometry.models.manhattan import ManhattanFrame
+from dbscan_reg_ros.core.odometry.models.manhattan import ManhattanHeading
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.odometry import ManhattanParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
@@ -26,12 +26,12 @@ def walls(*directions, length=3.0):
                     np.zeros((count, 2), dtype=int), np.zeros((count, 2), dtype=int))
 
 
-def drive(way, faced, seed=0, frame=None, drift=P.drift, parameters=P):
+def drive(way, faced, seed=0, frame=None, drift=P.heading_drift, parameters=P):
     """Errors of a heading [rad] that drifts at random, before and after what the walls say, every `STEP`.
 
     ``faced(distance)`` are the directions of the walls in sight, in the world.
     """
-    frame, rng = frame or ManhattanFrame(), np.random.default_rng(seed)
+    frame, rng = frame or ManhattanHeading(), np.random.default_rng(seed)
     raw, corrected, errors = 0.0, 0.0, []
     for k in range(int(way / STEP)):
         off = rng.normal(0.0, drift * math.sqrt(STEP)) if k else 0.0
@@ -74,7 +74,7 @@ def test_where_walls_share_no_direction_nothing_is_corrected(faced):
 
 
 def test_furniture_is_no_wall():
-    frame = ManhattanFrame()
+    frame = ManhattanHeading()
     for _ in range(100):
         frame.travel(SE2(STEP))
         assert frame.observe(walls(0.3, length=0.5), 0.0, P) == (0.0, 1.0)
@@ -96,7 +96,7 @@ def test_a_wing_that_faces_otherwise_becomes_the_measure():
 
 
 def test_who_turns_on_the_spot_is_held_by_the_same_walls():
-    frame, rng, raw, corrected = ManhattanFrame(), np.random.default_rng(0), 0.0, 0.0
+    frame, rng, raw, corrected = ManhattanHeading(), np.random.default_rng(0), 0.0, 0.0
     for k in range(400):
         off = rng.normal(0.0, math.radians(0.1)) if k else 0.0
         raw, corrected = raw + off, corrected + off
@@ -111,7 +111,7 @@ def test_scans_are_registered_as_if_no_heading_was_corrected():
     scans = simulate(world, follow(world.tour[:3]), LIDARS['rplidar_a'], seed=0).scans
     said = {}
     for drift in (0.0, 0.003):
-        odometry = Odometry(Parameters().replace({'manhattan.drift': drift}))
+        odometry = Odometry(Parameters().replace({'manhattan.heading_drift': drift}))
         said[drift] = [odometry.process(scan) for scan in scans]
     for left, corrected in zip(*said.values(), strict=True):
         assert (left.registration and left.registration.transform) == (corrected.registration and corrected.registration.transform)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.motion import Motion, leap
-from dbscan_reg_ros.core.odometry.models.stamps import Interval
+from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, unknown_motion_covariance
+from dbscan_reg_ros.core.odometry.models.stamps import ScanInterval
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
-TICK = Interval(interval=0.1, elapsed=0.1, half=0.02, steady=True)
+TICK = ScanInterval(interval=0.1, elapsed=0.1, half=0.02, steady=True)
 STEP = SE2(0.05, 0.01, 0.03)
 
 
@@ -25,38 +25,38 @@ def drive(motion, pose, steps, step=STEP, free=None, share=1.0):
 
 
 def test_a_steady_motion_goes_on():
-    motion = Motion(SE2())
-    assert not motion.goes_on
+    motion = ConstantVelocityModel(SE2())
+    assert not motion.has_velocity
     drive(motion, SE2(), 30)
-    assert motion.goes_on
+    assert motion.has_velocity
     expected = motion.expected(TICK, P).transform.as_array()
     assert expected == pytest.approx(STEP.as_array(), abs=1e-4)
 
 
 def test_where_a_scan_was_lost_the_motion_goes_on_for_twice_as_long():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 30)
-    twice = motion.expected(Interval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
+    twice = motion.expected(ScanInterval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
     assert twice == pytest.approx((STEP @ STEP).as_array(), abs=2e-3)
 
 
 def test_after_a_gap_nothing_is_known_of_the_motion():
-    motion, gap = Motion(SE2()), Interval(0.1, 1.5, 0.02, steady=True)
+    motion, gap = ConstantVelocityModel(SE2()), ScanInterval(0.1, 1.5, 0.02, steady=True)
     drive(motion, SE2(), 30)
     prior = motion.expected(gap, P)
-    assert prior.change is None
-    np.testing.assert_array_equal(prior.covariance, leap(gap, P))
+    assert prior.velocity_change is None
+    np.testing.assert_array_equal(prior.covariance, unknown_motion_covariance(gap, P))
 
 
 def test_along_a_free_direction_the_speed_stays_as_it_was():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30, SE2(0.05))
     drive(motion, pose, 1, SE2(0.09, 0.02), free=0.0, share=0.0)
     assert motion.twist == pytest.approx([0.5, 0.2, 0.0], abs=1e-9)
 
 
 def test_once_a_scan_holds_the_free_direction_again_the_speed_follows_from_the_way_since():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30, SE2(0.05))
     pose = drive(motion, pose, 9, SE2(0.05), free=0.0, share=0.0)
     drive(motion, pose, 1, SE2(0.25))
@@ -65,36 +65,36 @@ def test_once_a_scan_holds_the_free_direction_again_the_speed_follows_from_the_w
 
 
 def test_the_longer_a_direction_was_free_the_farther_along_it_a_scan_may_be():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5, free=0.5 * math.pi, share=0.0)
     here = motion.expected(TICK, P)
     reach = motion.reach(here, SE2(), 0.0, P) - here.covariance
     assert reach[1, 1] == pytest.approx((0.5 * P.prior.acceleration * 0.5 ** 2) ** 2)
     assert abs(reach[0]).max() < 1e-12
     motion.wait(1000.0)
-    assert motion.reach(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.free.reach ** 2)
+    assert motion.reach(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
 
 
 def test_the_longer_scans_were_found_nowhere_the_farther_off_in_every_direction_one_may_be():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5)
     here = motion.expected(TICK, P)
     np.testing.assert_array_equal(motion.reach(here, SE2(), 0.0, P), here.covariance)
     farther = motion.reach(here, SE2(), 0.5, P) - here.covariance
     way, turn = (0.5 * each * 0.5 ** 2 for each in (P.prior.acceleration, P.prior.angular_acceleration))
     np.testing.assert_allclose(farther, np.diag((way, way, turn)) ** 2, atol=1e-12)
-    most = motion.reach(here, SE2(), P.time.jump, P)
+    most = motion.reach(here, SE2(), P.time.max_jump, P)
     np.testing.assert_array_equal(motion.reach(here, SE2(), 1000.0, P), most)
     told = Prior(SE2(), here.covariance)
     np.testing.assert_array_equal(motion.reach(told, SE2(), 1000.0, P), told.covariance)
 
 
 def test_a_way_from_where_the_last_scan_only_may_have_been_is_no_motion():
-    motion = Motion(SE2())
+    motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30)
     motion.lose()
     assert motion.lost
     drive(motion, pose, 1, SE2(1.0))
     assert not motion.lost
     assert not motion.twist.any()
-    np.testing.assert_array_equal(motion.expected(TICK, P).covariance, leap(TICK, P))
+    np.testing.assert_array_equal(motion.expected(TICK, P).covariance, unknown_motion_covariance(TICK, P))

@@ -13,10 +13,10 @@ from scipy.linalg import eigh
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.oriented_points import Cloud
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
-from dbscan_reg_ros.core.odometry.mapping.dynamic_points import beside, detached, held_share, outweighed
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
+from dbscan_reg_ros.core.odometry.mapping.dynamic_points import beside, detached_points, information_ratio, movable_weights
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, Person, World, corridor, follow, rooms, simulate
@@ -40,7 +40,7 @@ def seen_from(pose, scan=None):
 
 def moving_beams(scan, frames, pose=THERE, margin=0.2):
     features = extract_features(scan)
-    moving = Window(frames).sights(len(frames)).moving_points(features.dense_cloud, pose, margin)
+    moving = KeyFrameWindow(frames).free_space_profiles(len(frames)).dynamic_points(features.oriented_points, pose, margin)
     return set(features.beams[features.normals.any(axis=1)][moving].tolist())
 
 
@@ -86,9 +86,9 @@ def test_where_most_would_move_the_pose_is_wrong():
 
 def test_points_left_out_have_no_normal_and_are_compared_to_nothing():
     features = extract_features(look(outline(L_ROOM), HERE, FULL))
-    left_out = np.arange(len(features.dense_cloud)) % 3 == 0
+    left_out = np.arange(len(features.oriented_points)) % 3 == 0
     less = features.without(left_out)
-    assert np.array_equal(less.dense_cloud.points, features.dense_cloud.points[~left_out])
+    assert np.array_equal(less.oriented_points.points, features.oriented_points.points[~left_out])
     assert less.points is features.points and less.segments is features.segments
 
 
@@ -97,30 +97,30 @@ def test_a_small_thing_that_stands_free_may_move_and_walls_do_not(bearing):
     """Somebody in a room may, where the beams begin, too; not where smaller things are asked for."""
     scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), bearing)
     features = extract_features(scan)
-    cloud, theirs = features.dense_cloud, hidden[features.beams[features.normals.any(axis=1)]]
-    free = detached(cloud, 1.1, 0.2, closed=True)
+    cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
+    free = detached_points(cloud, 1.1, 0.2, closed=True)
     assert 20 < np.count_nonzero(theirs) < np.count_nonzero(free) + 5 and theirs[free].all()
-    assert not detached(cloud, 0.3, 0.2, closed=True).any()
-    assert not detached(cloud.select(~theirs), 1.1, 10.0, closed=True).any()
+    assert not detached_points(cloud, 0.3, 0.2, closed=True).any()
+    assert not detached_points(cloud.select(~theirs), 1.1, 10.0, closed=True).any()
 
 
 def test_where_a_scan_ends_nothing_is_seen_to_be_in_front():
     """Half of somebody at the end of the scan stands free; a piece of wall between two people does not."""
     scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), 0.4)
     features = extract_features(scan)
-    cloud, theirs = features.dense_cloud, hidden[features.beams[features.normals.any(axis=1)]]
+    cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
     first, last = theirs.nonzero()[0][[0, -1]]
     half = slice(first - 5, (first + last) // 2)
-    assert detached(cloud.select(half), 1.1, 0.2, closed=False).tolist() == theirs[half].tolist()
+    assert detached_points(cloud.select(half), 1.1, 0.2, closed=False).tolist() == theirs[half].tolist()
     beside = np.concatenate((np.arange(first, last + 4), np.arange(first, last + 1)))
-    assert detached(cloud.select(beside), 1.1, 0.2, closed=False).tolist() == theirs[beside].tolist()
-    assert not len(detached(cloud.select(slice(0, 0)), 1.1, 0.2, closed=False))
+    assert detached_points(cloud.select(beside), 1.1, 0.2, closed=False).tolist() == theirs[beside].tolist()
+    assert not len(detached_points(cloud.select(slice(0, 0)), 1.1, 0.2, closed=False))
 
 
 def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
     scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
-    window = Window([KeyFrame(scans[HERE], HERE)])
-    cloud, way = scans[THERE].dense_cloud, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
+    window = KeyFrameWindow([KeyFrame(scans[HERE], HERE)])
+    cloud, way = scans[THERE].oriented_points, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
     assert window.confirmed(THERE, cloud, 0.9 * way, 0.1, 0.5).mean() > 0.9
     assert not window.confirmed(THERE, cloud, 1.1 * way, 0.1, 0.5).any()
     assert window.confirmed(THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, 0.5).mean() < 0.5
@@ -131,22 +131,22 @@ def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
 def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
     rng = np.random.default_rng(seed)
     normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
-    cloud, chosen = Cloud(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
+    cloud, chosen = OrientedPoints(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
     whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
-    assert held_share(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
-    assert held_share(cloud, np.arange(60)) == pytest.approx(1.0) and held_share(cloud, np.arange(0)) == 0.0
+    assert information_ratio(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
+    assert information_ratio(cloud, np.arange(60)) == pytest.approx(1.0) and information_ratio(cloud, np.arange(0)) == 0.0
 
 
 def things(*centres, points=4):
     """So many points close together at each place."""
     places = (np.array(centres)[:, None] + 0.05 * np.arange(points)).ravel()
-    return Cloud(places, np.ones(len(places), dtype=complex), np.arange(len(places)))
+    return OrientedPoints(places, np.ones(len(places), dtype=complex), np.arange(len(places)))
 
 
 def test_what_lies_close_to_what_moves_is_beside_it():
     """Along the scan, to either side."""
     points = np.array([2.0, 2.1, 2.2, 2.3, 5.0, 2.35, 9.0]) + 0j
-    cloud = Cloud(points, np.ones(7, dtype=complex), np.arange(7))
+    cloud = OrientedPoints(points, np.ones(7, dtype=complex), np.arange(7))
     moving = np.isin(np.arange(7), [2, 4])
     assert beside(cloud, moving, 0.15).tolist() == [False, True, True, True, True, False, False]
     assert beside(cloud, moving, 0.25).tolist() == [True, True, True, True, True, False, False]
@@ -154,15 +154,15 @@ def test_what_lies_close_to_what_moves_is_beside_it():
 
 
 def test_a_thing_counts_as_it_is_outweighed():
-    def worth(*centres):
-        return outweighed(things(*centres), 1.1, 0.2, 0.03)[::4].tolist()
-    assert worth(2.0) == [0.03]
-    assert worth(2.0, 2.5) == [0.03, 0.03]
-    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j) == [0.03] * 3
-    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.5] * 4
-    assert worth(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
+    def weights(*centres):
+        return movable_weights(things(*centres), 1.1, 0.2, 0.03)[::4].tolist()
+    assert weights(2.0) == [0.03]
+    assert weights(2.0, 2.5) == [0.03, 0.03]
+    assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j) == [0.03] * 3
+    assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.5] * 4
+    assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
     # Two legs of somebody, and three posts.
-    assert worth(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
+    assert weights(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
 
 
 def test_ever_so_many_things_take_little_memory():
@@ -170,8 +170,8 @@ def test_ever_so_many_things_take_little_memory():
     centres = [2.0] + [2.0 + 3.0j * k for k in range(1, 2000)]
     tracemalloc.start()
     try:
-        apart = outweighed(things(*centres), 1.1, 0.2, 0.03)
-        alike = outweighed(things(*(2.0 + 0.3 * (k % 2) for k in range(2000))), 1.1, 0.2, 0.03)
+        apart = movable_weights(things(*centres), 1.1, 0.2, 0.03)
+        alike = movable_weights(things(*(2.0 + 0.3 * (k % 2) for k in range(2000))), 1.1, 0.2, 0.03)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -206,11 +206,11 @@ def test_points_in_doubt_count_little():
     normals = np.tile((0.0, -1.0), (90, 1))
     reference, current = (dataclasses.replace(wall, points=each, beams=np.arange(90), normals=normals) for each in (points, moved))
     def shift(features):
-        found, _ = refine(np.zeros((1, 3)), features.cloud, reference.surface, [0.2] * 5, 0.5, 0.003)
+        found, _ = refine(np.zeros((1, 3)), features.sampled_points, reference.likelihood_field, [0.2] * 5, 0.5, 0.003)
         return found[0, 1]
     assert shift(current) == pytest.approx(-0.0667, abs=0.005)
-    assert shift(current.doubting(np.arange(90) % 3 > 0, 0.03)) == pytest.approx(0.0, abs=0.01)
-    assert shift(current.doubting(np.arange(90) % 3 > 0, 1.0)) == shift(current)
+    assert shift(current.downweighted(np.arange(90) % 3 > 0, 0.03)) == pytest.approx(0.0, abs=0.01)
+    assert shift(current.downweighted(np.arange(90) % 3 > 0, 1.0)) == shift(current)
 
 
 @pytest.mark.parametrize(('size', 'held'), [(1.1, False), (0.0, True)])
@@ -246,7 +246,7 @@ def off_behind_somebody(room, walk, **changes):
 @pytest.mark.parametrize(('frames', 'size', 'held'), [(6, 1.1, False), (6, 0.0, False), (0, 1.1, False), (0, 0.0, True)])
 def test_somebody_who_walks_along_in_front_does_not_hold_the_odometry(frames, size, held):
     """Through a door and along furniture: their own motion is none."""
-    off, _ = off_behind_somebody(3, 0, moving_frames=frames, movable_size=size)
+    off, _ = off_behind_somebody(3, 0, dynamic_key_frames=frames, movable_size=size)
     assert off > 0.05 if held else off < 0.02
 
 
@@ -318,7 +318,7 @@ def test_somebody_who_steps_aside_at_the_start_leaves_nothing_behind(seed):
 @pytest.mark.parametrize(('retries', 'lost'), [(2, False), (0, True)])
 def test_what_the_latest_key_frame_does_not_see_older_ones_may(retries, lost):
     """Somebody hides the end of the corridor in every other three scans."""
-    behind, statuses = behind_somebody(lambda k: k % 6 < 3, 0, retries=retries)
+    behind, statuses = behind_somebody(lambda k: k % 6 < 3, 0, older_key_frames=retries)
     assert (behind > 0.3) is lost
     assert (sum(status is not Status.OK for status in statuses) > 5) is lost
 
@@ -336,7 +336,7 @@ def test_where_the_motion_is_not_known_nothing_is_left_out():
     room = look(outline(L_ROOM), THERE, FULL)
     scans = [room, with_person(dataclasses.replace(room, stamp=100_000_000), 0.4)[0]]
     for spread, left in ((0.15, False), (0.25, True)):
-        odometry = Odometry(Parameters().replace({'prior.least': spread, 'time.jump': 100.0}))
+        odometry = Odometry(Parameters().replace({'prior.min_sigma': spread, 'time.max_jump': 100.0}))
         odometry.process(scans[0])
         last = odometry.process(scans[1]).features
-        assert (len(last.dense_cloud) == len(extract_features(scans[1]).dense_cloud)) == left
+        assert (len(last.oriented_points) == len(extract_features(scans[1]).oriented_points)) == left

@@ -10,11 +10,11 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.range_noise import UsualShare
+from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.odometry.deskew import deskew
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
-from dbscan_reg_ros.core.odometry.models.stamps import Intervals
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from dbscan_reg_ros.core.odometry.models.stamps import StampFilter
 from dbscan_reg_ros.core.parameters.odometry import TimeParameters
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, rooms, simulate
@@ -113,7 +113,7 @@ def test_a_scan_of_noise_is_coasted_over():
 
 @pytest.mark.parametrize(('velocities', 'expected'), [(1, 0.09), (3, 0.05), (100, 0.033)])
 def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
-    odometry = Odometry(Parameters().replace({'prior.velocities': velocities}))
+    odometry = Odometry(Parameters().replace({'prior.velocity_window': velocities}))
     run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
     update = odometry.process(noise_at(21 * TENTH, np.random.default_rng(6)))
     assert update.status is Status.FAILED
@@ -122,18 +122,18 @@ def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
 
 def test_what_is_expected_can_be_asked_for_and_asking_changes_nothing():
     asked, other = Odometry(), Odometry()
-    assert asked.expected_motion(0) is None
+    assert asked.predict_motion(0) is None
     for i, pose in enumerate(drive(20)):
-        asked.expected_motion(i * TENTH)
+        asked.predict_motion(i * TENTH)
         assert asked.process(scan_at(pose, i)).pose == other.process(scan_at(pose, i)).pose
-    expected = asked.expected_motion(20 * TENTH)
+    expected = asked.predict_motion(20 * TENTH)
     noise = noise_at(20 * TENTH, np.random.default_rng(6))
     coasted, told = asked.process(noise), other.process(noise, expected)
     assert coasted.pose == told.pose
     assert coasted.increment.as_array() == pytest.approx(expected.transform.as_array(), abs=1e-12)
     assert np.array_equal(coasted.covariance, told.covariance)
-    late = asked.expected_motion(60 * TENTH)
-    assert late.transform == SE2() and late.spread > 5.0 * expected.spread
+    late = asked.predict_motion(60 * TENTH)
+    assert late.transform == SE2() and late.translation_sigma > 5.0 * expected.translation_sigma
 
 
 @pytest.mark.parametrize(('before', 'turn'), [(0.0, 0.3), (0.2, 0.5), (-0.2, 0.2), (0.3, 0.3), (0.4, 0.0)])
@@ -143,11 +143,11 @@ def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn)
         chord = 0.5 * np.sinc(0.5 * turned / np.pi)
         return SE2(chord * math.cos(0.5 * turned), chord * math.sin(0.5 * turned), turned)
     own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2, np.diag([0.05, 0.05, 0.3]) ** 2)
-    bent = own.with_turn(turn, 0.02)
+    bent = own.with_rotation(turn, 0.02)
     assert bent.transform.as_array() == pytest.approx(arc(turn).as_array(), abs=0.006)
     assert np.allclose(bent.covariance, np.diag([0.1, 0.1, 0.02]) ** 2)
-    assert np.allclose(bent.change, np.diag([0.05, 0.05, 0.0]) ** 2)
-    assert Prior(own.transform, own.covariance).with_turn(turn, 0.02).change is None
+    assert np.allclose(bent.velocity_change, np.diag([0.05, 0.05, 0.0]) ** 2)
+    assert Prior(own.transform, own.covariance).with_rotation(turn, 0.02).velocity_change is None
 
 
 def test_a_lost_sensor_coasts_then_stands_then_restarts():
@@ -187,7 +187,7 @@ def test_after_a_gap_a_lost_sensor_restarts_where_it_is_told_to_be():
 @pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
 def test_what_wheels_get_wrong_in_sight_is_known_out_of_it(memory, least, most):
     """Wheels that tell 5 % too much, unequal, under a sensor 8 cm from where it is said to be; 0.9 s in which nothing is seen."""
-    odometry, poses, rng = Odometry(Parameters().replace({'prior.memory': memory})), drive(160), np.random.default_rng(7)
+    odometry, poses, rng = Odometry(Parameters().replace({'prior.calibration_distance': memory})), drive(160), np.random.default_rng(7)
     step = poses[0].inverse() @ poses[1]
     told = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
     for i, pose in enumerate(poses):
@@ -210,7 +210,7 @@ def test_wheels_that_slip_are_not_believed_where_few_points_hold_the_motion():
         scan = dataclasses.replace(look(walls, pose, FULL, 0.005, i), stamp=i * TENTH)
         update = odometry.process(scan, Prior(SE2(0.05 + slip), spread) if i else None)
         assert update.pose.x == pytest.approx(0.05 * i, abs=0.03)
-        assert not i or update.registration.weakest < Parameters().decision.vague_information
+        assert not i or update.registration.weakest_information < Parameters().decision.weak_prior_information
 
 
 def test_increments_add_up_to_the_pose_also_after_a_rest_and_a_restart():
@@ -269,7 +269,7 @@ def test_after_a_gap_between_uneven_stamps_the_last_motion_goes_on():
 
 
 def test_jitter_of_the_stamps_does_not_make_speed():
-    intervals = Intervals()
+    intervals = StampFilter()
     stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]
     found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
     assert not any(time.jump for time in found)
@@ -278,7 +278,7 @@ def test_jitter_of_the_stamps_does_not_make_speed():
 
 
 def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
-    intervals = Intervals()
+    intervals = StampFilter()
     found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
     assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
     assert [bool(time.jump) for time in found] == [False] * 8 + [True]
@@ -287,7 +287,7 @@ def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
 
 
 def test_even_stamps_are_believed_and_scans_between_them_were_lost():
-    intervals = Intervals()
+    intervals = StampFilter()
     stamps = (0, 100, 400, 500, 1900, 2600, 2700, 2702, 3000, 3100)
     found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
     assert [time.interval for time in found[1:7]] == pytest.approx([0.1, 0.3, 0.1, 1.4, 0.7, 0.1])
@@ -325,11 +325,11 @@ def test_after_a_second_without_scans_nobody_has_turned_back(name, seed):
 def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out():
     odometry = Odometry()
     run(odometry, drive(20))
-    limit = odometry.parameters.prior.limit
+    limit = odometry.parameters.prior.gate
     for wait in (1, 5, 10, 18):
-        prior = odometry.expected_motion((19 + wait) * TENTH)
-        assert limit * prior.angular_spread <= math.pi + 1e-9
-        assert (np.diagonal(prior.covariance - prior.change) >= 0.0).all()
+        prior = odometry.predict_motion((19 + wait) * TENTH)
+        assert limit * prior.rotation_sigma <= math.pi + 1e-9
+        assert (np.diagonal(prior.covariance - prior.velocity_change) >= 0.0).all()
 
 
 @pytest.mark.parametrize('jitter, pace, longer', [(0.05, 1.0, 1.0), (0.0, 0.5, 1.0), (0.0, 1.0, 2.0)])
@@ -354,12 +354,12 @@ def test_what_is_expected_is_the_same_for_who_asks_where_stamps_overlap():
     late, alone, told = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
     for scan, delay in zip(result.scans, late):
         scan = dataclasses.replace(scan, stamp=scan.stamp + round(delay * SECOND))
-        poses = alone.process(scan).pose, told.process(scan, told.expected_motion(scan.stamp)).pose
+        poses = alone.process(scan).pose, told.process(scan, told.predict_motion(scan.stamp)).pose
         assert poses[0] == poses[1]
 
 
 def test_where_scans_would_overlap_intervals_are_whole():
-    intervals = Intervals()
+    intervals = StampFilter()
     stamps = (0, 130, 180, 310, 440, 500, 800, 890, 890)
     found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.1) for s in stamps]
     assert [time.interval for time in found[1:]] == pytest.approx([0.13, 0.09, 0.13, 0.13, 0.13, 0.26, 0.11, 0.11])
@@ -370,7 +370,7 @@ def test_where_scans_would_overlap_intervals_are_whole():
 
 @pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
 def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_median(elapsed, taken):
-    intervals = Intervals()
+    intervals = StampFilter()
     for stamp in (-1, *range(0, 1100, 100)):
         intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
     found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters())
@@ -378,8 +378,8 @@ def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_m
 
 
 def test_stamps_that_go_back_took_no_time_and_keep_the_median():
-    intervals = Intervals()
-    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(jump=2.0)) for s in (9000, 9100, 9150, 1000)]
+    intervals = StampFilter()
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(max_jump=2.0)) for s in (9000, 9100, 9150, 1000)]
     assert (found[0].interval, found[0].elapsed, found[0].half) == (0.0, 0.0, 0.05)
     assert (found[3].interval, found[3].elapsed, found[3].half) == (pytest.approx(0.075), 0.0, 0.05)
     assert found[3].gap and found[3].jump == 'stamps went back by 8.150 s'
@@ -450,8 +450,8 @@ def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
 
 def test_a_scan_that_is_looked_at_again_tells_of_its_noise_once(monkeypatch):
     """The motion is taken out of the first two scans once the second one is found."""
-    told, after = [], UsualShare.after
-    monkeypatch.setattr(UsualShare, 'after', lambda self, share: told.append(share) or after(self, share))
+    told, after = [], NoiseRatioHistory.after
+    monkeypatch.setattr(NoiseRatioHistory, 'after', lambda self, share: told.append(share) or after(self, share))
     lidar, rng, odometry, world = LIDARS['rplidar_a'], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
     for i in range(2):
         way = 0.8 * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
@@ -532,7 +532,7 @@ def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
 
 
 def test_an_update_names_the_key_frame_that_its_registration_refers_to():
-    updates = run(Odometry(Parameters().replace({'odometry.rest': 0.0})), drive(10))
+    updates = run(Odometry(Parameters().replace({'odometry.zero_velocity_gate': 0.0})), drive(10))
     assert updates[0].reference is None
     assert updates[1].reference is updates[0].features
     changes = [update.features for update in updates if update.reference_changed]
@@ -553,7 +553,7 @@ def test_a_reset_starts_at_the_pose_given():
 
 
 def test_the_window_is_bounded():
-    odometry = Odometry(Parameters().replace({'odometry.window': 4, 'odometry.keyframe_distance': 0.02}))
+    odometry = Odometry(Parameters().replace({'odometry.key_frames': 4, 'odometry.key_frame_distance': 0.02}))
     run(odometry, drive(30))
     assert len(odometry._window.frames) == 4
 
@@ -569,7 +569,7 @@ def test_parameters_count_from_the_next_scan_on():
 @pytest.mark.parametrize(('asked', 'lies'), [(0.0, True), (10.0, False)])
 def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked, lies):
     drive = simulate(corridor(seed=1), follow(corridor(seed=1).tour), Lidar(), seed=1)
-    odometry, wrong = Odometry(Parameters().replace({'decision.vague_information': asked})), []
+    odometry, wrong = Odometry(Parameters().replace({'decision.weak_prior_information': asked})), []
     truth = [SE2.from_array(pose) for pose in drive.truth[::10]]
     for scan, last, true in zip(drive.scans[::10], truth[:1] + truth, truth):
         update = odometry.process(scan)
@@ -578,7 +578,7 @@ def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wro
     assert any(wrong) is lies
 
 
-NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_share=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
+NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_ratio=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
 
 
 @pytest.mark.parametrize(('lidar', 'least'), [(lidar, 0.95 if name == '5 cm' else 1.0) for name, lidar in (LIDARS | NOISY).items()],
@@ -589,8 +589,8 @@ def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lid
     drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
     odometry = Odometry()
     updates = [odometry.process(scan) for scan in drive.scans][1:]
-    along = [update.reference_pose.theta + update.registration.free_direction for update in updates
-             if update.registration.free_direction is not None]
+    along = [update.reference_pose.theta + update.registration.degenerate_direction for update in updates
+             if update.registration.degenerate_direction is not None]
     assert len(updates) > 20 and len(along) >= least * len(updates)
     assert np.abs(np.sin(along)).max() < math.sin(math.radians(10.0))
     assert sum(update.status is Status.OK for update in updates) <= (1.0 - least) * len(updates)
@@ -609,7 +609,7 @@ def test_a_speed_that_no_scan_holds_goes_on():
 
 def test_a_key_frame_may_stand_before_the_latest():
     frames = [KeyFrame(extract_features(look(outline(L_ROOM), SE2(x, 0.0, 0.0), FULL)), SE2(x, 0.0, 0.0)) for x in (0.0, 0.2, 0.4)]
-    window = Window(frames[:2])
+    window = KeyFrameWindow(frames[:2])
     assert window.with_frame(frames[2], 5).frames == tuple(frames)
     assert window.with_frame(frames[2], 5, latest=False).frames == (frames[0], frames[2], frames[1])
     assert window.with_frame(frames[2], 2, latest=False).frames == (frames[2], frames[1])
@@ -632,7 +632,7 @@ def test_in_a_corridor_without_features_the_prior_decides(name):
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
     """And what moves after it has stood is followed at once."""
     rng = np.random.default_rng(8)
-    odometry, steady = Odometry(Parameters().replace({'odometry.rest': 0.0})), Odometry()
+    odometry, steady = Odometry(Parameters().replace({'odometry.zero_velocity_gate': 0.0})), Odometry()
     scans = [dataclasses.replace(scan_at(SE2(), i), ranges=scan_at(SE2(), i).ranges + rng.normal(0.0, 0.01, FULL.size))
              for i in range(60)]
     turns = np.array([[o.process(scan).pose.theta for scan in scans] for o in (odometry, steady)])
@@ -664,9 +664,9 @@ def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_s
     rng = np.random.default_rng(4)
     odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
     updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH)) for k in range(1, 30)]
-    unsure = [update.registration.free_turn for update in updates[1:]]
+    unsure = [update.registration.rotation_unobservable for update in updates[1:]]
     assert np.mean(unsure) > 0.9
-    assert Status.OK not in {update.status for update in updates[1:] if update.registration.free_turn}
+    assert Status.OK not in {update.status for update in updates[1:] if update.registration.rotation_unobservable}
     assert max(math.hypot(update.pose.x, update.pose.y) for update in updates) < 0.1
     for k, update in enumerate(updates):
         assert abs(update.pose.theta - 0.05 * k) < 3.0 * math.sqrt(update.covariance[2, 2])
@@ -684,7 +684,7 @@ def test_in_a_round_room_way_and_turn_are_as_told(name):
 
 def test_in_a_round_room_a_gyroscope_tells_the_way_along_the_wall():
     """With the turn, and the wall on its side; no speed straight on is kept against them."""
-    update = around_a_round_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_turn(motion.theta, 0.01))
+    update = around_a_round_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_rotation(motion.theta, 0.01))
     distance, turn = error(update, SE2())
     assert distance < 0.94 and turn < 0.63
 
@@ -697,7 +697,7 @@ def around_a_round_room(lidar, told):
     poses = [SE2(1.5 * math.cos(angle), 1.5 * math.sin(angle), angle + 0.5 * math.pi) for angle in angles]
     odometry, before = Odometry(), poses[0]
     for k, pose in enumerate(poses):
-        prior = told(before.inverse() @ pose, odometry.expected_motion(k * TENTH))
+        prior = told(before.inverse() @ pose, odometry.predict_motion(k * TENTH))
         update, before = odometry.process(measure(world, pose.as_array()[None], lidar, rng, k * TENTH), prior), pose
     return update
 

@@ -9,8 +9,8 @@ from rooms import HALF, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, Window
-from dbscan_reg_ros.core.odometry.mapping.scan_to_map import place
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.scan_to_map import align_to_map
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.pipeline import register
@@ -29,15 +29,15 @@ def along_a_funnel(degrees, slant):
     The thresholds of slants are `slant` times as large as usual.
     """
     defaults, walls, here = Parameters(), funnel(degrees), SE2(0.3, 0.0, 0.0)
-    decision, free = (dataclasses.replace(each, slant=slant * each.slant) for each in (defaults.decision, defaults.free))
-    p = dataclasses.replace(defaults, decision=decision, free=free)
+    decision, free = (dataclasses.replace(each, parallel_tolerance=slant * each.parallel_tolerance) for each in (defaults.decision, defaults.degeneracy))
+    p = dataclasses.replace(defaults, decision=decision, degeneracy=free)
     poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
     frames = [KeyFrame(extract_features(look(walls, pose, HALF, 0.005, k), p), pose) for k, pose in enumerate(poses)]
     scan = look(walls, here, HALF, 0.005, 9)
     features = extract_features(dataclasses.replace(scan, ranges=scan.ranges + 0.015), p)
     spread = np.diag((0.02, 0.02, 0.01)) ** 2
     registration = register(frames[-1].features, features, p, Prior(SE2(0.05, 0.0, 0.0), spread))
-    pose, _ = place(Window(frames), features, here, here, np.linalg.inv(spread), registration.free_direction, False, p)
+    pose, _ = align_to_map(KeyFrameWindow(frames), features, here, here, np.linalg.inv(spread), registration.degenerate_direction, False, p)
     return registration, pose.x - here.x
 
 
@@ -45,7 +45,7 @@ def along_a_funnel(degrees, slant):
 def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
     """Their slant would: a corridor that is 3 cm wider is one 0.1 to 0.4 m farther back."""
     registration, off = along_a_funnel(degrees, 1.0)
-    assert registration.status is Status.DEGENERATE and math.sin(registration.free_direction) == pytest.approx(0.0, abs=0.02)
+    assert registration.status is Status.DEGENERATE and math.sin(registration.degenerate_direction) == pytest.approx(0.0, abs=0.02)
     assert abs(off) < 0.005
     assert along_a_funnel(degrees, 0.0)[1] < -0.05
 

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.zero_velocity import Rest
+from dbscan_reg_ros.core.odometry.models.zero_velocity import ZeroVelocityUpdate
 
 COVARIANCE = np.diag([0.01, 0.02, 0.005]) ** 2
 LIMIT = 3.0
 
 
-def settle(rest, *pose, interval=0.4):
-    return rest.settle(SE2(*pose), COVARIANCE, interval, LIMIT).as_array()
+def update(rest, *pose, interval=0.4):
+    return rest.update(SE2(*pose), COVARIANCE, interval, LIMIT).as_array()
 
 
 def test_from_the_start_the_mean_of_all_poses_is_reported():
-    rest = Rest(SE2())
-    assert settle(rest, 0.02, 0.0, 0.002) == pytest.approx([0.01, 0.0, 0.001])
-    assert settle(rest, 0.01, 0.03, 0.001) == pytest.approx([0.01, 0.01, 0.001])
+    rest = ZeroVelocityUpdate(SE2())
+    assert update(rest, 0.02, 0.0, 0.002) == pytest.approx([0.01, 0.0, 0.001])
+    assert update(rest, 0.01, 0.03, 0.001) == pytest.approx([0.01, 0.01, 0.001])
 
 
 def test_what_moves_is_reported_as_it_is_until_it_has_stood_for_a_second():
-    rest = Rest(SE2())
-    assert settle(rest, 1.0, 0.0, 0.0) == pytest.approx([1.0, 0.0, 0.0])
-    assert settle(rest, 1.02, 0.0, 0.0) == pytest.approx([1.02, 0.0, 0.0])
-    assert settle(rest, 1.01, 0.0, 0.0) == pytest.approx([1.01, 0.0, 0.0])
-    assert settle(rest, 1.03, 0.0, 0.0) == pytest.approx([(1.0 + 1.02 + 1.01 + 1.03) / 4, 0.0, 0.0])
-    assert settle(rest, 1.06, 0.0, 0.0) == pytest.approx([1.06, 0.0, 0.0])
+    rest = ZeroVelocityUpdate(SE2())
+    assert update(rest, 1.0, 0.0, 0.0) == pytest.approx([1.0, 0.0, 0.0])
+    assert update(rest, 1.02, 0.0, 0.0) == pytest.approx([1.02, 0.0, 0.0])
+    assert update(rest, 1.01, 0.0, 0.0) == pytest.approx([1.01, 0.0, 0.0])
+    assert update(rest, 1.03, 0.0, 0.0) == pytest.approx([(1.0 + 1.02 + 1.01 + 1.03) / 4, 0.0, 0.0])
+    assert update(rest, 1.06, 0.0, 0.0) == pytest.approx([1.06, 0.0, 0.0])
 
 
 @pytest.mark.parametrize('axis, sigma', [(0, 0.01), (1, 0.02), (2, 0.005)])
@@ -37,19 +37,19 @@ def test_three_standard_deviations_in_the_sensors_frame_are_a_motion(axis, sigma
     start = SE2(1.0, 2.0, 0.5 * math.pi)
     for share, moved in ((2.9, False), (3.1, True)):
         pose = start @ SE2(*(share * sigma * np.eye(3)[axis]))
-        found = Rest(start).settle(pose, COVARIANCE, 0.1, LIMIT)
+        found = ZeroVelocityUpdate(start).update(pose, COVARIANCE, 0.1, LIMIT)
         half = start @ SE2(*(0.5 * share * sigma * np.eye(3)[axis]))
         assert found.as_array() == pytest.approx((pose if moved else half).as_array())
 
 
 def test_the_mean_of_two_turns_across_the_seam_lies_on_it():
-    rest = Rest(SE2(0.0, 0.0, math.pi - 0.004))
-    assert abs(settle(rest, 0.0, 0.0, -math.pi + 0.004)[2]) == pytest.approx(math.pi)
+    rest = ZeroVelocityUpdate(SE2(0.0, 0.0, math.pi - 0.004))
+    assert abs(update(rest, 0.0, 0.0, -math.pi + 0.004)[2]) == pytest.approx(math.pi)
 
 
 def test_the_last_fifty_scans_weigh_most():
     """After 49 more scans each next one counts for a fiftieth."""
-    rest = Rest(SE2())
+    rest = ZeroVelocityUpdate(SE2())
     for _ in range(100):
-        settle(rest, 0.0, 0.0, 0.0)
-    assert settle(rest, 0.02, 0.0, 0.0)[0] == pytest.approx(0.02 / 50)
+        update(rest, 0.0, 0.0, 0.0)
+    assert update(rest, 0.02, 0.0, 0.0)[0] == pytest.approx(0.02 / 50)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.wheel_calibration import SystematicError
+from dbscan_reg_ros.core.odometry.models.wheel_calibration import WheelCalibration
 from dbscan_reg_ros.core.registration.records import Prior
 
 SPREAD = np.array((0.02, 0.02, 0.03))
@@ -16,13 +16,13 @@ def told(*motion):
     return Prior(SE2(*motion), np.diag(SPREAD) ** 2)
 
 
-def taught(steps, wrong=WRONG, noise=0.0, worth=1.0, memory=300.0, error=None, seed=0):
-    """`SystematicError` after so many random steps that were `wrong`."""
-    error, rng = error or SystematicError(), np.random.default_rng(seed)
+def taught(steps, wrong=WRONG, noise=0.0, weights=1.0, memory=300.0, error=None, seed=0):
+    """`WheelCalibration` after so many random steps that were `wrong`."""
+    error, rng = error or WheelCalibration(), np.random.default_rng(seed)
     for _ in range(steps):
         step = told(*rng.normal(0.0, (0.1, 0.01, 0.1)))
         off = wrong @ step.transform.as_array() + noise * rng.normal(0.0, 1.0, 3)
-        error.learn(step, step.transform @ SE2.from_array(off), worth, memory)
+        error.learn(step, step.transform @ SE2.from_array(off), weights, memory)
     return error
 
 
@@ -40,7 +40,7 @@ def share(error):
 
 def test_who_was_never_wrong_is_taken_at_their_word():
     step = told(0.1, 0.02, -0.3)
-    for error in (SystematicError(), taught(5, wrong=np.zeros((3, 3)))):
+    for error in (WheelCalibration(), taught(5, wrong=np.zeros((3, 3)))):
         assert error.corrected(step).transform.as_array() == pytest.approx(step.transform.as_array(), abs=1e-12)
         assert (error.corrected(step).covariance == step.covariance).all()
 
@@ -50,18 +50,18 @@ def test_scale_curve_and_mounting_are_learned(noise):
     error = taught(400, noise=noise)
     assert np.abs(off(error, 1.0, 0.0, 0.0)).max() < 0.01
     assert np.abs(off(error, 0.0, 0.0, 1.0)).max() < 0.01
-    assert np.abs(off(SystematicError(), 0.0, 0.0, 1.0)).max() > 0.08
+    assert np.abs(off(WheelCalibration(), 0.0, 0.0, 1.0)).max() > 0.08
 
 
 def test_what_counts_for_nothing_teaches_nothing():
     step = told(0.1, 0.0, 0.1)
-    assert taught(50, worth=0.0).corrected(step).transform.as_array() == pytest.approx(step.transform.as_array(), abs=1e-12)
-    assert share(taught(50, worth=0.0)) == pytest.approx(1.0)
+    assert taught(50, weights=0.0).corrected(step).transform.as_array() == pytest.approx(step.transform.as_array(), abs=1e-12)
+    assert share(taught(50, weights=0.0)) == pytest.approx(1.0)
 
 
 def test_what_counts_for_less_is_learned_more_slowly():
-    little, much = (np.abs(off(taught(3, worth=worth), 0.1, 0.0, 0.1)).max() for worth in (0.1, 1.0))
-    assert much < little < np.abs(off(SystematicError(), 0.1, 0.0, 0.1)).max()
+    little, much = (np.abs(off(taught(3, weights=weights), 0.1, 0.0, 0.1)).max() for weights in (0.1, 1.0))
+    assert much < little < np.abs(off(WheelCalibration(), 0.1, 0.0, 0.1)).max()
 
 
 def test_a_load_put_down_is_noticed_within_the_memory():
@@ -78,12 +78,12 @@ def test_no_more_than_a_fifth_is_taken_to_be_wrong():
 @pytest.mark.parametrize(('noise', 'expected'), [(0.0, 0.15), (0.005, 0.25), (0.1, 1.0)])
 def test_a_told_motion_is_as_sure_as_those_before_have_been(noise, expected):
     """No surer than a limit, however right they were, and no less sure than it was told."""
-    assert share(SystematicError()) == pytest.approx(1.0)
+    assert share(WheelCalibration()) == pytest.approx(1.0)
     assert share(taught(1500, noise=noise))[:2] == pytest.approx(expected, rel=0.2)
 
 
 def test_standing_still_proves_nobody_right():
-    error = SystematicError()
+    error = WheelCalibration()
     for _ in range(1000):
         error.learn(told(0.0, 0.0, 0.0), SE2(), 1.0, 300.0)
     assert share(error) == pytest.approx(1.0)

@@ -39,7 +39,7 @@ WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 
 def exact(name):
     """A lidar that measures at once and without any error."""
-    return dataclasses.replace(LIDARS[name], noise=0.0, noise_share=0.0, resolution=0.0, dropouts=0.0, duration=0.0)
+    return dataclasses.replace(LIDARS[name], noise=0.0, noise_ratio=0.0, resolution=0.0, dropouts=0.0, duration=0.0)
 
 
 def directions(angles):
@@ -151,7 +151,7 @@ def test_noise_dropouts_and_outliers_are_those_asked_for():
 
 
 def test_the_noise_grows_with_the_range_where_a_share_is_asked_for():
-    lidar = Lidar(beams=50_000, noise=0.01, noise_share=0.02)
+    lidar = Lidar(beams=50_000, noise=0.01, noise_ratio=0.02)
     near, far = (lidar.measured(np.full(lidar.beams, distance), rng()) - distance for distance in (0.3, 4.0))
     assert near.std() == pytest.approx(0.01, rel=0.03) and far.std() == pytest.approx(0.08, rel=0.03)
     assert lidar.measured(np.array([math.inf]), rng()) == [math.inf]

@@ -10,24 +10,24 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.point_to_line import derivatives, fit, normal_equations
+from dbscan_reg_ros.core.registration.point_to_line import jacobian, fit, normal_equations
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
-from dbscan_reg_ros.core.registration.status import decide, doubted, scatter, slid
+from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, scatter, slid
 from dbscan_reg_ros.core.registration.uncertainty import (
-    calibrated,
-    motion_along,
-    motion_around,
+    calibrated_covariance,
+    degenerate_translation,
+    degenerate_rotation,
     uncertainty,
-    what_holds,
+    observability,
 )
 
 ROOM = outline(L_ROOM)
-PARAMETERS = DecisionParameters(few=0.0, covariance_scale=1.0)
+PARAMETERS = DecisionParameters(few_points_scale=0.0, covariance_scale=1.0)
 VARIANCE = 1e-4
 
 
 def fitted(reference, current, motion):
-    return fit(motion[None], current.cloud, reference.surface, Parameters().density.facing)
+    return fit(motion[None], current.sampled_points, reference.likelihood_field, Parameters().density.min_normal_cosine)
 
 
 def turned(matrix, angle):
@@ -37,8 +37,8 @@ def turned(matrix, angle):
 
 
 def judged(information, shared, points=100.0, parameters=PARAMETERS):
-    held = what_holds(information, shared, points, parameters)
-    return calibrated(information, shared, VARIANCE, held, parameters), held
+    held = observability(information, shared, points, parameters)
+    return calibrated_covariance(information, shared, VARIANCE, held, parameters), held
 
 
 def test_the_covariance_is_the_inverse_of_the_information():
@@ -91,20 +91,20 @@ def test_where_a_way_is_free_with_a_turn_only_both_are_uncertain_together():
 def test_around_a_round_room_a_way_turns_and_a_turn_is_a_way():
     """By all points of its wall, seen 2 m from its middle, which lies on the left."""
     around = np.exp(2j * np.pi / 360 * np.arange(360))
-    arms = 2j + 3.0 * around
-    rows = derivatives((-around).conj(), arms)
+    rotated_points = 2j + 3.0 * around
+    rows = jacobian((-around).conj(), rotated_points)
     information = normal_equations(rows, np.ones(360))
-    along, turn = motion_along(0.0, information, PARAMETERS), motion_around(information, information, PARAMETERS)
+    along, turn = degenerate_translation(0.0, information, PARAMETERS), degenerate_rotation(information, information, PARAMETERS)
     assert along == pytest.approx([1.0, 0.0, 0.5], rel=1e-6, abs=1e-9)
     assert turn == pytest.approx([2.0, 0.0, 1.0], rel=0.02, abs=1e-9)
     assert turn @ information @ turn < 1e-3 * information[2, 2]
-    assert motion_along(0.5 * math.pi, information, PARAMETERS) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
+    assert degenerate_translation(0.5 * math.pi, information, PARAMETERS) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
 def test_as_many_points_as_few_double_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
     plain, _ = judged(information, information)
-    careful, _ = judged(information, information, parameters=DecisionParameters(few=8.0, covariance_scale=1.0))
+    careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0, covariance_scale=1.0))
     assert careful - plain == pytest.approx(np.diag([VARIANCE / 8.0, 0.0, 0.0]), abs=1e-12)
 
 
@@ -126,7 +126,7 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
     found = fitted(reference, current, best)
-    _, held = uncertainty(best, found, current.cloud, current.noise, parameters)
+    _, held = uncertainty(best, found, current.sampled_points, current.noise, parameters)
     assert held.weak > parameters.decision.min_information
     coarse = np.array([best, best + [math.cos(held.angle), math.sin(held.angle), 0.0]])
     for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
@@ -152,9 +152,9 @@ def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinem
     (Status.OK, None, 0.6, Status.OK), (Status.AMBIGUOUS, 9.9, 0.6, Status.AMBIGUOUS),
 ])
 def test_few_points_are_not_enough_where_nothing_is_known_of_the_motion(status, weakest, spread, expected):
-    registration = Registration(SE2(), np.eye(3), status, weakest=weakest)
+    registration = Registration(SE2(), np.eye(3), status, weakest_information=weakest)
     for covariance in (np.diag([spread, 0.1, 0.1]) ** 2, np.diag([0.1, spread, 0.1]) ** 2):
-        found = doubted(registration, Prior(SE2(), covariance), DecisionParameters(vague=0.5, vague_information=10.0))
+        found = demoted_if_weak(registration, Prior(SE2(), covariance), DecisionParameters(weak_prior_sigma=0.5, weak_prior_information=10.0))
         assert found.status is expected
         if expected is not status:
             assert found.reason == ('only 9.90 points hold the motion along one direction; 10.0 asked for where the motion '

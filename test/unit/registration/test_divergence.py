@@ -137,13 +137,13 @@ def test_the_papers_parameters_are_the_papers(paper):
     assert paper.filter.test == 'anchor'
     assert paper.segments.corners == 'slope' and paper.segments.sections == 5
     assert not paper.rotation.directed and not paper.rotation.weighted
-    assert paper.rotation.sigma == pytest.approx(0.08 / math.sqrt(2.0), abs=1e-4)
-    assert paper.translation.form == 'squared' and paper.translation.sigma == 0.05
-    assert paper.rotation.min_points == paper.translation.min_points == 1
-    assert paper.rotation.width == paper.translation.width == 0.0, 'clusters are as DBSCAN leaves them'
-    assert paper.rotation.hypotheses == 1 and paper.translation.key_clusters == 2
+    assert paper.rotation.eps == pytest.approx(0.08 / math.sqrt(2.0), abs=1e-4)
+    assert paper.translation.form == 'squared' and paper.translation.eps == 0.05
+    assert paper.rotation.min_samples == paper.translation.min_samples == 1
+    assert paper.rotation.max_width == paper.translation.max_width == 0.0, 'clusters are as DBSCAN leaves them'
+    assert paper.rotation.max_hypotheses == 1 and paper.translation.key_clusters == 2
     assert paper.selection.method == 'divergence'
-    assert paper.refinement.coarse == paper.refinement.fine == 0
+    assert paper.refinement.coarse_iterations == paper.refinement.fine_iterations == 0
 
 
 FIVE_WALLS = outline([(-2.0, -1.5), (3.0, -2.0), (4.5, 0.5), (2.5, 3.0), (-1.0, 2.5)])

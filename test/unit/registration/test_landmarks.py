@@ -8,7 +8,7 @@ from benchmarks.courses import simulated, wood
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.small_objects import free_standing
+from dbscan_reg_ros.core.features.small_objects import find_small_objects
 from dbscan_reg_ros.core.registration.landmarks import landmark_motions
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
@@ -21,7 +21,7 @@ from dbscan_reg_ros.simulation import LIDARS
 from dbscan_reg_ros.simulation.raycasting import cast
 
 PARAMETERS = Parameters()
-NONE = PARAMETERS.replace({'selection.landmarks': 0})
+NONE = PARAMETERS.replace({'selection.max_landmarks': 0})
 ALL_AROUND = ScanGeometry(-math.pi, math.radians(0.5), 720)
 NO_WALLS = np.empty((0, 2, 2))
 
@@ -47,7 +47,7 @@ def apart(motion, truth):
 
 def test_landmarks_are_what_stands_free_and_is_small_enough():
     trunks = np.array([(3.0, 0.0, 0.1), (0.0, 5.0, 0.3), (-4.0, 0.2, 0.3), (-7.5, 0.0, 2.0), (0.0, -3.0, 0.8)])
-    things = free_standing(seen(trunks, np.zeros(3)), 1.0, PARAMETERS.segments)
+    things = find_small_objects(seen(trunks, np.zeros(3)), 1.0, PARAMETERS.segments)
     found = things.middle[np.argsort(things.nearest)]
     assert found == pytest.approx([3.0, -4.0 + 0.2j, 5.0j], abs=0.03), 'in front of a large one, too; a large one is none'
 

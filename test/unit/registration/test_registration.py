@@ -70,8 +70,8 @@ def test_two_bare_walls_leave_their_direction_free():
     geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
     found = register(features(SE2(0.0, 0.0, 0.1), geometry, 0.01, 1, walls), features(SE2(0.3, 0.1, 0.2), geometry, 0.01, 2, walls))
     assert found.status in (Status.DEGENERATE, Status.AMBIGUOUS)
-    if found.free_direction is not None:
-        assert abs(math.sin(found.free_direction + 0.1)) < 0.05
+    if found.degenerate_direction is not None:
+        assert abs(math.sin(found.degenerate_direction + 0.1)) < 0.05
 
 
 def test_a_prior_tells_the_way_round_in_a_bare_corridor_and_the_way_along_stays_free():
@@ -82,11 +82,11 @@ def test_a_prior_tells_the_way_round_in_a_bare_corridor_and_the_way_along_stays_
     found = register(features(start, geometry, 0.01, 1, walls), features(end, geometry, 0.01, 2, walls),
                      prior=Prior(truth, np.diag([0.3, 0.3, 0.1]) ** 2))
     assert found.status is Status.DEGENERATE
-    assert math.sin(found.free_direction + 0.1) == pytest.approx(0.0, abs=0.01)
+    assert math.sin(found.degenerate_direction + 0.1) == pytest.approx(0.0, abs=0.01)
     # Seen from the reference the corridor's walls face along (sin 0.1, cos 0.1).
     across = np.array([math.sin(0.1), math.cos(0.1)]) @ (found.transform.x - truth.x, found.transform.y - truth.y)
     assert abs(across) < 0.005
-    free = found.free_direction - found.transform.theta
+    free = found.degenerate_direction - found.transform.theta
     along = np.array([math.cos(free), math.sin(free), 0.0])
     assert along @ found.covariance @ along > 100.0
 
@@ -101,12 +101,12 @@ def test_the_best_hypothesis_is_the_result():
 def test_a_clear_winner_is_found_without_a_comparison_and_the_others_are_named_all_the_same():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
     pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
-    alone, compared = (register(*pair, Parameters().replace({'selection.clear': clear})) for clear in (0.0, 2.0))
+    alone, compared = (register(*pair, Parameters().replace({'selection.max_score_gap': clear})) for clear in (0.0, 2.0))
     for found in (alone, compared):
         distance, angle = off(found, start.inverse() @ end)
         assert distance < 0.005 and angle < 0.002
         best, second = found.hypotheses
-        assert best.score - second.score > Parameters().selection.clear
+        assert best.score - second.score > Parameters().selection.max_score_gap
     # Who is not compared is not refined any further.
     assert alone.hypotheses[1] != compared.hypotheses[1]
 
@@ -129,7 +129,7 @@ def test_a_prior_decides_between_rivals():
 def test_a_search_that_is_repeated_knows_the_prior():
     square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
     reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
-    always = Parameters().replace({'selection.doubt': 1.0})
+    always = Parameters().replace({'selection.wide_search_score': 1.0})
     for turn in 0.4 + 0.5 * math.pi * np.arange(4):
         prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
         found = register(reference, current, always, prior).transform.theta
@@ -209,7 +209,7 @@ def test_a_point_without_a_partner_is_no_perfect_partner_whatever_may_face_it(fa
     other = outline([(-2.0, -3.0), (14.0, -3.0), (14.0, 12.0), (-2.0, 12.0)])
     found = []
     for least in (0.0, facing):
-        p = Parameters().replace({'density.facing': least})
+        p = Parameters().replace({'density.min_normal_cosine': least})
         found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM), other)), p))
     assert found[1].overlap == pytest.approx(found[0].overlap, abs=0.1)
     assert found[1].status is not Status.OK
@@ -218,7 +218,7 @@ def test_a_point_without_a_partner_is_no_perfect_partner_whatever_may_face_it(fa
 def test_where_all_points_are_left_out_nothing_overlaps_whatever_selects():
     p = Parameters().replace({'selection.method': 'divergence'})
     features = extract_features(look(outline(L_ROOM), SE2(), FULL, 0.01, 1), p)
-    assert register(features, features.without(np.ones(len(features.dense_cloud), dtype=bool)), p).overlap == 0.0
+    assert register(features, features.without(np.ones(len(features.oriented_points), dtype=bool)), p).overlap == 0.0
 
 
 def test_a_scan_without_returns_is_refused():
@@ -235,8 +235,8 @@ def test_noise_draws_no_match_to_one_side():
 
 
 def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
-    narrow = Parameters().replace({'rotation.hypotheses': 1, 'selection.heaviest': 1, 'selection.widen': 1})
-    again = narrow.replace({'selection.widen': 60})
+    narrow = Parameters().replace({'rotation.max_hypotheses': 1, 'selection.max_clusters': 1, 'selection.wide_search_factor': 1})
+    again = narrow.replace({'selection.wide_search_factor': 60})
     truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
     found = {}
     for name, parameters in (('narrow', narrow), ('again', again)):
@@ -249,26 +249,26 @@ def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
 
 def test_a_search_that_finds_nothing_but_violations_ends():
     """A room that is a little larger: every point is in the way, and each counts twenty times."""
-    parameters = Parameters().replace({'density.violation': 20.0})
+    parameters = Parameters().replace({'density.violation_weight': 20.0})
     reference, current = (extract_features(look(outline(size * np.asarray(L_ROOM))), parameters) for size in (1.1, 1.0))
     found = register(reference, current, parameters)
     assert found.score < -1.0 and found.status is Status.FAILED
 
 
 def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
-    refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse': 4,
-                                       'refinement.final_scale': 0.02, 'refinement.fine': 1, 'refinement.window': 3,
-                                       'refinement.window_first_scale': 0.04, 'refinement.window_scale': 0.001}).refinement
+    refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse_iterations': 4,
+                                       'refinement.final_scale': 0.02, 'refinement.fine_iterations': 1, 'refinement.map_iterations': 3,
+                                       'refinement.map_first_scale': 0.04, 'refinement.map_scale': 0.001}).refinement
     assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
     assert refinement.fine_scales() == [0.1]
     assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 
 def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
-    narrow = Parameters().replace({'rotation.hypotheses': 3, 'selection.candidates': 5, 'selection.refined': 2,
-                                   'selection.widen': 4})
-    expected = {'rotation.hypotheses': 12, 'selection.heaviest': 20, 'selection.candidates': 20, 'selection.refined': 8,
-                'selection.widen': 1}
+    narrow = Parameters().replace({'rotation.max_hypotheses': 3, 'selection.max_clusters_with_prior': 5, 'selection.preselected': 2,
+                                   'selection.wide_search_factor': 4})
+    expected = {'rotation.max_hypotheses': 12, 'selection.max_clusters': 20, 'selection.max_clusters_with_prior': 20, 'selection.preselected': 8,
+                'selection.wide_search_factor': 1}
     assert narrow.widened == narrow.replace(expected)
 
 
@@ -286,7 +286,7 @@ def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
     """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""
     trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
     pair = extract_features(trial.reference), extract_features(trial.current)
-    narrow, wide = (register(*pair, Parameters().replace({'selection.better': better})) for better in (2.0, 0.02))
+    narrow, wide = (register(*pair, Parameters().replace({'selection.wide_search_gain': better})) for better in (2.0, 0.02))
     assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
     distance, angle = off(wide, trial.truth)
     assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.dbscan import k_distances, knee
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
 
-PAPER = RotationParameters(directed=False, weighted=False, sigma=0.0566, min_points=1, width=0.0, hypotheses=1)
+PAPER = RotationParameters(directed=False, weighted=False, eps=0.0566, min_samples=1, max_width=0.0, max_hypotheses=1)
 DEFAULT = RotationParameters()
 
 
@@ -107,22 +107,22 @@ def test_sigma_from_the_k_dist_graph_has_min_points_k_plus_1():
     rng = np.random.default_rng(0)
     values = np.concatenate((0.3 + rng.normal(0.0, 0.004, 20), rng.uniform(-3.0, 3.0, 20)))
     for min_points in (1, 2, 4):
-        parameters = RotationParameters(sigma=0.0, min_points=min_points, sigma_min=0.0001, sigma_max=3.0)
+        parameters = RotationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=3.0)
         found = rotations(*differences(values), parameters)
         assert found.sigma == pytest.approx(knee(k_distances(wrap(values), max(min_points - 1, 1))))
         assert abs(found.phi[0] - 0.3) < 0.01
-    limited = RotationParameters(sigma=0.0, sigma_min=0.2, sigma_max=0.3)
+    limited = RotationParameters(eps=0.0, eps_min=0.2, eps_max=0.3)
     assert rotations(*differences(values), limited).sigma == 0.2
 
 
 def test_min_points_leaves_lonely_samples_out():
-    found = rotations(*differences([0.3, 0.31, 0.32, 1.0]), RotationParameters(sigma=0.02, min_points=3))
+    found = rotations(*differences([0.3, 0.31, 0.32, 1.0]), RotationParameters(eps=0.02, min_samples=3))
     np.testing.assert_array_equal(found.labels[:, 0], [0, 0, 0, -1])
     assert len(found.phi) == 1
 
 
 def test_where_no_sample_has_neighbours_there_is_no_rotation():
-    found = rotations(*differences([0.3, 1.0]), RotationParameters(sigma=0.02, min_points=2))
+    found = rotations(*differences([0.3, 1.0]), RotationParameters(eps=0.02, min_samples=2))
     assert len(found.phi) == len(found.weight) == 0
     assert found.labels.tolist() == [[-1], [-1]] and found.sigma == 0.02
 
@@ -131,7 +131,7 @@ def test_where_no_sample_has_neighbours_there_is_no_rotation():
 def test_a_cluster_across_the_seam_is_one(directed, period):
     half = 0.5 * period
     values = [half - 0.02, half - 0.01, -half + 0.005, -half + 0.025]
-    found = rotations(*differences(values), RotationParameters(directed=directed, weighted=False, sigma=0.03))
+    found = rotations(*differences(values), RotationParameters(directed=directed, weighted=False, eps=0.03))
     assert len(found.phi) == 1
     assert found.weight[0] == 4.0
     assert abs((found.phi[0] - half + 0.5 * period) % period - 0.5 * period) < 1e-9
@@ -140,9 +140,9 @@ def test_a_cluster_across_the_seam_is_one(directed, period):
 def test_a_chain_is_cut_where_a_width_is_given_and_never_without():
     """Two motions 0.1 rad apart and a bridge between them."""
     values = [0.0, 0.001, 0.002, 0.003, 0.035, 0.068, 0.1, 0.101, 0.102, 0.103]
-    whole = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.04, width=0.0))
+    whole = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.0))
     assert len(whole.phi) == 1
-    parts = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.04, width=0.05, recuts=3))
+    parts = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.05, recluster_levels=3))
     np.testing.assert_allclose(np.sort(parts.phi[:2]), [0.0015, 0.1015], atol=1e-9)
 
 
@@ -150,13 +150,13 @@ def test_a_chain_is_cut_no_more_often_than_asked_for():
     """Gaps of 0.03 rad hold against 0.04 rad, and no more against half of that."""
     values = [0.0, 0.001, 0.031, 0.032, 0.0625, 0.063]
     for recuts, count in ((0, 1), (1, 3)):
-        found = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.04, width=0.0004, recuts=recuts))
+        found = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.0004, recluster_levels=recuts))
         assert len(found.phi) == count
 
 
 def test_no_more_hypotheses_than_asked_for_heaviest_first():
     values = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0]
-    found = rotations(*differences(values), RotationParameters(weighted=False, hypotheses=2))
+    found = rotations(*differences(values), RotationParameters(weighted=False, max_hypotheses=2))
     np.testing.assert_allclose(found.phi, [0.0, 1.0])
     np.testing.assert_array_equal(found.weight, [3.0, 2.0])
     np.testing.assert_array_equal(found.labels[:, 0], [0, 0, 0, 1, 1, -1])
@@ -165,9 +165,9 @@ def test_no_more_hypotheses_than_asked_for_heaviest_first():
 def test_focus_draws_the_mean_to_the_median():
     """Weights 1, 1, 1, 1/2 and 1/(1 + 3^2), as the distances from the median are 0, 0, 0, 1 and 3 times the focus."""
     values = [0.30, 0.30, 0.30, 0.31, 0.33]
-    plain = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.05))
+    plain = rotations(*differences(values), RotationParameters(weighted=False, eps=0.05))
     assert plain.phi[0] == pytest.approx(np.mean(values))
-    focused = rotations(*differences(values), RotationParameters(weighted=False, sigma=0.05, focus=0.01))
+    focused = rotations(*differences(values), RotationParameters(weighted=False, eps=0.05, median_scale=0.01))
     assert focused.phi[0] == pytest.approx(np.average(values, weights=[1.0, 1.0, 1.0, 0.5, 0.1]))
     assert focused.weight[0] == plain.weight[0] == 5.0
 

@@ -10,11 +10,11 @@ from scipy.spatial.distance import mahalanobis
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.parameters.registration import FreeDirectionParameters
-from dbscan_reg_ros.core.registration.degeneracy import search_free_direction, weakest_direction
+from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction, weakest_direction
 from dbscan_reg_ros.core.registration.point_to_line import fit
-from dbscan_reg_ros.core.registration.scoring import distinct, hopeful, reverse_violation, same, score, sieve, surprise
+from dbscan_reg_ros.core.registration.scoring import distinct, promising, reverse_violation, same, score, preselect, squared_mahalanobis
 
-ALIKE = Parameters().replace({'density.balance': 1000.0, 'density.points': 1000})
+ALIKE = Parameters().replace({'density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""
 DENSITY = ALIKE.density
 ROOM = outline(L_ROOM)
@@ -30,7 +30,7 @@ def features(pose, walls=ROOM):
 
 def on_the_box(scan, pose):
     """Share of a scan's points that lie on the box."""
-    points = pose.apply(np.column_stack((scan.cloud.points.real, scan.cloud.points.imag)))
+    points = pose.apply(np.column_stack((scan.sampled_points.points.real, scan.sampled_points.points.imag)))
     return (np.abs(points - (0.5, -0.2)).max(axis=1) < 0.25).mean()
 
 
@@ -43,10 +43,10 @@ def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
     empty, current = features(START), features(END, np.concatenate((ROOM, BOX)))
     share = on_the_box(current, END)
     assert share > 0.05
-    found = fit(rows(MOTION), current.cloud, empty.surface, DENSITY.facing)
+    found = fit(rows(MOTION), current.sampled_points, empty.likelihood_field, DENSITY.min_normal_cosine)
     value, overlap = score(found, empty, current, 0.05, DENSITY)
     assert overlap[0] == pytest.approx(1.0 - share, abs=0.01)
-    assert value[0] == pytest.approx(1.0 - share - DENSITY.violation * share, abs=0.02)
+    assert value[0] == pytest.approx(1.0 - share - DENSITY.violation_weight * share, abs=0.02)
 
 
 def test_what_stood_where_the_current_scan_sees_through_counts_as_much():
@@ -62,9 +62,9 @@ def test_the_sieve_keeps_the_best_first():
     reference, current = features(START), features(END)
     order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
     candidates = rows(*(MOTION @ off for off in order))
-    chosen = ALIKE.replace({'selection.refined': 3}).selection
-    np.testing.assert_array_equal(sieve(candidates[::-1], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
-    np.testing.assert_array_equal(sieve(candidates[:3], current.cloud, reference.view, chosen, DENSITY), candidates[:3])
+    chosen = ALIKE.replace({'selection.preselected': 3}).selection
+    np.testing.assert_array_equal(preselect(candidates[::-1], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
 
 
 def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
@@ -72,19 +72,19 @@ def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
     hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
     reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
     at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
-    one = ALIKE.replace({'selection.refined': 1}).selection
-    found = sieve(np.concatenate((at_the_wall, behind)), current.cloud, reference.view, one, DENSITY)
+    one = ALIKE.replace({'selection.preselected': 1}).selection
+    found = preselect(np.concatenate((at_the_wall, behind)), current.sampled_points, reference.free_space, one, DENSITY)
     np.testing.assert_array_equal(found, behind)
 
 
 def test_hopeful_is_what_has_enough_of_the_best_ones_support():
     reference, current = features(START), features(END)
     candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
-    fits = fit(candidates, current.cloud, reference.surface, DENSITY.facing)
-    support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.cloud)
+    fits = fit(candidates, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.sampled_points)
     assert support[1] > 0.9 > support[0] > 0.5 > 0.3 > support[2]
     for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0, [0, 1, 2]):
-        kept, known = hopeful(candidates, fits, 0.2, share)
+        kept, known = promising(candidates, fits, 0.2, share)
         np.testing.assert_array_equal(kept, candidates[expected])
         for part, whole in zip(known, fits, strict=True):
             np.testing.assert_array_equal(part, whole[expected])
@@ -94,12 +94,12 @@ def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
     """It expects to face along y: a step along y is one ahead, one along -x is one to the left."""
     prior = Prior(SE2(1.0, 2.0, 0.5 * math.pi), np.diag([0.1, 0.2, 0.05]) ** 2)
     off = np.array([(0.0, 0.1, 0.0), (-0.4, 0.0, 0.0), (0.0, 0.0, 0.15 + 2.0 * math.pi), (-0.4, -0.1, -0.05)])
-    assert surprise(prior.transform.as_array() + off, prior) == pytest.approx([1.0, 4.0, 9.0, 6.0])
+    assert squared_mahalanobis(prior.transform.as_array() + off, prior) == pytest.approx([1.0, 4.0, 9.0, 6.0])
     root = np.array([[0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [-0.1, 0.05, 0.1]])
     skewed = Prior(SE2(1.0, 2.0, 0.7), root @ root.T)
     step = SE2(0.3, -0.2, 0.1)
     distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(skewed.covariance))
-    assert surprise(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
+    assert squared_mahalanobis(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
 
 
 def test_the_spread_of_a_prior_is_that_of_its_widest_direction():
@@ -107,7 +107,7 @@ def test_the_spread_of_a_prior_is_that_of_its_widest_direction():
         c, s = math.cos(angle), math.sin(angle)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         prior = Prior(SE2(), turn @ np.diag([0.3, 0.1, 0.05]) ** 2 @ turn.T)
-        assert prior.spread == pytest.approx(0.3) and prior.angular_spread == pytest.approx(0.05)
+        assert prior.translation_sigma == pytest.approx(0.3) and prior.rotation_sigma == pytest.approx(0.05)
 
 
 def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
@@ -146,13 +146,13 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     truth = start.inverse() @ end
     axis = -start.theta
     away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
-    found = search_free_direction(rows(away, truth), np.array([axis, axis + math.pi]), reference, current, FREE, DENSITY)
-    assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.scale + 0.005
+    found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]), reference, current, FREE, DENSITY)
+    assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.search_scale + 0.005
 
 
 def test_without_points_that_face_along_it_a_free_direction_is_left_alone():
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     scan = features(SE2(0.0, 0.0, 0.7), walls)
     candidates = rows(SE2(0.3, 0.0, 0.0))
-    found = search_free_direction(candidates, np.array([-0.7]), scan, scan, FREE, DENSITY)
+    found = search_degenerate_direction(candidates, np.array([-0.7]), scan, scan, FREE, DENSITY)
     np.testing.assert_array_equal(found, candidates)

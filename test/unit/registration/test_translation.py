@@ -20,7 +20,7 @@ from dbscan_reg_ros.core.registration.translation import cluster, estimate_trans
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
-SQUARED = TranslationParameters(form='squared', sigma=0.05, width=0.0, min_points=1, parallel=0.1)
+SQUARED = TranslationParameters(form='squared', eps=0.05, max_width=0.0, min_samples=1, parallel_sigma=0.1)
 
 
 def walls(*ends, kind=EndKind.OCCLUSION):
@@ -45,7 +45,7 @@ ROOM = walls([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0),
 
 
 def translations(reference, current, parameters, **rotation):
-    chosen = RotationParameters(**({'sigma': 0.01, 'hypotheses': 1} | rotation))
+    chosen = RotationParameters(**({'eps': 0.01, 'max_hypotheses': 1} | rotation))
     weights = pair_weights(reference, current, chosen)
     rotations = estimate_rotations(reference, current, weights, chosen)
     return estimate_translations(reference, current, rotations, weights, parameters)
@@ -116,7 +116,7 @@ def test_the_two_key_clusters_are_opposite_and_the_mixed_signs_scatter():
 def test_clusters_of_the_squared_form_are_those_of_scikit_learn():
     scans = [look(outline(L_ROOM), pose, noise=0.01, seed=i) for i, pose in enumerate((SE2(), MOTION))]
     reference, current = (extract_features(scan).segments for scan in scans)
-    found = translations(reference, current, SQUARED, directed=False, weighted=False, sigma=0.0566)
+    found = translations(reference, current, SQUARED, directed=False, weighted=False, eps=0.0566)
     labels = DBSCAN(eps=0.05, min_samples=1).fit_predict(found.samples)
     sizes = np.sort(np.bincount(labels))[::-1]
     np.testing.assert_array_equal(found.weight, sizes)
@@ -134,15 +134,15 @@ def test_eps1_shrinks_until_no_more_pairs_are_left_than_the_current_scan_has_seg
     few = walls(((0.0, 0.0), (1.0, 0.0)))
     assert len(line_equations(reference, few, 0.0, SQUARED)[0]) == 1
     assert len(line_equations(few, reference, 0.0, SQUARED)[0]) == 4
-    strict = TranslationParameters(form='squared', parallel=0.02)
+    strict = TranslationParameters(form='squared', parallel_sigma=0.02)
     assert len(line_equations(few, reference, 0.0, strict)[0]) == 2
 
 
 def test_an_angle_equal_to_eps1_is_too_much():
     reference, current = walls(((0.0, 0.0), (1.0, 0.0))), walls(((0.0, 0.0), (math.cos(0.1), math.sin(0.1))))
     turn = float(current.direction[0])
-    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel=turn))[0]) == 0
-    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel=turn + 1e-9))[0]) == 1
+    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel_sigma=turn))[0]) == 0
+    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel_sigma=turn + 1e-9))[0]) == 1
 
 
 def test_a_pair_has_the_mean_direction_of_its_lines_also_across_the_seam():
@@ -158,8 +158,8 @@ def test_pairs_that_hardly_cross_give_no_sample(form):
     """eps2 as the sine of the angle between them."""
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
-        parameters = TranslationParameters(form=form, crossing=crossing, parallel=0.05, end_weight=0.0, width=0.0)
-        found = translations(reference, reference, parameters, sigma=0.05)
+        parameters = TranslationParameters(form=form, min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0, max_width=0.0)
+        found = translations(reference, reference, parameters, eps=0.05)
         assert len(found.samples) == count * (1 if form == 'signed' else 4)
 
 
@@ -187,7 +187,7 @@ def test_between_parallel_walls_the_shortest_translation_leads_across_them_only(
     across = turn @ SE2(0.0, 0.25)
     for along in (-0.4, 0.0, 1.3):
         seen = moved(corridor, turn @ SE2(along, 0.25, 0.2) @ turn.inverse())
-        x, y, theta = translations(corridor, seen, TranslationParameters(), hypotheses=3).shortest[0]
+        x, y, theta = translations(corridor, seen, TranslationParameters(), max_hypotheses=3).shortest[0]
         assert math.hypot(x - across.x, y - across.y) < 0.02 * 0.25
         assert theta == pytest.approx(0.2, abs=1e-6)
 
@@ -197,7 +197,7 @@ def test_where_lines_cross_the_shortest_translation_is_the_motion_and_one_wrong_
     one, two = (Segments(**{f.name: np.concatenate((getattr(room, f.name), getattr(extra, f.name)))
                             for f in dataclasses.fields(Segments)})
                 for room, extra in ((ROOM, elsewhere), (moved(ROOM, MOTION), moved(elsewhere, MOTION @ SE2(0.0, 0.8)))))
-    found = translations(one, two, TranslationParameters(), hypotheses=3)
+    found = translations(one, two, TranslationParameters(), max_hypotheses=3)
     assert found.shortest.shape == (2, 3)
     np.testing.assert_allclose(found.shortest[0], MOTION.as_array(), atol=0.03)
 
@@ -218,8 +218,8 @@ def test_wide_clusters_are_cut_and_the_papers_are_not():
                                 end=ROOM.end + rng.normal(0.0, 0.06, (4, 2)))
     counts = {}
     for width in (0.0, 0.02):
-        parameters = TranslationParameters(sigma=0.3, sigma_max=0.3, width=width, recuts=4, end_weight=0.0)
-        counts[width] = len(translations(ROOM, noisy, parameters, sigma=0.1).weight)
+        parameters = TranslationParameters(eps=0.3, eps_max=0.3, max_width=width, recluster_levels=4, end_weight=0.0)
+        counts[width] = len(translations(ROOM, noisy, parameters, eps=0.1).weight)
     assert counts[0.02] > counts[0.0]
 
 
@@ -229,23 +229,23 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
     phi = np.array([3.1, -1.0])
     rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
     weights = np.arange(1.0, 7.0).reshape(2, 3)
-    rotation, here, there, weight = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=100))
+    rotation, here, there, weight = match_lines(rotations, weights, TranslationParameters(parallel_sigma=0.1, max_pairs=100))
     found = {(i, j): w for i, j, w in zip(here, there, weight)}
     assert not rotation.any()
     assert found == pytest.approx({(0, 0): 1.0, (0, 1): 2.0 * math.exp(-0.5), (0, 2): 3.0 * math.exp(-1.125),
                                    (1, 0): 4.0 * math.exp(-0.5), (1, 2): 6.0})
-    _, here, there, _ = match_lines(rotations, weights, TranslationParameters(parallel=0.1, pairs=2))
+    _, here, there, _ = match_lines(rotations, weights, TranslationParameters(parallel_sigma=0.1, max_pairs=2))
     assert sorted(zip(here, there)) == [(1, 0), (1, 2)]
 
 
 def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
     noisy = dataclasses.replace(ROOM, start=ROOM.start + np.random.default_rng(0).normal(0.0, 0.06, (4, 2)))
-    assert translations(ROOM, noisy, TranslationParameters(sigma=0.07)).sigma == 0.07
+    assert translations(ROOM, noisy, TranslationParameters(eps=0.07)).sigma == 0.07
     for min_points in (1, 2, 4):
-        parameters = TranslationParameters(sigma=0.0, min_points=min_points, sigma_min=0.0001, sigma_max=5.0)
+        parameters = TranslationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=5.0)
         found = translations(ROOM, noisy, parameters)
         assert found.sigma == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
-    limits = TranslationParameters(sigma=0.0, sigma_min=3.0, sigma_max=4.0)
+    limits = TranslationParameters(eps=0.0, eps_min=3.0, eps_max=4.0)
     assert translations(ROOM, noisy, limits).sigma == 3.0
 
 
@@ -253,12 +253,12 @@ def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds()
 def test_wide_clusters_are_cut_no_more_often_than_asked_for(recuts, labels):
     """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m, 0.05 m and 0.025 m."""
     samples = 1j * np.array([0.0, 0.04, 0.13, 0.17])
-    parameters = TranslationParameters(min_points=1, width=0.001, recuts=recuts)
+    parameters = TranslationParameters(min_samples=1, max_width=0.001, recluster_levels=recuts)
     assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
 
 
 def test_every_rotation_has_samples_of_its_own():
-    found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY, hypotheses=3, sigma=0.01)
+    found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY, max_hypotheses=3, eps=0.01)
     for rotation in np.unique(found.rotation):
         labels = found.labels[found.rotation == rotation]
         assert not np.isin(labels, found.labels[found.rotation != rotation]).any()

@@ -6,13 +6,13 @@ import math
 import numpy as np
 
 from ...features.free_space import bins
-from ...features.oriented_points import Cloud, stride
+from ...features.oriented_points import OrientedPoints, stride
 from ...features.records import Features
 from ...geometry.se2 import SE2
 from ...parameters.tree import Parameters
 
 
-class Sights:
+class FreeSpaceProfiles:
     """The free space that key frames saw.
 
     Parameters
@@ -29,7 +29,7 @@ class Sights:
         self._size = np.array([[len(near)] for near in nearby])
         self._first = self._size.cumsum(axis=0) - self._size
 
-    def moving_points(self, cloud: Cloud, pose: SE2, margin):
+    def dynamic_points(self, cloud: OrientedPoints, pose: SE2, margin):
         """Which points of a scan stand well in front of what a key frame saw in their direction.
 
         Of a run of neighbours of which a good part does, all move. Where that were most of the scan the pose is wrong, unless it is
@@ -63,7 +63,7 @@ class Sights:
         return moving if moving.mean() < _FEW else np.zeros_like(moving)
 
 
-def standing(features: Features, pose: SE2, window, parameters: Parameters) -> Features:
+def without_dynamic_points(features: Features, pose: SE2, window, parameters: Parameters) -> Features:
     """The scan without what moves, and with little of what may move, if it was taken from `pose`.
 
     Parameters
@@ -75,28 +75,28 @@ def standing(features: Features, pose: SE2, window, parameters: Parameters) -> F
         What key frames saw.
     """
     p = parameters.odometry
-    walls = features.walls
-    movable = detached(walls, p.movable_size, p.moving_margin, features.scan.geometry.closed)
-    if p.moving_frames:
-        moving = window.sights(p.moving_frames).moving_points(features.dense_cloud, pose, p.moving_margin)
+    walls = features.wall_points
+    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
+    if p.dynamic_key_frames:
+        moving = window.free_space_profiles(p.dynamic_key_frames).dynamic_points(features.oriented_points, pose, p.dynamic_margin)
         if moving.any():
             gone = moving[:len(walls)]
-            movable = (movable | beside(walls, gone, p.moving_margin))[~gone]
+            movable = (movable | beside(walls, gone, p.dynamic_margin))[~gone]
             features = features.without(moving)
-            walls = features.walls
+            walls = features.wall_points
     movable = movable.nonzero()[0]
-    if len(movable) and held_share(walls, movable) < p.movable_share:
+    if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
         movable = movable[:0]
-    if features.posts:
-        movable = np.concatenate((movable, np.arange(len(walls), len(features.dense_cloud))))
+    if features.poles:
+        movable = np.concatenate((movable, np.arange(len(walls), len(features.oriented_points))))
     if not len(movable):
         return features
-    things = features.dense_cloud.select(movable)
-    seen = window.confirmed(pose, things, p.movable_distance, parameters.refinement.score_scale, parameters.density.facing)
-    return features.doubting(movable, np.maximum(seen, outweighed(things, p.movable_size, p.moving_margin, p.movable_worth)))
+    things = features.oriented_points.select(movable)
+    seen = window.confirmed(pose, things, p.static_baseline, parameters.refinement.score_scale, parameters.density.min_normal_cosine)
+    return features.downweighted(movable, np.maximum(seen, movable_weights(things, p.movable_size, p.dynamic_margin, p.movable_weight)))
 
 
-def beside(cloud: Cloud, moving, margin):
+def beside(cloud: OrientedPoints, moving, margin):
     """Which points lie close to what moves: the rest of it, most likely, where it leans against a wall.
 
     Parameters
@@ -118,7 +118,7 @@ def beside(cloud: Cloud, moving, margin):
     return np.minimum(np.abs(points[last] - cloud.points), np.abs(points[following] - cloud.points)) <= margin
 
 
-def detached(cloud: Cloud, size, margin, closed):
+def detached_points(cloud: OrientedPoints, size, margin, closed):
     """Which points belong to small things that stand free: with deeper space on both sides, or the end of the scan.
 
     Parameters
@@ -155,7 +155,7 @@ def detached(cloud: Cloud, size, margin, closed):
     return np.roll(found, shift) if shift else found
 
 
-def outweighed(cloud: Cloud, size, margin, least):
+def movable_weights(cloud: OrientedPoints, size, margin, least):
     """What the points of things that may move count, as there are more of them elsewhere.
 
     One thing that goes along with the sensor makes it seem to stand; several, each in a place of its own, do not move as one.
@@ -168,7 +168,7 @@ def outweighed(cloud: Cloud, size, margin, least):
     size : float [m]
         Things no farther apart than this may be one.
     margin : float [m]
-        As in `detached`.
+        As in `detached_points`.
     least : float
 
     Returns
@@ -177,7 +177,7 @@ def outweighed(cloud: Cloud, size, margin, least):
         From `least` to 1.
     """
     thing = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
-    each = cloud.weighed(np.ones(len(cloud)))
+    each = cloud.weighted(np.ones(len(cloud)))
     weight, centre = np.bincount(thing, each), np.bincount(thing, cloud.points.real) + 1j * np.bincount(thing, cloud.points.imag)
     centre /= np.bincount(thing)
     some = slice(None, None, stride(len(centre), _THINGS))
@@ -185,7 +185,7 @@ def outweighed(cloud: Cloud, size, margin, least):
     return np.clip(0.5 * (weight[some].sum() - party) / np.maximum(party, 1e-9) - 1.0, least, 1.0)[thing]
 
 
-def held_share(cloud: Cloud, chosen):
+def information_ratio(cloud: OrientedPoints, chosen):
     """What share of all that holds the translation those points have that `chosen`, indices, picks: that of the direction in
     which it is greatest, from 0 to 1.
     """

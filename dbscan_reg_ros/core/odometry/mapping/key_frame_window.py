@@ -11,8 +11,8 @@ from ...features.records import Features
 from ...geometry.robust_kernel import kernel
 from ...geometry.se2 import SE2, wrap
 from ...geometry.symmetric_matrix import solve_one
-from ...registration.point_to_line import linear_errors, normal_equations, origins
-from .dynamic_points import Sights
+from ...registration.point_to_line import linear_residuals, normal_equations, origins
+from .dynamic_points import FreeSpaceProfiles
 from .local_map import seen_around
 
 
@@ -37,7 +37,7 @@ class KeyFrame:
     number: int = 0
 
 
-class SurfaceStack:
+class LikelihoodFieldStack:
     """Several surfaces behind one another: row k of a table of places is looked up in surface k.
 
     Parameters
@@ -49,7 +49,7 @@ class SurfaceStack:
     Attributes
     ----------
     normals, offsets, along, extents : (N,) arrays
-        Of all surfaces, as in `Surface`.
+        Of all surfaces, as in `LikelihoodField`.
     """
 
     def __init__(self, surfaces, origins, turns):
@@ -88,7 +88,7 @@ class SurfaceStack:
 
 
 @dataclass(frozen=True, eq=False)
-class Partners:
+class Correspondences:
     """Points of a scan and the lines of the key frames that they lie on, M pairs of them.
 
     Attributes
@@ -102,7 +102,7 @@ class Partners:
     arms : (M,) complex [m]
         Turned points.
     rows : (4, M) float
-        `alignment.linear_errors` at the pose, the rotation about the sensor.
+        `alignment.linear_residuals` at the pose, the rotation about the sensor.
     worth : (M,) float or None
         What each point counts, from 0 to 1; None: all the same.
     """
@@ -110,19 +110,19 @@ class Partners:
     pose: SE2
     size: int
     index: np.ndarray
-    arms: np.ndarray
+    rotated_points: np.ndarray
     rows: np.ndarray
-    worth: np.ndarray | None = None
+    weights: np.ndarray | None = None
 
     def match(self, step, scale):
-        """Errors [m] and weights ``(M,)`` after a `step` ``(4,)`` from the pose, as for `alignment.linear_errors`.
+        """Errors [m] and weights ``(M,)`` after a `step` ``(4,)`` from the pose, as for `alignment.linear_residuals`.
 
         Every point counts at most once, however many lines it lies on.
         """
         error = step @ self.rows
         weight = kernel(error, scale)
         weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
-        return error, weight if self.worth is None else weight * self.worth
+        return error, weight if self.weights is None else weight * self.weights
 
     def equations(self, step, scale):
         """``(4, 4)``, as `alignment.normal_equations`, at the pose, with the weights after a `step`."""
@@ -131,7 +131,7 @@ class Partners:
     def moved(self, other: SE2):
         """How far [m] the points have come, on average, when the scan is at another pose."""
         x, y, theta = _apart(self.pose, other)
-        ways = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.arms)
+        ways = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.rotated_points)
         return float(ways.sum()) / max(len(ways), 1)
 
     def step(self, other: SE2):
@@ -143,7 +143,7 @@ def _apart(one, other):
     return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
 
 
-class Window:
+class KeyFrameWindow:
     """Key frames, latest last, and their surfaces; immutable.
 
     Parameters
@@ -155,7 +155,7 @@ class Window:
         self.frames = tuple(frames)
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
         self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
-        self._stack = SurfaceStack([frame.features.surface for frame in self.frames], self._origins, self._turns)
+        self._stack = LikelihoodFieldStack([frame.features.likelihood_field for frame in self.frames], self._origins, self._turns)
         self._sights = {}
 
     @property
@@ -169,30 +169,30 @@ class Window:
         older = [frame for frame in self.frames[:-1] if frame.known]
         if not older:
             return latest.features
-        return replace(latest.features, around=seen_around(older, latest, latest.features.density))
+        return replace(latest.features, map_points=seen_around(older, latest, latest.features.density))
 
     def with_frame(self, frame, size, latest=True):
         """A window of at most `size` key frames with one more, the `latest` or the one before it."""
         at = len(self.frames) - (not latest)
-        return Window((*self.frames[:at], frame, *self.frames[at:])[-size:])
+        return KeyFrameWindow((*self.frames[:at], frame, *self.frames[at:])[-size:])
 
-    def sights(self, count) -> Sights:
+    def free_space_profiles(self, count) -> FreeSpaceProfiles:
         """Of the latest so many key frames."""
         if count not in self._sights:
-            views = [frame.features.view for frame in self.frames[-count:]]
-            self._sights = {count: Sights(views, self._origins[-count:], self._turns[-count:])}
+            views = [frame.features.free_space for frame in self.frames[-count:]]
+            self._sights = {count: FreeSpaceProfiles(views, self._origins[-count:], self._turns[-count:])}
         return self._sights[count]
 
-    def partners(self, pose: SE2, cloud, density) -> Partners:
+    def correspondences(self, pose: SE2, cloud, density) -> Correspondences:
         """The lines of all key frames that the points of a scan at `pose` lie on.
 
         Points of high leverage are looked up in every key frame. The others, where a scan has many, are dealt to the key
         frames in turn, each of them to several.
         """
-        dealt = _dealt(high_leverage(cloud.normals), cloud.beams, len(self.frames), density.points // _HANDS)
-        _, index, arms, normals, error = self._lines(pose, cloud, dealt, density.facing)
-        worth = None if cloud.worth is None else cloud.worth.take(index)
-        return Partners(pose, len(cloud), index, arms, linear_errors(error, normals, arms), worth)
+        dealt = _dealt(high_leverage(cloud.normals), cloud.beams, len(self.frames), density.max_points // _HANDS)
+        _, index, rotated_points, normals, error = self._lines(pose, cloud, dealt, density.min_normal_cosine)
+        weights = None if cloud.weights is None else cloud.weights.take(index)
+        return Correspondences(pose, len(cloud), index, rotated_points, linear_residuals(error, normals, rotated_points), weights)
 
     def confirmed(self, pose: SE2, cloud, distance, scale, facing):
         """How well points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
@@ -225,31 +225,31 @@ class Window:
         row, index : (M,) int arrays
             Key frame and point.
         arms, normals : (M,) complex arrays
-            Turned points [m], and conjugated normals of the lines, times the cloud's `sharpness`.
+            Turned points [m], and conjugated normals of the lines, times the cloud's `inverse_noise`.
         error : (M,) array
             Signed distance [m], times the same.
         """
         turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
-        arms = turn * cloud.points
-        at, row, nearest = self._stack.nearest((arms + origin).take(dealt))
+        rotated_points = turn * cloud.points
+        at, row, nearest = self._stack.nearest((rotated_points + origin).take(dealt))
         index = dealt.take(at)
         normals = self._stack.normals.take(nearest) * self._turns.take(row)
-        arms = arms.take(index)
-        apart = normals * (arms + (origin - self._origins.take(row)))
+        rotated_points = rotated_points.take(index)
+        apart = normals * (rotated_points + (origin - self._origins.take(row)))
         error, beside = apart.real - self._stack.offsets.take(nearest), apart.imag - self._stack.along.take(nearest)
         kept = (normals * (turn * cloud.normals).take(index)).real > facing
         kept &= np.abs(beside) <= self._stack.extents.take(nearest)
-        row, index, arms, normals, error = row[kept], index[kept], arms[kept], normals[kept], error[kept]
-        if cloud.sharpness is not None:
-            sharpness = cloud.sharpness.take(index)
-            normals, error = normals * sharpness, error * sharpness
-        return row, index, arms, normals, error
+        row, index, rotated_points, normals, error = row[kept], index[kept], rotated_points[kept], normals[kept], error[kept]
+        if cloud.inverse_noise is not None:
+            inverse_noise = cloud.inverse_noise.take(index)
+            normals, error = normals * inverse_noise, error * inverse_noise
+        return row, index, rotated_points, normals, error
 
 
 _FRAMES_A_POINT = 3
 """Every point is looked up in at least so many key frames."""
 _HANDS = 3
-"""A key frame looks up at most `density.points` over this of the points that are dealt."""
+"""A key frame looks up at most `density.max_points` over this of the points that are dealt."""
 
 
 def _dealt(everywhere, beams, frames, most):
@@ -270,7 +270,7 @@ def _dealt(everywhere, beams, frames, most):
     return dealt
 
 
-def align(partners: Partners, start: SE2, expected: SE2, strength, scales, damping) -> SE2:
+def align(correspondences: Correspondences, start: SE2, expected: SE2, strength, scales, damping) -> SE2:
     """The pose of a scan after robust point-to-line iterations against all key frames, one for each of the `scales` [m].
 
     Parameters
@@ -284,10 +284,10 @@ def align(partners: Partners, start: SE2, expected: SE2, strength, scales, dampi
     strength : (3, 3) array
         The prior's information in the odometry frame, in units of a point's.
     """
-    pose, step = partners.pose, partners.step(start)
+    pose, step = correspondences.pose, correspondences.step(start)
     pull = strength @ _apart(expected, pose)
     for scale in scales:
-        equations = partners.equations(step, scale)
+        equations = correspondences.equations(step, scale)
         equations[:3, :3] += strength
         equations[:3, 3] += pull
         step[:3] = -solve_one(equations, damping)

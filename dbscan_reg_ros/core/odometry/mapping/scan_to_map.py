@@ -8,13 +8,13 @@ import numpy as np
 from ...features.records import Features
 from ...geometry.se2 import SE2, turned
 from ...parameters.tree import Parameters
-from ...registration.degeneracy import between_walls, weakest_direction, without_slant
+from ...registration.degeneracy import is_corridor_like, weakest_direction, without_near_parallel
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
-from ...registration.uncertainty import match_covariance, motion_along, motion_around, own_derivatives
-from .key_frame_window import Partners, Window, align
+from ...registration.uncertainty import match_covariance, degenerate_translation, degenerate_rotation, own_jacobian
+from .key_frame_window import Correspondences, KeyFrameWindow, align
 
 
-def place(window: Window, features: Features, pose: SE2, expected: SE2, known, free, turns, p: Parameters):
+def align_to_map(window: KeyFrameWindow, features: Features, pose: SE2, expected: SE2, known, free, turns, p: Parameters):
     """The pose of a scan among the key frames, and its partners there.
 
     Parameters
@@ -38,44 +38,44 @@ def place(window: Window, features: Features, pose: SE2, expected: SE2, known, f
     Partners
     """
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    strength = max(p.prior.point, features.noise) ** 2 * turned(known, expected.theta)
+    strength = max(p.prior.point_sigma, features.noise) ** 2 * turned(known, expected.theta)
     if turns:
         pose = expected
-    partners = _partners(window, pose, features, free, p)
+    correspondences = _partners(window, pose, features, free, p)
     if free is not None or turns:
-        strength = _stiffened(strength, features, pose, partners, free, turns, p)
-    pose = align(partners, pose, expected, strength, scales[:-1], damping)
+        strength = _stiffened(strength, features, pose, correspondences, free, turns, p)
+    pose = align(correspondences, pose, expected, strength, scales[:-1], damping)
     # Points that lie close together have other partners soon, points far apart hardly.
-    if len(features.dense_cloud) > p.density.points or partners.moved(pose) > _STALE * p.density.cell:
-        partners = _partners(window, pose, features, free, p)
-    return align(partners, pose, expected, strength, scales[-1:], damping), partners
+    if len(features.oriented_points) > p.density.max_points or correspondences.moved(pose) > _STALE * p.density.cell_size:
+        correspondences = _partners(window, pose, features, free, p)
+    return align(correspondences, pose, expected, strength, scales[-1:], damping), correspondences
 
 
 def _partners(window, pose, features, free, p):
-    """`Window.partners`, walls without the slant by which alone they would hold the scan along a direction, that is `free` [rad]."""
-    partners = window.partners(pose, features.dense_cloud, p.density)
-    information = partners.equations(NO_STEP, p.refinement.window_first_scale)[:3, :3]
+    """`KeyFrameWindow.correspondences`, walls without the slant by which alone they would hold the scan along a direction, that is `free` [rad]."""
+    correspondences = window.correspondences(pose, features.oriented_points, p.density)
+    information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:3, :3]
     if free is None:
         free, weak, strong = weakest_direction(information)
         if weak >= _HELD * strong:
-            return partners
-    if not between_walls(information, free):
-        return partners
-    return replace(partners, rows=without_slant(partners.rows, free, p.free.slant))
+            return correspondences
+    if not is_corridor_like(information, free):
+        return correspondences
+    return replace(correspondences, rows=without_near_parallel(correspondences.rows, free, p.degeneracy.parallel_tolerance))
 
 
-def _stiffened(strength, features, pose, partners, free, turns, p):
+def _stiffened(strength, features, pose, correspondences, free, turns, p):
     """The `strength` of a prior, more along the direction that is `free` [rad], if any, and where the scan `turns` freely.
 
     Most of what the points seem to know of such a motion is noise of their normals. The prior counts for as many times
     more as all their information is more than what both scans agree on.
     """
-    _, weight = partners.match(NO_STEP, p.refinement.window_first_scale)
-    rows, own = partners.rows[:3], _own_derivatives(features, pose, partners)
+    _, weight = correspondences.match(NO_STEP, p.refinement.map_first_scale)
+    rows, own = correspondences.rows[:3], _own_derivatives(features, pose, correspondences)
     information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
-    motions = [] if free is None else [motion_along(free, shared, p.decision)]
+    motions = [] if free is None else [degenerate_translation(free, shared, p.decision)]
     if turns:
-        motions.append(motion_around(information, shared, p.decision))
+        motions.append(degenerate_rotation(information, shared, p.decision))
     stiffened = strength
     for motion in motions:
         seeming, held = motion @ information @ motion, motion @ shared @ motion
@@ -85,36 +85,36 @@ def _stiffened(strength, features, pose, partners, free, turns, p):
     return stiffened
 
 
-def place_uncertainty(features: Features, pose: SE2, partners: Partners, p: Parameters, free_way, free_turn):
+def alignment_uncertainty(features: Features, pose: SE2, correspondences: Correspondences, p: Parameters, free_way, rotation_unobservable):
     """Covariance ``(3, 3)`` of a scan's place at `pose`, in its own frame, and what holds it: `decision.match_covariance`."""
-    error, weight = partners.match(partners.step(pose), p.refinement.score_scale)
-    own = _own_derivatives(features, pose, partners)
-    covariance, held = match_covariance(error, weight, partners.rows[:3], own, features.noise, p.decision, free_way, free_turn)
+    error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
+    own = _own_derivatives(features, pose, correspondences)
+    covariance, held = match_covariance(error, weight, correspondences.rows[:3], own, features.noise, p.decision, free_way, rotation_unobservable)
     return turned(covariance, -pose.theta), held
 
 
 def facing(features: Features, pose: SE2, angle, p: Parameters):
     """``(P,)``: what each point of a scan at `pose` would hold of the motion along `angle` [rad], if it faces along it."""
-    cloud = features.dense_cloud
+    cloud = features.oriented_points
     along = (cloud.normals * cmath.exp(1j * (pose.theta - angle))).real
-    return cloud.weighed(np.where(np.abs(along) < p.free.facing, 0.0, cloud.sharpened(along) ** 2))
+    return cloud.weighted(np.where(np.abs(along) < p.degeneracy.min_facing, 0.0, cloud.sharpened(along) ** 2))
 
 
-def sees_more(features: Features, pose: SE2, partners: Partners, angle, p: Parameters):
+def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle, p: Parameters):
     """Whether points that no key frame knows would hold the motion along `angle` [rad], which the latest leaves free.
 
     They have to be most of those that face along it: noise makes a few of every wall seem to do so.
     """
-    _, weight = partners.match(partners.step(pose), p.refinement.window_first_scale)
+    _, weight = correspondences.match(correspondences.step(pose), p.refinement.map_first_scale)
     faces = facing(features, pose, angle, p)
-    new = float((1.0 - np.bincount(partners.index, weight, partners.size)) @ faces)
+    new = float((1.0 - np.bincount(correspondences.index, weight, correspondences.size)) @ faces)
     return new >= max(p.decision.min_information, 0.5 * float(faces.sum()))
 
 
-def _own_derivatives(features, pose, partners):
-    """`own_derivatives` of the scan's points, one for each of the `partners`."""
-    cloud = features.dense_cloud
-    return own_derivatives(cloud.sharpened(cloud.normals).take(partners.index), pose.theta, partners.arms)
+def _own_derivatives(features, pose, correspondences):
+    """`own_jacobian` of the scan's points, one for each of the `correspondences`."""
+    cloud = features.oriented_points
+    return own_jacobian(cloud.sharpened(cloud.normals).take(correspondences.index), pose.theta, correspondences.rotated_points)
 
 
 _HELD = 0.02

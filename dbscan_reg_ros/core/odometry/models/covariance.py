@@ -6,7 +6,7 @@ from ...geometry.se2 import SE2
 from ...registration.records import Prior
 
 
-class Drift:
+class CovariancePropagation:
     """Covariances of the errors of pose and twist, in the sensor's own frame.
 
     Along a direction that the scans leave free an error of the twist lasts, and that of the pose grows with it.
@@ -32,7 +32,7 @@ class Drift:
         self._joint[6:] = self._joint[:, 6:] = 0.0
         self._joint[6:, 6:] = np.eye(3)
 
-    def straighten(self, share):
+    def reduce_heading_variance(self, share):
         """Know the heading better: its standard deviation is only a `share` of what it was."""
         self._joint[2] *= share
         self._joint[:, 2] *= share
@@ -41,7 +41,7 @@ class Drift:
         """Take the pose as that of a key frame."""
         self._joint[3:6] = self._joint[:, 3:6] = 0.0
 
-    def leap(self):
+    def unknown_motion_covariance(self):
         """Take the pose as that of a key frame after a motion of which nothing is known."""
         self._joint[:3, :3] += np.eye(3)
         self.anchor()
@@ -65,7 +65,7 @@ class Drift:
         # Six independent errors: the three of the joint, the change of the twist, the rest of the expected step, the match.
         errors = np.zeros((18, 18))
         errors[:9, :9] = self._joint
-        change = expected.covariance if expected.change is None else expected.change
+        change = expected.covariance if expected.velocity_change is None else expected.velocity_change
         errors[9:12, 9:12] = change
         errors[12:15, 12:15] = expected.covariance - change
         errors[15:, 15:] = matched
@@ -74,7 +74,7 @@ class Drift:
         added[:, 3:6] = -share @ back
         added[:, 9:12] = added[:, 12:15] = rest
         added[:, 15:] = share
-        if expected.change is not None:
+        if expected.velocity_change is not None:
             # No speed is expected beyond that of `halt`: old errors fade as new ones come.
             added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0)) * rest
         onward = np.concatenate((added, added, rate * added))

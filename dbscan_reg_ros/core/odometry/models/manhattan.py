@@ -11,7 +11,7 @@ from ...parameters.odometry import ManhattanParameters
 from ...registration.rotation import wrap_period
 
 
-class ManhattanFrame:
+class ManhattanHeading:
     """The directions that most walls on the way share, modulo a right angle (Coughlan and Yuille, "Manhattan World", ICCV 1999).
 
     A Kalman filter of three angles [rad]: how far the heading has drifted, a random walk; how far the walls in sight are from
@@ -59,19 +59,19 @@ class ManhattanFrame:
         if not len(length):
             return 0.0, 1.0
         if self._direction is None:
-            self._direction = _densest(directions, length, p.tolerance)
+            self._direction = _densest(directions, length, p.direction_sigma)
             drift = self._covariance[0, 0]
-            self._covariance = np.diag((drift, p.spread ** 2, _UNKNOWN ** 2))
-        off, along = _mode(wrap_period(directions - self._direction - self._deviation, _RIGHT), length, p.tolerance)
+            self._covariance = np.diag((drift, p.wall_sigma ** 2, _UNKNOWN ** 2))
+        off, along = _mode(wrap_period(directions - self._direction - self._deviation, _RIGHT), length, p.direction_sigma)
         common = self._covariance.sum(0)
         variance = common.sum() + _NOISE ** 2 * max(_PLENTY / along, 1.0)
         if off * off > _LIMIT ** 2 * variance:
             along = 0.0
         self._along, self._seen = self._along + along, self._seen + length.sum()
         aligned = self._along / self._seen
-        if aligned < _FORGOTTEN * p.share:
+        if aligned < _FORGOTTEN * p.min_aligned_ratio:
             self._forget()
-        if aligned < p.share or not along:
+        if aligned < p.min_aligned_ratio or not along:
             return 0.0, 1.0
         gain, before = common / variance, self._covariance[0, 0]
         self._covariance = self._covariance - gain[:, None] * common
@@ -81,11 +81,11 @@ class ManhattanFrame:
 
     def _pass_on(self, p):
         """Make up for the way since the last walls."""
-        keep = math.exp(-self._distance / p.reach)
+        keep = math.exp(-self._distance / p.correlation_distance)
         kept = np.array((1.0, keep, 1.0))
         self._covariance = kept[:, None] * self._covariance * kept
-        self._covariance[0, 0] += p.drift ** 2 * self._way
-        self._covariance[1, 1] += (1.0 - keep * keep) * p.spread ** 2
+        self._covariance[0, 0] += p.heading_drift ** 2 * self._way
+        self._covariance[1, 1] += (1.0 - keep * keep) * p.wall_sigma ** 2
         self._deviation, self._along, self._seen = keep * self._deviation, keep * self._along, keep * self._seen
         self._way = self._distance = 0.0
 

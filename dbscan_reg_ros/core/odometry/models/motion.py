@@ -7,10 +7,10 @@ import numpy as np
 from ...geometry.se2 import SE2
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
-from .stamps import Interval
+from .stamps import ScanInterval
 
 
-class Motion:
+class ConstantVelocityModel:
     """How the sensor moves, by where its scans were found.
 
     Parameters
@@ -26,14 +26,14 @@ class Motion:
 
     def __init__(self, pose: SE2):
         self.halt()
-        self.set_off(pose, self.twist, 0.0)
+        self.start_moving(pose, self.twist, 0.0)
         self._since, self._free = 0.0, None
 
     def halt(self):
         """Expect no motion."""
         self._step, self.twist, self._velocities = SE2(), np.zeros(3), []
 
-    def set_off(self, pose: SE2, twist, half):
+    def start_moving(self, pose: SE2, twist, half):
         """Move at a `twist` from `pose` on, which lies a time of `half` [s] before the middle of its scan."""
         self.twist = twist
         self._middle = self._held = pose @ travel(twist, half)
@@ -52,7 +52,7 @@ class Motion:
         return self._middle is None
 
     @property
-    def goes_on(self):
+    def has_velocity(self):
         """Whether it is known how the sensor moves."""
         return bool(self._velocities)
 
@@ -60,21 +60,21 @@ class Motion:
         """Let time [s] pass."""
         self._since += interval
 
-    def expected(self, time: Interval, parameters: Parameters) -> Prior:
+    def expected(self, time: ScanInterval, parameters: Parameters) -> Prior:
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = parameters.prior
         unknown = self._step is None or parameters.odometry.prior == 'none'
         step = SE2() if unknown or time.jump else self._step
         if unknown or time.gap:
-            return Prior(step, leap(time, parameters))
+            return Prior(step, unknown_motion_covariance(time, parameters))
         if time.steady and self._velocities and not 1.0 / _ALIKE < time.interval / self._lasted < _ALIKE:
             # Scans were lost, now or before.
             step = travel(self._usual_twist(), time.interval)
         # No turn is farther off than half of one, however long it had time: the prior still tells there from back.
-        farthest = math.pi / p.limit
+        farthest = math.pi / p.gate
         faster, faster_turn = p.acceleration * time.interval ** 2, min(p.angular_acceleration * time.interval ** 2, farthest)
-        sigma = math.hypot(p.least, faster, p.jitter * math.hypot(step.x, step.y))
-        turn = min(math.hypot(p.least_angle, faster_turn, p.jitter * step.theta), farthest)
+        sigma = math.hypot(p.min_sigma, faster, p.stamp_jitter * math.hypot(step.x, step.y))
+        turn = min(math.hypot(p.min_rotation_sigma, faster_turn, p.stamp_jitter * step.theta), farthest)
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
     def reach(self, prior: Prior, expected: SE2, lost, parameters: Parameters):
@@ -84,19 +84,19 @@ class Motion:
         than a place along it is searched for.
         """
         covariance = prior.covariance
-        if prior.change is None:
+        if prior.velocity_change is None:
             return covariance
         if lost:
-            way, turn = _changed(min(lost, parameters.time.jump), parameters)
+            way, turn = _changed(min(lost, parameters.time.max_jump), parameters)
             covariance = covariance + np.diag((way, way, turn)) ** 2
         if self._free is not None:
             angle = self._free - expected.theta
-            farther = min(_changed(self._since, parameters)[0], parameters.free.reach)
+            farther = min(_changed(self._since, parameters)[0], parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
             covariance = covariance + farther ** 2 * along[:, None] * along
         return covariance
 
-    def follow(self, pose: SE2, time: Interval, free, share, turns, parameters: Parameters) -> SE2:
+    def follow(self, pose: SE2, time: ScanInterval, free, share, turns, parameters: Parameters) -> SE2:
         """Go on to where the scan was found; the pose at its stamp is returned.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
@@ -121,7 +121,7 @@ class Motion:
                 back = (middle.inverse() @ self._held).as_array()
                 faster = -back[:2] / self._since - usual[:2]
                 self._set_speed(usual[:2] + _WANDERS * faster, self._free - middle.theta)
-            self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocities:]
+            self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocity_window:]
             self._step, self._lasted = travel(self._usual_twist(), time.interval), time.interval
         if free is None:
             self._held, self._since = middle, 0.0
@@ -143,11 +143,11 @@ class Motion:
         return np.array((vx, vy, self.twist[2]))
 
 
-def leap(time: Interval, parameters: Parameters):
+def unknown_motion_covariance(time: ScanInterval, parameters: Parameters):
     """Covariance ``(3, 3)`` of a motion of which nothing is known."""
     p = parameters.prior
-    way, turn = _changed(min(time.elapsed if time.gap else time.interval, parameters.time.jump), parameters)
-    sigma, turn = math.hypot(p.unknown, way), min(math.hypot(p.unknown_angle, turn), _MOST_TURN)
+    way, turn = _changed(min(time.elapsed if time.gap else time.interval, parameters.time.max_jump), parameters)
+    sigma, turn = math.hypot(p.unknown_sigma, way), min(math.hypot(p.unknown_rotation_sigma, turn), _MOST_TURN)
     return np.diag([sigma, sigma, turn]) ** 2
 
 

@@ -8,7 +8,7 @@ from ...parameters.odometry import TimeParameters
 
 
 @dataclass(frozen=True)
-class Interval:
+class ScanInterval:
     """The time from one scan to the next.
 
     Attributes
@@ -21,7 +21,7 @@ class Interval:
     half : float [s]
         From the stamp of the scan to the middle of its beams.
     jump : str
-        What is wrong with the stamp when it lies more than `time.jump` away from the last; empty otherwise.
+        What is wrong with the stamp when it lies more than `time.max_jump` away from the last; empty otherwise.
     steady : bool
         The stamps tell when scans were taken: a long interval comes of scans that were lost.
     gap : bool
@@ -49,32 +49,32 @@ _LEAST = 0.001
 _TWICE = 2.05
 
 
-class Intervals:
+class StampFilter:
     """The time from scan to scan, cleaned by its running median."""
 
     def __init__(self):
         self._last = None
         self._recent = deque(maxlen=51)
 
-    def next(self, stamp, half, parameters: TimeParameters, lasts=0.0) -> Interval:
+    def next(self, stamp, half, parameters: TimeParameters, lasts=0.0) -> ScanInterval:
         """Take the next scan's stamp [ns], the time from it to its middle [s], and how long it takes [s], 0 for all at once.
 
         No scan begins before the last is over: stamps that say so jitter, and what they say is rounded to whole intervals.
         """
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
-            return Interval(half=half)
+            return ScanInterval(half=half)
         elapsed = (stamp - last) * 1e-9
         if jumps:
             reason = f'no scan for {elapsed:.3f} s' if elapsed > 0.0 else f'stamps went back by {-elapsed:.3f} s'
-            return Interval(self._median(), max(elapsed, 0.0), half, reason)
+            return ScanInterval(self._median(), max(elapsed, 0.0), half, reason)
         self._recent.append(elapsed)
         usual = self._median()
         steady = min(self._recent) > max(usual / _GAP, _OVER * lasts)
         if lasts and not steady:
-            return Interval(self._whole(elapsed, lasts), max(elapsed, 0.0), half)
+            return ScanInterval(self._whole(elapsed, lasts), max(elapsed, 0.0), half)
         believed = steady or 0.5 * usual <= elapsed <= _TWICE * usual
-        return Interval(elapsed if believed else usual, max(elapsed, 0.0), half, steady=steady)
+        return ScanInterval(elapsed if believed else usual, max(elapsed, 0.0), half, steady=steady)
 
     def _whole(self, elapsed, lasts):
         """`elapsed` rounded to whole intervals, at least one: the median of those in which no scan seems to be lost."""
@@ -85,8 +85,8 @@ class Intervals:
         return usual * max(round(elapsed / usual), 1)
 
     def jumps(self, stamp, parameters: TimeParameters) -> bool:
-        """Whether a scan at `stamp` [ns] would lie more than `time.jump` away from the last."""
-        return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.jump
+        """Whether a scan at `stamp` [ns] would lie more than `time.max_jump` away from the last."""
+        return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.max_jump
 
     def share(self, lasts):
         """The share of the time it is said to take [s] that a scan may have taken: a clock or a driver can be wrong by that."""

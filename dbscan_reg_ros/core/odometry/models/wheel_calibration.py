@@ -8,7 +8,7 @@ from ...geometry.se2 import SE2
 from ...registration.records import Prior
 
 
-class SystematicError:
+class WheelCalibration:
     """What a told motion is off by, as a linear function of itself, and how far off it is beyond that.
 
     Wheels larger than they are thought to be make every way too short, unequal ones turn it, and a sensor that is not where it
@@ -39,7 +39,7 @@ class SystematicError:
         """The same motion, but as sure as those before have been, and never less sure than it was told."""
         return Prior(prior.transform, prior.covariance * np.outer(self._share, self._share))
 
-    def learn(self, told: Prior, found: SE2, worth, memory):
+    def learn(self, told: Prior, found: SE2, weights, memory):
         """Learn from one more motion.
 
         Parameters
@@ -56,9 +56,9 @@ class SystematicError:
         way = math.sqrt(motion @ motion)
         keep = math.exp(-way / memory)
         rest = off - self.slope @ motion
-        seen = worth * way
-        self._moments = keep * self._moments + worth * motion[:, None] * motion + (1.0 - keep) * _RIDGE * np.eye(3)
-        self._products = keep * self._products + worth * motion[:, None] * off
+        seen = weights * way
+        self._moments = keep * self._moments + weights * motion[:, None] * motion + (1.0 - keep) * _RIDGE * np.eye(3)
+        self._products = keep * self._products + weights * motion[:, None] * off
         self._squares = keep * self._squares + seen * rest ** 2 / told.covariance.diagonal() + (1.0 - keep) * _USUAL
         self._way = keep * self._way + seen + (1.0 - keep) * _USUAL
         self._settle()

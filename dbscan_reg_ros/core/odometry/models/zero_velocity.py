@@ -6,7 +6,7 @@ from ...geometry.se2 import SE2, wrap
 from ...geometry.symmetric_matrix import mahalanobis
 
 
-class Rest:
+class ZeroVelocityUpdate:
     """Tells rest from motion and averages poses at rest.
 
     Parameters
@@ -18,7 +18,7 @@ class Rest:
     def __init__(self, pose: SE2):
         self._mean, self._count, self._lasted = pose, 1, math.inf
 
-    def settle(self, pose: SE2, covariance, interval, limit) -> SE2:
+    def update(self, pose: SE2, covariance, interval, limit) -> SE2:
         """The pose to report for a scan.
 
         Parameters

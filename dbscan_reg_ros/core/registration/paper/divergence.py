@@ -39,7 +39,7 @@ def select_by_divergence(reference: Features, current: Features, rotations: Rota
     leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
-    best = fit(candidates[leaders[:1]], current.cloud, reference.surface, p.density.facing)
+    best = fit(candidates[leaders[:1]], current.sampled_points, reference.likelihood_field, p.density.min_normal_cosine)
     _, overlap = score(best, reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
     matches = partial(match_segments, reference.segments, current.segments, winner.transform, p.decision)

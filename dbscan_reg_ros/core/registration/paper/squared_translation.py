@@ -28,7 +28,7 @@ def squared_samples(reference: Segments, current: Segments, phi, parameters: Tra
     nx, ny = -np.sin(angle), np.cos(angle)
     first, second = np.triu_indices(len(angle), 1)
     determinant = nx[first] * ny[second] - ny[first] * nx[second]
-    crossing = np.abs(determinant) > parameters.crossing
+    crossing = np.abs(determinant) > parameters.min_crossing_sine
     first, second, determinant = first[crossing], second[crossing], determinant[crossing, None]
     one = np.stack((ny[second], -nx[second]), axis=1) * distance[first, None] / determinant
     two = np.stack((-ny[first], nx[first]), axis=1) * distance[second, None] / determinant
@@ -50,7 +50,7 @@ def line_equations(reference: Segments, current: Segments, phi, parameters: Tran
     turn = reference.direction[:, None] - (current.direction + phi)
     turn = (turn + 0.5 * math.pi) % math.pi - 0.5 * math.pi
     size = np.sort(np.abs(turn), axis=None)
-    eps1 = parameters.parallel if len(size) <= len(current) else min(parameters.parallel, size[len(current)])
+    eps1 = parameters.parallel_sigma if len(size) <= len(current) else min(parameters.parallel_sigma, size[len(current)])
     r, o = np.nonzero(np.abs(turn) < eps1)
     angle = reference.direction[r] - 0.5 * turn[r, o]
     apart = reference.midpoint[r] - SE2(0.0, 0.0, phi).apply(current.midpoint)[o]
