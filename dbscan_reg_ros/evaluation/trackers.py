@@ -32,7 +32,7 @@ class Step:
     pose : SE2
         Of the sensor in the frame of the first scan.
     status : Status
-    free_direction : float or None
+    degenerate_direction : float or None
         Along which the translation is not determined [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Of `pose`, in the frame of the first scan.

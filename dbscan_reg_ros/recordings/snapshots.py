@@ -13,7 +13,7 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
          "updates": [{"scan": index, "reference": index or null, "stamp": ns, "interval": s, "pose": [x, y, theta],
                       "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
                       "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "", "overlap": 0..1,
-                      "score": 0..1, "free_direction": rad or null, "weakest": points or null, "free_turn": bool}}, ...]}
+                      "score": 0..1, "degenerate_direction": rad or null, "weakest_information": points or null, "rotation_unobservable": bool}}, ...]}
 
     ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older than
     the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior`` is the
@@ -201,8 +201,8 @@ def _registration_fields(registration, k, arrays):
     free = registration.degenerate_direction
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
-            'free_direction': None if free is None else float(free),
-            'weakest': None if registration.weakest_information is None else float(registration.weakest_information), 'free_turn': registration.rotation_unobservable}
+            'degenerate_direction': None if free is None else float(free),
+            'weakest_information': None if registration.weakest_information is None else float(registration.weakest_information), 'rotation_unobservable': registration.rotation_unobservable}
 
 
 def _update(fields, k, scans, arrays):
@@ -214,8 +214,8 @@ def _update(fields, k, scans, arrays):
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
             _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
-            told['score'], hypotheses, told['free_direction'], partial(np.asarray, arrays[f'matches_{k}']), told['reason'],
-            told['weakest'], told.get('free_turn', False))
+            told['score'], hypotheses, told['degenerate_direction'], partial(np.asarray, arrays[f'matches_{k}']), told['reason'],
+            told['weakest_information'], told.get('rotation_unobservable', False))
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),

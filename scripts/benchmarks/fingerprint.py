@@ -250,7 +250,7 @@ def recorded_and_compared(given, other, commit, cache, scratch) -> list:
 
 def compare(drive, theirs, ours) -> Comparison:
     """Two records, bit for bit; what is not a number in both is the same."""
-    with np.load(theirs) as first, np.load(ours) as second:
+    with np.load(theirs, allow_pickle=False) as first, np.load(ours, allow_pickle=False) as second:
         records = [{name: file[name] for name in file.files} for file in (first, second)]
     count = len(records[0]['pose'])
     differing, largest = np.zeros(count, dtype=bool), {}

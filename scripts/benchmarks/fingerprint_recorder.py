@@ -287,7 +287,7 @@ def numbers(odometry):
 
 def record(source, target, root):
     """Read an input, write what the package says of it."""
-    with np.load(source) as file:
+    with np.load(source, allow_pickle=False) as file:
         given = {name: file[name] for name in file.files}
     kind = str(given['kind'])
     rows = record_node(given, root) if kind == 'node' else {

@@ -41,7 +41,7 @@ class OdometryUpdate:
         This scan becomes the reference (or part of it) for those that follow.
     restarted : str
         Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else empty.
-    told_error : (3, 3) float
+    wheel_correction : (3, 3) float
         What is known to be wrong with told motions: one told as m [m, m, rad] was m + `wheel_correction` @ m, in the sensor's frame. 0
         as long as nothing is known.
     number : int

@@ -15,7 +15,7 @@ from .paper.divergence import select_by_divergence
 from .point_to_line import Fit, fit, next_step, polish, refine
 from .records import Prior, Registration, Status
 from .rotation import estimate_rotations, pair_weights
-from .scoring import distinct, promising, within_gate, reverse_violation, score, preselect, squared_mahalanobis
+from .scoring import distinct, preselect, promising, reverse_violation, score, squared_mahalanobis, within_gate
 from .status import decide, failed
 from .translation import estimate_translations
 

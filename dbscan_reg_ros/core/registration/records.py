@@ -55,7 +55,7 @@ class Registration:
         the overlap.
     hypotheses : tuple of Hypothesis
         Best first; the first is the result. None where it was compared with nothing.
-    free_direction : float or None
+    degenerate_direction : float or None
         Angle [rad] in the reference's frame along which the scans leave the translation free.
     find_matches : callable
         Makes `matches`.
@@ -63,9 +63,9 @@ class Registration:
         Matched segments: index into the reference's and the current scan's; found when first asked for.
     reason : str
         Why the status is not ``OK``; empty otherwise.
-    weakest : float or None
+    weakest_information : float or None
         So many points hold the translation along the direction in which it is known least; None where nobody counted.
-    free_turn : bool
+    rotation_unobservable : bool
         The scans leave the rotation free.
     """
 

@@ -11,7 +11,12 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
-from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory, estimate_noise, estimate_noise_ratio, range_noise
+from dbscan_reg_ros.core.features.range_noise import (
+    NoiseRatioHistory,
+    estimate_noise,
+    estimate_noise_ratio,
+    range_noise,
+)
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.pipeline import register

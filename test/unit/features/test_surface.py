@@ -9,7 +9,13 @@ from scipy.spatial import cKDTree
 
 from dbscan_reg_ros.core.features.free_space import build_free_space_profile, in_front
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
-from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, build_oriented_points, high_leverage, leverage, sample
+from dbscan_reg_ros.core.features.oriented_points import (
+    OrientedPoints,
+    build_oriented_points,
+    high_leverage,
+    leverage,
+    sample,
+)
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 
 PARAMETERS = DensityParameters()

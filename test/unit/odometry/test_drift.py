@@ -24,7 +24,7 @@ def sigma(covariance):
 def test_what_the_key_frames_hold_is_as_good_as_the_match():
     drift = CovariancePropagation()
     for _ in range(5):
-        drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
     np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
     before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
     np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
@@ -33,8 +33,8 @@ def test_what_the_key_frames_hold_is_as_good_as_the_match():
 def test_every_key_frame_adds_its_own_error():
     drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
     for k in range(1, 5):
-        drift.advance(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), EVERYBODY, MATCHED)
-        drift.anchor()
+        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), EVERYBODY, MATCHED)
+        drift.start_key_frame()
         assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
         assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
     assert drift.pose[1, 1] > 4 * MATCHED[1, 1]
@@ -43,7 +43,7 @@ def test_every_key_frame_adds_its_own_error():
 def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
     drift, still = CovariancePropagation(), SE2()
     for k in range(1, 31):
-        drift.advance(still, INTERVAL, Prior(still, 1e-12 * EVERYBODY, 1e-12 * EVERYBODY))
+        drift.propagate(still, INTERVAL, Prior(still, 1e-12 * EVERYBODY, 1e-12 * EVERYBODY))
         assert sigma(drift.pose) == pytest.approx(3 * [k * INTERVAL], rel=1e-3)
         assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-3)
 
@@ -51,29 +51,29 @@ def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
 def test_no_speed_grows_without_bound():
     drift, still = CovariancePropagation(), SE2()
     for _ in range(2000):
-        drift.advance(still, INTERVAL, Prior(still, SPREAD, CHANGE))
+        drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE))
     assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-6)
 
 
 def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
     drift, still = CovariancePropagation(), SE2()
     for k in range(1, 10):
-        drift.advance(still, INTERVAL, Prior(still, SPREAD))
+        drift.propagate(still, INTERVAL, Prior(still, SPREAD))
         np.testing.assert_allclose(drift.pose, k * SPREAD)
         np.testing.assert_allclose(drift.twist, SPREAD / INTERVAL ** 2)
 
 
 def test_an_interval_of_which_nothing_is_known_says_nothing_of_the_twist():
     drift = CovariancePropagation()
-    drift.advance(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
     assert np.isfinite(drift.pose).all()
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
 def test_after_a_leap_all_is_unknown():
     drift = CovariancePropagation()
-    drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
-    drift.leap()
+    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    drift.add_unknown_motion()
     np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
@@ -90,7 +90,7 @@ def test_the_errors_of_many_drives_are_as_large(shares):
     pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
     for k, share in enumerate(shares):
-        drift.advance(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), share, MATCHED)
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), share, MATCHED)
         pose, base = pose @ back.T, base @ back.T
         change = rng.normal(size=(size, 3)) * sigma(CHANGE)
         jitter = rng.normal(size=(size, 3)) * sigma(SPREAD - CHANGE)
@@ -100,7 +100,7 @@ def test_the_errors_of_many_drives_are_as_large(shares):
         twist = (found - pose - jitter @ (np.eye(3) - share).T) / INTERVAL
         pose = found
         if k in key_frames:
-            drift.anchor()
+            drift.start_key_frame()
             base = pose.copy()
     for said, errors in ((drift.pose, pose), (drift.twist, twist)):
         whiten = np.linalg.inv(np.linalg.cholesky(said))

@@ -36,7 +36,7 @@ def drive(way, faced, seed=0, frame=None, drift=P.heading_drift, parameters=P):
     for k in range(int(way / STEP)):
         off = rng.normal(0.0, drift * math.sqrt(STEP)) if k else 0.0
         raw, corrected = raw + off, corrected + off
-        frame.travel(SE2(STEP))
+        frame.propagate(SE2(STEP))
         turn, share = frame.observe(walls(*(faced(k * STEP) + rng.normal(0.0, 0.003, len(faced(k * STEP))))), corrected, parameters)
         assert 0.0 <= share <= 1.0
         corrected += turn
@@ -76,7 +76,7 @@ def test_where_walls_share_no_direction_nothing_is_corrected(faced):
 def test_furniture_is_no_wall():
     frame = ManhattanHeading()
     for _ in range(100):
-        frame.travel(SE2(STEP))
+        frame.propagate(SE2(STEP))
         assert frame.observe(walls(0.3, length=0.5), 0.0, P) == (0.0, 1.0)
 
 
@@ -100,7 +100,7 @@ def test_who_turns_on_the_spot_is_held_by_the_same_walls():
     for k in range(400):
         off = rng.normal(0.0, math.radians(0.1)) if k else 0.0
         raw, corrected = raw + off, corrected + off
-        frame.travel(SE2(0.0, 0.0, 1.0))
+        frame.propagate(SE2(0.0, 0.0, 1.0))
         corrected += frame.observe(walls(*building(0.0)), corrected, P)[0]
     assert np.degrees(abs(raw)) > 1.0
     assert np.degrees(abs(corrected)) < 0.25

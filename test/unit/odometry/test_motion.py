@@ -12,15 +12,15 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
-TICK = ScanInterval(interval=0.1, elapsed=0.1, half=0.02, steady=True)
+TICK = ScanInterval(interval=0.1, elapsed=0.1, middle_offset=0.02, steady=True)
 STEP = SE2(0.05, 0.01, 0.03)
 
 
 def drive(motion, pose, steps, step=STEP, free=None, share=1.0):
     """The last pose after some steps, each of them found."""
     for _ in range(steps):
-        motion.wait(TICK.interval)
-        pose = motion.follow(pose @ step, TICK, free, share, False, P)
+        motion.elapse(TICK.interval)
+        pose = motion.update(pose @ step, TICK, free, share, False, P)
     return pose
 
 
@@ -29,21 +29,21 @@ def test_a_steady_motion_goes_on():
     assert not motion.has_velocity
     drive(motion, SE2(), 30)
     assert motion.has_velocity
-    expected = motion.expected(TICK, P).transform.as_array()
+    expected = motion.predict(TICK, P).transform.as_array()
     assert expected == pytest.approx(STEP.as_array(), abs=1e-4)
 
 
 def test_where_a_scan_was_lost_the_motion_goes_on_for_twice_as_long():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 30)
-    twice = motion.expected(ScanInterval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
+    twice = motion.predict(ScanInterval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
     assert twice == pytest.approx((STEP @ STEP).as_array(), abs=2e-3)
 
 
 def test_after_a_gap_nothing_is_known_of_the_motion():
     motion, gap = ConstantVelocityModel(SE2()), ScanInterval(0.1, 1.5, 0.02, steady=True)
     drive(motion, SE2(), 30)
-    prior = motion.expected(gap, P)
+    prior = motion.predict(gap, P)
     assert prior.velocity_change is None
     np.testing.assert_array_equal(prior.covariance, unknown_motion_covariance(gap, P))
 
@@ -67,34 +67,34 @@ def test_once_a_scan_holds_the_free_direction_again_the_speed_follows_from_the_w
 def test_the_longer_a_direction_was_free_the_farther_along_it_a_scan_may_be():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5, free=0.5 * math.pi, share=0.0)
-    here = motion.expected(TICK, P)
-    reach = motion.reach(here, SE2(), 0.0, P) - here.covariance
+    here = motion.predict(TICK, P)
+    reach = motion.gate_covariance(here, SE2(), 0.0, P) - here.covariance
     assert reach[1, 1] == pytest.approx((0.5 * P.prior.acceleration * 0.5 ** 2) ** 2)
     assert abs(reach[0]).max() < 1e-12
-    motion.wait(1000.0)
-    assert motion.reach(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
+    motion.elapse(1000.0)
+    assert motion.gate_covariance(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
 
 
 def test_the_longer_scans_were_found_nowhere_the_farther_off_in_every_direction_one_may_be():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5)
-    here = motion.expected(TICK, P)
-    np.testing.assert_array_equal(motion.reach(here, SE2(), 0.0, P), here.covariance)
-    farther = motion.reach(here, SE2(), 0.5, P) - here.covariance
+    here = motion.predict(TICK, P)
+    np.testing.assert_array_equal(motion.gate_covariance(here, SE2(), 0.0, P), here.covariance)
+    farther = motion.gate_covariance(here, SE2(), 0.5, P) - here.covariance
     way, turn = (0.5 * each * 0.5 ** 2 for each in (P.prior.acceleration, P.prior.angular_acceleration))
     np.testing.assert_allclose(farther, np.diag((way, way, turn)) ** 2, atol=1e-12)
-    most = motion.reach(here, SE2(), P.time.max_jump, P)
-    np.testing.assert_array_equal(motion.reach(here, SE2(), 1000.0, P), most)
+    most = motion.gate_covariance(here, SE2(), P.time.max_jump, P)
+    np.testing.assert_array_equal(motion.gate_covariance(here, SE2(), 1000.0, P), most)
     told = Prior(SE2(), here.covariance)
-    np.testing.assert_array_equal(motion.reach(told, SE2(), 1000.0, P), told.covariance)
+    np.testing.assert_array_equal(motion.gate_covariance(told, SE2(), 1000.0, P), told.covariance)
 
 
 def test_a_way_from_where_the_last_scan_only_may_have_been_is_no_motion():
     motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30)
-    motion.lose()
-    assert motion.lost
+    motion.forget_position()
+    assert motion.position_unknown
     drive(motion, pose, 1, SE2(1.0))
-    assert not motion.lost
+    assert not motion.position_unknown
     assert not motion.twist.any()
-    np.testing.assert_array_equal(motion.expected(TICK, P).covariance, unknown_motion_covariance(TICK, P))
+    np.testing.assert_array_equal(motion.predict(TICK, P).covariance, unknown_motion_covariance(TICK, P))

@@ -15,7 +15,12 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
-from dbscan_reg_ros.core.odometry.mapping.dynamic_points import beside, detached_points, information_ratio, movable_weights
+from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
+    beside,
+    detached_points,
+    information_ratio,
+    movable_weights,
+)
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.recordings.poses import relative

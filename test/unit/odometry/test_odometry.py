@@ -283,7 +283,7 @@ def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
     assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
     assert [bool(time.jump) for time in found] == [False] * 8 + [True]
     assert found[6].elapsed == pytest.approx(1.05) and found[7].elapsed == 0.0
-    assert all(time.half == 0.05 for time in found)
+    assert all(time.middle_offset == 0.05 for time in found)
 
 
 def test_even_stamps_are_believed_and_scans_between_them_were_lost():
@@ -364,8 +364,8 @@ def test_where_scans_would_overlap_intervals_are_whole():
     found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.1) for s in stamps]
     assert [time.interval for time in found[1:]] == pytest.approx([0.13, 0.09, 0.13, 0.13, 0.13, 0.26, 0.11, 0.11])
     assert [time.steady for time in found[1:]] == [True] + [False] * 7
-    assert intervals.share(0.1) == 1.0
-    assert intervals.share(0.2) == pytest.approx(0.65)
+    assert intervals.ratio(0.1) == 1.0
+    assert intervals.ratio(0.2) == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize('elapsed, taken', [(49, 100), (51, 51), (120, 120), (204, 204), (206, 100)])
@@ -380,9 +380,9 @@ def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_m
 def test_stamps_that_go_back_took_no_time_and_keep_the_median():
     intervals = StampFilter()
     found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(max_jump=2.0)) for s in (9000, 9100, 9150, 1000)]
-    assert (found[0].interval, found[0].elapsed, found[0].half) == (0.0, 0.0, 0.05)
-    assert (found[3].interval, found[3].elapsed, found[3].half) == (pytest.approx(0.075), 0.0, 0.05)
-    assert found[3].gap and found[3].jump == 'stamps went back by 8.150 s'
+    assert (found[0].interval, found[0].elapsed, found[0].middle_offset) == (0.0, 0.0, 0.05)
+    assert (found[3].interval, found[3].elapsed, found[3].middle_offset) == (pytest.approx(0.075), 0.0, 0.05)
+    assert found[3].gap and found[3].reason == 'stamps went back by 8.150 s'
 
 
 def test_a_changed_number_of_beams_goes_on():
@@ -555,7 +555,7 @@ def test_a_reset_starts_at_the_pose_given():
 def test_the_window_is_bounded():
     odometry = Odometry(Parameters().replace({'odometry.key_frames': 4, 'odometry.key_frame_distance': 0.02}))
     run(odometry, drive(30))
-    assert len(odometry._window.frames) == 4
+    assert len(odometry._state.window.frames) == 4
 
 
 def test_parameters_count_from_the_next_scan_on():

@@ -35,7 +35,7 @@ def off(error, *motion, wrong=WRONG):
 
 def share(error):
     """Standard deviations after, as shares of those before."""
-    return np.sqrt(error.sharpened(told(0.1, 0.0, 0.1)).covariance.diagonal()) / SPREAD
+    return np.sqrt(error.tightened(told(0.1, 0.0, 0.1)).covariance.diagonal()) / SPREAD
 
 
 def test_who_was_never_wrong_is_taken_at_their_word():

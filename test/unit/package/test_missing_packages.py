@@ -30,8 +30,8 @@ def test_every_file_of_tests_is_collected_without_what_the_manifest_does_not_nam
 
 
 @pytest.mark.parametrize('test', [
-    'test_recordings.py::test_a_bag_without_scans_is_refused',
-    'test_play_topics.py::test_a_topic_that_is_not_there_is_refused_with_what_there_is',
+    'recordings/test_recordings.py::test_a_bag_without_scans_is_refused',
+    'recordings/test_play_topics.py::test_a_topic_that_is_not_there_is_refused_with_what_there_is',
 ])
 def test_a_test_that_needs_a_package_is_skipped_with_its_name(run_tests, test):
     if test.startswith('test_play'):

@@ -81,7 +81,7 @@ def test_written_parameters_are_read_back_unchanged(tmp_path):
     assert read_parameters(tmp_path / 'changed.yaml') == changed
 
 
-@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('rotation', 'sigma'), ('translation', 'sigma')])
+@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translation', 'eps')])
 def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
     text = '/**: {{ros__parameters: {{{}: {{{}_min: 0.4, {}_max: {}}}}}}}'.format
     with pytest.raises(ParameterError, match=rf'{group}\.{name}_min = 0.4: expected at most {group}\.{name}_max, which is 0.3'):

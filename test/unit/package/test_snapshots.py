@@ -47,7 +47,7 @@ def test_everything_is_read_back_unchanged(written, updates):
             assert read.registration is read.reference is None
             continue
         assert read.reference.ranges.tobytes() == update.reference.scan.ranges.tobytes()
-        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'free_direction', 'weakest'):
+        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'degenerate_direction', 'weakest_information'):
             assert getattr(read.registration, name) == getattr(update.registration, name)
         assert [(h.transform, h.score) for h in read.registration.hypotheses] == [
             (h.transform, h.score) for h in update.registration.hypotheses]

@@ -15,8 +15,8 @@ from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow, align
 from dbscan_reg_ros.core.registration.point_to_line import (
     NO_STEP,
-    jacobian,
     fit,
+    jacobian,
     mean_square,
     normal_equations,
     polish,

@@ -10,15 +10,15 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.point_to_line import jacobian, fit, normal_equations
+from dbscan_reg_ros.core.registration.point_to_line import fit, jacobian, normal_equations
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
 from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, scatter, slid
 from dbscan_reg_ros.core.registration.uncertainty import (
     calibrated_covariance,
-    degenerate_translation,
     degenerate_rotation,
-    uncertainty,
+    degenerate_translation,
     observability,
+    uncertainty,
 )
 
 ROOM = outline(L_ROOM)

@@ -12,7 +12,15 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.parameters.registration import FreeDirectionParameters
 from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction, weakest_direction
 from dbscan_reg_ros.core.registration.point_to_line import fit
-from dbscan_reg_ros.core.registration.scoring import distinct, promising, reverse_violation, same, score, preselect, squared_mahalanobis
+from dbscan_reg_ros.core.registration.scoring import (
+    distinct,
+    preselect,
+    promising,
+    reverse_violation,
+    same,
+    score,
+    squared_mahalanobis,
+)
 
 ALIKE = Parameters().replace({'density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""

@@ -10,7 +10,7 @@ from ...geometry.se2 import SE2, turned
 from ...parameters.tree import Parameters
 from ...registration.degeneracy import is_corridor_like, weakest_direction, without_near_parallel
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
-from ...registration.uncertainty import match_covariance, degenerate_translation, degenerate_rotation, own_jacobian
+from ...registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance, own_jacobian
 from .key_frame_window import Correspondences, KeyFrameWindow, align
 
 

@@ -15,7 +15,7 @@ class CovariancePropagation:
     def __init__(self):
         # Of the pose, of the pose since the latest key frame, of the twist.
         self._joint = np.zeros((9, 9))
-        self.halt()
+        self.reset_twist()
 
     @property
     def pose(self):
@@ -27,7 +27,7 @@ class CovariancePropagation:
         """(3, 3)"""
         return self._joint[6:, 6:]
 
-    def halt(self):
+    def reset_twist(self):
         """Know nothing of the twist."""
         self._joint[6:] = self._joint[:, 6:] = 0.0
         self._joint[6:, 6:] = np.eye(3)
@@ -37,17 +37,17 @@ class CovariancePropagation:
         self._joint[2] *= share
         self._joint[:, 2] *= share
 
-    def anchor(self):
+    def start_key_frame(self):
         """Take the pose as that of a key frame."""
         self._joint[3:6] = self._joint[:, 3:6] = 0.0
 
-    def unknown_motion_covariance(self):
+    def add_unknown_motion(self):
         """Take the pose as that of a key frame after a motion of which nothing is known."""
         self._joint[:3, :3] += np.eye(3)
-        self.anchor()
-        self.halt()
+        self.start_key_frame()
+        self.reset_twist()
 
-    def advance(self, step: SE2, interval, expected: Prior, share=np.zeros((3, 3)), matched=np.zeros((3, 3))):
+    def propagate(self, step: SE2, interval, expected: Prior, share=np.zeros((3, 3)), matched=np.zeros((3, 3))):
         """Go on by a `step`.
 
         The new pose is ``share`` of where the key frames have it and the rest of where it was expected.
@@ -75,7 +75,7 @@ class CovariancePropagation:
         added[:, 9:12] = added[:, 12:15] = rest
         added[:, 15:] = share
         if expected.velocity_change is not None:
-            # No speed is expected beyond that of `halt`: old errors fade as new ones come.
+            # No speed is expected beyond that of `reset_twist`: old errors fade as new ones come.
             added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0)) * rest
         onward = np.concatenate((added, added, rate * added))
         onward[:3, :3] += back
@@ -83,4 +83,4 @@ class CovariancePropagation:
         onward[6:, 12:15] = 0.0
         self._joint = onward @ errors @ onward.T
         if not rate:
-            self.halt()
+            self.reset_twist()

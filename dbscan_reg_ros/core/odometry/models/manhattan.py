@@ -28,7 +28,7 @@ class ManhattanHeading:
         self._direction, self._deviation = None, 0.0
         self._along = self._seen = self._way = self._distance = 0.0
 
-    def travel(self, step: SE2):
+    def propagate(self, step: SE2):
         """Go on by a `step`."""
         distance = math.hypot(step.x, step.y)
         self._distance += distance

@@ -25,11 +25,11 @@ class ConstantVelocityModel:
     """
 
     def __init__(self, pose: SE2):
-        self.halt()
+        self.reset_velocity()
         self.start_moving(pose, self.twist, 0.0)
         self._since, self._free = 0.0, None
 
-    def halt(self):
+    def reset_velocity(self):
         """Expect no motion."""
         self._step, self.twist, self._velocities = SE2(), np.zeros(3), []
 
@@ -42,12 +42,12 @@ class ConstantVelocityModel:
         """Be at a `pose` that was only expected."""
         self._middle = pose @ travel(self.twist, half)
 
-    def lose(self):
+    def forget_position(self):
         """Know no longer where the last scan was: the way from there to the next is no motion."""
         self._middle = None
 
     @property
-    def lost(self):
+    def position_unknown(self):
         """Whether nothing is known of where the last scan was."""
         return self._middle is None
 
@@ -56,11 +56,11 @@ class ConstantVelocityModel:
         """Whether it is known how the sensor moves."""
         return bool(self._velocities)
 
-    def wait(self, interval):
+    def elapse(self, interval):
         """Let time [s] pass."""
         self._since += interval
 
-    def expected(self, time: ScanInterval, parameters: Parameters) -> Prior:
+    def predict(self, time: ScanInterval, parameters: Parameters) -> Prior:
         """The last motion once more; its spread grows with the interval and with the motion itself."""
         p = parameters.prior
         unknown = self._step is None or parameters.odometry.prior == 'none'
@@ -77,7 +77,7 @@ class ConstantVelocityModel:
         turn = min(math.hypot(p.min_rotation_sigma, faster_turn, p.stamp_jitter * step.theta), farthest)
         return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
 
-    def reach(self, prior: Prior, expected: SE2, lost, parameters: Parameters):
+    def gate_covariance(self, prior: Prior, expected: SE2, lost, parameters: Parameters):
         """Covariance of a scan that is `expected` by a prior, when those before it were found nowhere for a time of `lost` [s].
 
         The motion may have changed since. Along a direction that was left free it may have done so before: no farther, though,
@@ -96,7 +96,7 @@ class ConstantVelocityModel:
             covariance = covariance + farther ** 2 * along[:, None] * along
         return covariance
 
-    def follow(self, pose: SE2, time: ScanInterval, free, share, turns, parameters: Parameters) -> SE2:
+    def update(self, pose: SE2, time: ScanInterval, free, share, turns, parameters: Parameters) -> SE2:
         """Go on to where the scan was found; the pose at its stamp is returned.
 
         The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
@@ -107,10 +107,10 @@ class ConstantVelocityModel:
         """
         if turns:
             free = self._free = None
-        middle = pose @ travel(self.twist, time.half)
+        middle = pose @ travel(self.twist, time.middle_offset)
         before, self._middle = self._middle, middle
         if before is None:
-            self.halt()
+            self.reset_velocity()
             self._step = None
         elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
             usual = self._usual_twist()
@@ -126,7 +126,7 @@ class ConstantVelocityModel:
         if free is None:
             self._held, self._since = middle, 0.0
         self._free = free
-        return middle @ travel(self.twist, time.half).inverse()
+        return middle @ travel(self.twist, time.middle_offset).inverse()
 
     def _set_speed(self, velocity, angle, share=1.0):
         """Take a `share` of the speed along `angle` [rad] from a `velocity` [m/s, m/s], both in the sensor's frame."""

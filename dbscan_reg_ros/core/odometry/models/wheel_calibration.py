@@ -17,8 +17,8 @@ class WheelCalibration:
 
     Attributes
     ----------
-    slope : (3, 3) array
-        The error of a told motion is `slope` times it.
+    matrix : (3, 3) array
+        The error of a told motion is `matrix` times it.
     """
 
     def __init__(self):
@@ -27,15 +27,15 @@ class WheelCalibration:
         self._settle()
 
     def _settle(self):
-        self.slope = np.clip(np.linalg.solve(self._moments, self._products).T, -_MOST, _MOST)
+        self.matrix = np.clip(np.linalg.solve(self._moments, self._products).T, -_MOST, _MOST)
         self._share = np.sqrt(np.clip(self._squares / self._way, _LEAST ** 2, 1.0))
 
     def corrected(self, told: Prior) -> Prior:
         """The motion without its systematic error, as sure as it was told."""
         motion = told.transform
-        return Prior(motion @ SE2.from_array(self.slope @ motion.as_array()), told.covariance)
+        return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), told.covariance)
 
-    def sharpened(self, prior: Prior) -> Prior:
+    def tightened(self, prior: Prior) -> Prior:
         """The same motion, but as sure as those before have been, and never less sure than it was told."""
         return Prior(prior.transform, prior.covariance * np.outer(self._share, self._share))
 
@@ -55,7 +55,7 @@ class WheelCalibration:
         motion, off = told.transform.as_array(), (told.transform.inverse() @ found).as_array()
         way = math.sqrt(motion @ motion)
         keep = math.exp(-way / memory)
-        rest = off - self.slope @ motion
+        rest = off - self.matrix @ motion
         seen = weights * way
         self._moments = keep * self._moments + weights * motion[:, None] * motion + (1.0 - keep) * _RIDGE * np.eye(3)
         self._products = keep * self._products + weights * motion[:, None] * off
