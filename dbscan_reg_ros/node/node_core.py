@@ -10,7 +10,7 @@ from ..core.errors import DbscanRegError
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..core.scan import SECOND
-from ..robot.mounting import Start, base_state
+from ..robot.base_state import InitialPose, base_state
 from .frames.mountings import Mountings
 from .frames.transform_sender import TransformSender, transform_type
 from .frames.transforms import TransformListener
@@ -68,7 +68,7 @@ class ScanMatcher:
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
         node.create_timer(PERIOD, self._look_round, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._start = Start()
+        self._start = InitialPose()
         self._origin = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
@@ -124,24 +124,24 @@ class ScanMatcher:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
             scan = self._reader.read(message, mounting, self._live.value)
             if self._stamps.start_again(scan.stamp, self._live.value.time.max_jump):
-                self._reset('the stamps of the scans start again', Start())
+                self._reset('the stamps of the scans start again', InitialPose())
             prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.predict_motion)
             update = self._odometry.process(scan, prior)
         except DbscanRegError as error:
             self._skip(str(error))
             return
         if self._origin is None:
-            self._origin = self._start.pose @ mounting.place
+            self._origin = self._start.pose @ mounting.aligned_pose
         self._stamps.used(scan.stamp)
         self._priors.processed(scan.stamp, mounting)
         self._services.keep(update, prior)
         self._report(update)
-        state = base_state(update, self._origin, mounting.place, self._start)
+        state = base_state(update, self._origin, mounting.aligned_pose, self._start)
         if self._listener:
             self._listener.hear()
         self._sender.send(state)
         self._outputs.publish(update, state, self._origin)
-        self._health.processed(update, self._origin, mounting.place, time.perf_counter() - began)
+        self._health.processed(update, self._origin, mounting.aligned_pose, time.perf_counter() - began)
 
     def _report(self, update):
         if update.restarted and update.registration is None:
@@ -189,6 +189,6 @@ class ScanMatcher:
             self._listener.restart()
         self._reader.restart()
         held = self._stamps.held
-        self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', Start())
+        self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', InitialPose())
         # The first scan of a recording that starts again may come before its clock.
         self._stamps.held = held

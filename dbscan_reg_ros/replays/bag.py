@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 from ..recordings.conversion import bag_writer
 from ..recordings.message_fields import odometry_fields, segments_fields, transform_fields
-from ..robot.mounting import base_state
+from ..robot.base_state import base_state
 
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
@@ -28,9 +28,9 @@ def odometry_bag(path, parameters, mounting):
     parameters : NodeParameters
         Name the frames.
     mounting : Mounting
-        The laser's; the updates are those of a sensor at `mounting.place`.
+        The laser's; the updates are those of a sensor at `mounting.aligned_pose`.
     """
-    place = mounting.place
+    place = mounting.aligned_pose
     frames = parameters.odom_frame, parameters.base_frame
     with bag_writer(path) as (writer, serialize):
         added = {topic: writer.add_topic(topic, kind) for topic, kind in TOPICS.items()}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The laser of a recording on the base, taken as the node takes it."""
 from ..core.errors import ParameterError
-from ..core.geometry.se2 import SE2
+from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
-from ..robot.mounting import Mounting
+from ..robot.mounting import mounting_from_parameters
 
 
 def mounting_of(parameters) -> Mounting:
@@ -14,11 +14,10 @@ def mounting_of(parameters) -> Mounting:
     ParameterError
         When the laser hangs upside down: a replay takes the scans as they are.
     """
-    if parameters.mounting != 'laser_pose':
-        return Mounting()
-    if parameters.upside_down:
+    mounting = mounting_from_parameters(parameters) or Mounting()
+    if mounting.upside_down:
         raise ParameterError('upside_down = True: a replay takes the laser as upright; set it to false')
-    return Mounting(SE2.from_array(parameters.laser_pose))
+    return mounting
 
 
 def turned(scans, yaw):

@@ -17,7 +17,7 @@ from dbscan_reg_ros.commands.workers import local_workers
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings.message_fields import odometry_fields
-from dbscan_reg_ros.robot.mounting import base_state
+from dbscan_reg_ros.robot.base_state import base_state
 
 from .bounds import at_most
 from .node import PATIENCE, cpu_seconds, graph, memory_mb, running_node, to_and_fro

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the laser sits, for each scan."""
 from ...core.errors import ParameterError
-from ...core.geometry.se2 import SE2
-from ...robot.mounting import Mounting, MountingError
+from ...core.geometry.mounting import Mounting, MountingError
+from ...robot.mounting import mounting_from_parameters
 from ...robot.parameters import NodeParameters
 from .transform_store import NoTransformError
 
@@ -28,10 +28,7 @@ class Mountings:
         self._transforms = transforms
         self._notices = notices
         self._last = None
-        self._fixed = {
-            'none': Mounting(),
-            'laser_pose': Mounting(SE2.from_array(parameters.laser_pose), parameters.upside_down),
-        }.get(parameters.mounting)
+        self._fixed = mounting_from_parameters(parameters)
         if self._fixed is None and transforms is None:
             raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
                                  "'laser_pose' or 'none'")

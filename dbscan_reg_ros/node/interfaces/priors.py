@@ -11,8 +11,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from ...core.errors import ParameterError
+from ...core.geometry.mounting import Mounting, MountingError
 from ...core.registration.records import Prior
-from ...robot.mounting import Mounting, MountingError
 from ...robot.pose_history import HeadingHistory, PoseHistory
 from ..frames.transform_store import NoTransformError
 from .endpoints import subscription
@@ -83,8 +83,8 @@ class Priors:
             self._notices.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} says nothing of '
                                'the time of the scan; taking the motion to go on as before')
             return None
-        adjoint = mounting.place.inverse().adjoint()
-        return Prior(last_mounting.place.inverse() @ told.transform @ mounting.place,
+        adjoint = mounting.aligned_pose.inverse().adjoint()
+        return Prior(last_mounting.aligned_pose.inverse() @ told.transform @ mounting.aligned_pose,
                      adjoint @ told.covariance @ adjoint.T, told.velocity_change)
 
     def processed(self, stamp, mounting: Mounting):
@@ -120,7 +120,7 @@ class _Question:
 
     def going_on(self) -> Prior:
         own = self.expected(self.now)
-        return Prior(self.last_mounting.place @ own.transform @ self.mounting.place.inverse(), own.covariance, own.velocity_change)
+        return Prior(self.last_mounting.aligned_pose @ own.transform @ self.mounting.aligned_pose.inverse(), own.covariance, own.velocity_change)
 
 
 class _Wheels:

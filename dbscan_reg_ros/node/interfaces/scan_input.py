@@ -145,7 +145,7 @@ class ScanReader:
         self._checks.restart()
 
     def read(self, message, mounting, parameters) -> Scan:
-        """The scan in a LaserScan message as a sensor at `mounting.place` sees it, without the returns that the parameters
+        """The scan in a LaserScan message as a sensor at `mounting.aligned_pose` sees it, without the returns that the parameters
         ``input.mask`` exclude.
 
         Raises

@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ...recordings.message_fields import PLANE
 from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
-from ...robot.mounting import Start
+from ...robot.base_state import InitialPose
 from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 
@@ -29,7 +29,7 @@ class Services:
         May be replaced at any time.
     notices : Notices
     reset : callable
-        Takes a reason and the `Start`.
+        Takes a reason and the `InitialPose`.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Services:
         self._updates.append(SnapshotUpdate.of(update, prior))
 
     def _on_reset(self, _request, response):
-        self._reset('reset was called', Start())
+        self._reset('reset was called', InitialPose())
         response.success, response.message = True, 'the next scan is the new origin'
         return response
 
@@ -105,4 +105,4 @@ class Services:
             self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
             return
         self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
-                    Start(pose, covariance))
+                    InitialPose(pose, covariance))

@@ -11,10 +11,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, Status
+from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
 from dbscan_reg_ros.node.interfaces.messages import filled, matrix_from_message, scan_to_message, stamp_from_message
 from dbscan_reg_ros.recordings.message_fields import odometry_fields, transform_fields
 from dbscan_reg_ros.recordings.scan_checks import ScanChecks, ScanFields
-from dbscan_reg_ros.robot.mounting import BaseState, Mounting, MountingError, base_state
+from dbscan_reg_ros.robot.base_state import BaseState, base_state
 from dbscan_reg_ros.simulation import demo
 
 STAMP = 1_234_567_890_123_456_789

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State of the robot's base, computed from that of the lidar mounted on it."""
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.geometry.se2 import SE2, turn_matrix
+from ..core.odometry.records import OdometryUpdate
+
+_IDENTITY = SE2()
+
+
+@dataclass(frozen=True, eq=False)
+class BaseState:
+    """Pose and twist of the base at one scan.
+
+    Attributes
+    ----------
+    stamp : int
+        Stamp of the scan [ns].
+    pose : SE2
+        Pose of the base in the odometry frame.
+    covariance : (3, 3) float
+        Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad].
+    twist : (3,) float
+        Velocity (vx, vy, omega) of the base in its own frame [m/s, m/s, rad/s].
+    twist_covariance : (3, 3) float
+        Covariance of `twist`.
+    """
+
+    stamp: int
+    pose: SE2
+    covariance: NDArray[np.float64]
+    twist: NDArray[np.float64]
+    twist_covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InitialPose:
+    """Pose of the base when the odometry starts.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose in the odometry frame.
+    covariance : (3, 3) float
+        Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad].
+    """
+
+    pose: SE2 = _IDENTITY
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+AT_ORIGIN = InitialPose()
+
+
+def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: InitialPose = AT_ORIGIN) -> BaseState:
+    """Compute the state of the base from that of the sensor.
+
+    Parameters
+    ----------
+    update : OdometryUpdate
+        Pose and twist of a sensor at `sensor_pose`.
+    origin : SE2
+        Pose of the sensor in the odometry frame when the odometry started.
+    sensor_pose : SE2
+        `Mounting.aligned_pose` at the time of the scan, in the base frame.
+    initial : InitialPose
+        Pose of the base when the odometry started.
+    """
+    sensor = origin @ update.pose
+    pose = sensor @ sensor_pose.inverse()
+    from_sensor = _lever_arm(sensor, pose) @ turn_matrix(origin.theta)
+    from_initial = _lever_arm(initial.pose, pose)
+    covariance = from_sensor @ update.covariance @ from_sensor.T + from_initial @ initial.covariance @ from_initial.T
+    adjoint = sensor_pose.adjoint()
+    return BaseState(update.stamp, pose, covariance, adjoint @ update.twist,
+                     adjoint @ update.twist_covariance @ adjoint.T)
+
+
+def _lever_arm(at: SE2, other: SE2) -> NDArray[np.float64]:
+    """``(3, 3)`` Jacobian: a small motion (x, y, theta) of a rigid body at one pose -> the motion at another."""
+    return np.array([[1.0, 0.0, at.y - other.y], [0.0, 1.0, other.x - at.x], [0.0, 0.0, 1.0]])
