@@ -11,7 +11,7 @@ CLOSE = 0.4
 
 
 def draw_rotation(figure, steps):
-    """The angle differences of all pairs of segments with their clusters, and the k-dist graph with sigma."""
+    """The angle differences of all pairs of segments with their clusters, and the k-dist graph with eps."""
     rotations, result = steps.rotations, np.degrees(steps.registration.transform.theta)
     axes = panels(figure, ['all', 'all'], ['close', 'graph'])
     row = np.broadcast_to(np.arange(len(rotations.difference))[:, None], rotations.difference.shape)
@@ -30,12 +30,12 @@ def draw_rotation(figure, steps):
 
 def _k_distances(axes, steps):
     distances, k = steps.rotation_distances()
-    sigma = np.degrees(steps.rotations.sigma)
+    eps = np.degrees(steps.rotations.eps)
     axes.plot(np.arange(1, len(distances) + 1), np.degrees(distances), color='black', linewidth=1.2)
-    axes.axhline(sigma, **RESULT)
+    axes.axhline(eps, **RESULT)
     origin = 'as given' if steps.parameters.rotation.eps else 'from the knee, within its bounds'
-    axes.set(title=f'sigma {sigma:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
-             ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * sigma, 0.1)))
+    axes.set(title=f'eps {eps:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
+             ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * eps, 0.1)))
     grid(axes)
 
 
@@ -55,7 +55,7 @@ def draw_translation(figure, steps):
     shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
     middle, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.5 * np.ptp(shown, axis=0).max() + CLOSE
     plane(axes['all'], f'{np.count_nonzero(own)} translations; clusters: {len(ranked)}', middle - half, middle + half)
-    plane(axes['close'], f'close to the result; sigma {samples.sigma:.3f} m', place[0] - CLOSE, place[0] + CLOSE)
+    plane(axes['close'], f'close to the result; eps {samples.eps:.3f} m', place[0] - CLOSE, place[0] + CLOSE)
     legend(axes['legend'], axes['all'], 4)
 
 

@@ -190,7 +190,7 @@ def test_the_steps_are_those_of_the_registration(pair):
     assert steps.registration.transform == register(*map(extract_features, pair)).transform
     assert steps.rotations.phi[steps.rotation] == pytest.approx(steps.registration.transform.theta, abs=0.02)
     distances, k = steps.rotation_distances()
-    assert k == 1 and distances[-1] < steps.rotations.sigma < distances[0]
+    assert k == 1 and distances[-1] < steps.rotations.eps < distances[0]
 
 
 def test_the_filter_is_drawn_as_the_registration_had_it(data):

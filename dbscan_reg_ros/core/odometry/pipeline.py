@@ -8,6 +8,7 @@ from ..features.records import Features
 from ..features.small_objects import with_poles
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
+from ..registration.pipeline import load_strategies
 from ..registration.records import Prior
 from ..scan import Scan
 from . import update
@@ -39,6 +40,7 @@ class Odometry:
 
     @parameters.setter
     def parameters(self, parameters: Parameters) -> None:
+        load_strategies(parameters)
         self._parameters, self._search_parameters = parameters, search_parameters(parameters)
 
     def reset(self, pose: SE2 = SE2()) -> None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from .schema import ParameterGroup, parameter
 
 _MOST = 10000
+_CLUSTERINGS = 'built_in', 'scikit_learn'
+_CLUSTERING_HELP = ('Implementation of DBSCAN: built_in (fast), scikit_learn (sklearn.cluster.DBSCAN, as in the paper); the '
+                    'clusters are the same.')
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,7 @@ class RotationParameters(ParameterGroup):
 
     directed: bool = parameter(True, 'lines keep the direction in which the beams pass them')
     weighted: bool = parameter(True, 'pairs weigh as much as their shorter line is long')
+    clustering: str = parameter('built_in', _CLUSTERING_HELP, '', choices=_CLUSTERINGS)
     eps: float = parameter(0.0, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'rad', 0.0, 3.2)
     eps_min: float = parameter(0.005, 'least neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
     eps_max: float = parameter(0.05, 'greatest neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
@@ -38,6 +42,7 @@ class TranslationParameters(ParameterGroup):
     min_crossing_sine: float = parameter(0.35, 'eps2 of Eq. 13, as the sine of the angle between two pairs', '', 0.0001, 1.0)
     max_pairs: int = parameter(14, 'line pairs used for each rotation, heaviest first', '', 2, 10000)
     end_weight: float = parameter(1.0, 'weight of matched end points against line pairs; 0: lines only', '', 0.0, 100.0)
+    clustering: str = parameter('built_in', _CLUSTERING_HELP, '', choices=_CLUSTERINGS)
     eps: float = parameter(0.06, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'm', 0.0, 100.0)
     eps_min: float = parameter(0.02, 'least neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
     eps_max: float = parameter(0.2, 'greatest neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)

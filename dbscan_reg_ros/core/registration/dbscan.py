@@ -17,18 +17,18 @@ def unlabelled(size):
     return labels
 
 
-def dbscan_line(samples, sigma, min_points, weights=None, period=None):
+def dbscan_line(samples, eps, min_samples, sample_weight=None, period=None):
     """DBSCAN of numbers: sort, count the neighbours by bisection, cut at the gaps.
 
     Parameters
     ----------
     samples : (N,) array
         On a circle of circumference `period`, they must lie within one period.
-    sigma : float
+    eps : float
         Neighbours lie at most this far apart.
-    min_points : float
+    min_samples : float
         A sample whose neighbours (itself included) weigh at least this is a core sample.
-    weights : (N,) array, optional
+    sample_weight : (N,) array, optional
         1 each when not given.
     period : float, optional
 
@@ -42,18 +42,18 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
     order = samples.argsort(kind='stable')
     x = samples[order]
     labels = unlabelled(size)
-    if size and weights is None and min_points <= 1:
-        labels[order] = _chains(x, order, sigma, period)
+    if size and sample_weight is None and min_samples <= 1:
+        labels[order] = _chains(x, order, eps, period)
         return labels
-    left, right = _neighbour_range(x, sigma, period)
+    left, right = _neighbour_range(x, eps, period)
     copies = 1 if period is None else 3
-    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)[order]
+    mass = np.ones(size) if sample_weight is None else np.asarray(sample_weight, dtype=float)[order]
     total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
-    core = total[right] - total[left] >= min_points - 1e-12 * total[-1]
+    core = total[right] - total[left] >= min_samples - 1e-12 * total[-1]
     at = core.nonzero()[0]
     if not len(at):
         return labels
-    component = _chains(x[at], order[at], sigma, period)
+    component = _chains(x[at], order[at], eps, period)
     sorted_labels = unlabelled(size)
     sorted_labels[at] = component
     if len(at) < size:
@@ -64,36 +64,36 @@ def dbscan_line(samples, sigma, min_points, weights=None, period=None):
             turns = np.where(neighbour < 0, -1, np.where(neighbour >= len(at), 1, 0))
             value = x[at[neighbour % len(at)]]
             if period is None:
-                near = (turns == 0) & (np.abs(position - value) <= sigma)
+                near = (turns == 0) & (np.abs(position - value) <= eps)
             else:
-                near = np.abs(position - (value + turns * period)) <= sigma
+                near = np.abs(position - (value + turns * period)) <= eps
             best = np.where(near, np.minimum(best, component[neighbour % len(at)]), best)
         sorted_labels[border] = np.where(best < size, best, NOISE)
     labels[order] = sorted_labels
     return labels
 
 
-def _chains(x, index, sigma, period):
+def _chains(x, index, eps, period):
     """Number of the chain that each of the sorted `x` belongs to, cut at the gaps; numbered by the least `index` of each."""
     chain = np.zeros(len(x), dtype=int)
-    (x[1:] - x[:-1] > sigma).cumsum(out=chain[1:])
-    if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= sigma:
+    (x[1:] - x[:-1] > eps).cumsum(out=chain[1:])
+    if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= eps:
         chain[chain == chain[-1]] = 0
     return _renumber(chain, index)
 
 
-def _neighbour_range(x, sigma, period):
+def _neighbour_range(x, eps, period):
     """Indices ``[left, right)`` of the neighbours of each of the sorted `x`; into three laps on a circle."""
     if period is None:
-        return np.searchsorted(x, x - sigma), np.searchsorted(x, x + sigma, 'right')
+        return np.searchsorted(x, x - eps), np.searchsorted(x, x + eps, 'right')
     laps = np.concatenate((x - period, x, x + period))
     size = len(x)
-    left, right = np.searchsorted(laps, x - sigma), np.searchsorted(laps, x + sigma, 'right')
+    left, right = np.searchsorted(laps, x - eps), np.searchsorted(laps, x + eps, 'right')
     middle = np.arange(size, 2 * size)
     return np.maximum(left, middle - size + 1), np.minimum(right, np.maximum(left, middle - size + 1) + size)
 
 
-def dbscan_plane(samples, sigma, min_points, weights=None):
+def dbscan_plane(samples, eps, min_samples, sample_weight=None):
     """DBSCAN of points: pairs of neighbours, clusters as connected components.
 
     Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
@@ -102,12 +102,12 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     size = len(samples)
     if size == 0:
         return np.empty(0, dtype=int)
-    one, two = _near_pairs(samples, sigma)
-    if weights is None and min_points <= 1:
+    one, two = _near_pairs(samples, eps)
+    if sample_weight is None and min_samples <= 1:
         return _components(one, two, size)
-    mass = np.ones(size) if weights is None else np.asarray(weights, dtype=float)
+    mass = np.ones(size) if sample_weight is None else np.asarray(sample_weight, dtype=float)
     total = mass + np.bincount(one, mass[two], minlength=size) + np.bincount(two, mass[one], minlength=size)
-    core = total >= min_points - 1e-12 * max(total.max(), 1.0)
+    core = total >= min_samples - 1e-12 * max(total.max(), 1.0)
     labels = unlabelled(size)
     at = np.flatnonzero(core)
     if not len(at):
@@ -123,16 +123,16 @@ def dbscan_plane(samples, sigma, min_points, weights=None):
     return labels
 
 
-def _near_pairs(samples, sigma):
-    """All pairs of samples at most `sigma` apart: among those near along the first axis, or by a tree where these are many."""
+def _near_pairs(samples, eps):
+    """All pairs of samples at most `eps` apart: among those near along the first axis, or by a tree where these are many."""
     order = samples[:, 0].argsort()
     axes = samples[order].T.copy()
-    end = axes[0].searchsorted(axes[0] + sigma, 'right')
+    end = axes[0].searchsorted(axes[0] + eps, 'right')
     if (end - np.arange(1, len(end) + 1)).sum() > _MANY * len(samples):
-        return cKDTree(samples).query_pairs(sigma, output_type='ndarray').T
+        return cKDTree(samples).query_pairs(eps, output_type='ndarray').T
     one, two = pairs_before(end)
     apart = axes.take(one, axis=1) - axes.take(two, axis=1)
-    near = ((apart * apart).sum(axis=0) <= sigma * sigma).nonzero()[0]
+    near = ((apart * apart).sum(axis=0) <= eps * eps).nonzero()[0]
     return order[one[near]], order[two[near]]
 
 

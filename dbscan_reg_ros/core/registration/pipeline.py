@@ -9,6 +9,7 @@ import numpy as np
 from ..features.oriented_points import sample
 from ..features.records import Features
 from ..parameters.tree import Parameters
+from .clustering import choose_clustering
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .landmarks import landmark_motions
 from .paper.divergence import select_by_divergence
@@ -192,3 +193,15 @@ def follow_degenerate_direction(candidates, equations, reference, current, p):
         return candidates
     slid = search_degenerate_direction(candidates[free], angle[free], reference, current, p.degeneracy, p.density)
     return np.concatenate((candidates, slid[(slid != candidates[free]).any(axis=1)]))
+
+
+def load_strategies(parameters: Parameters) -> None:
+    """Import what the `parameters` choose, so that the first registration does not wait for it.
+
+    Raises
+    ------
+    ParameterError
+        When a package that they need is not installed.
+    """
+    choose_clustering(parameters.rotation.clustering)
+    choose_clustering(parameters.translation.clustering)

@@ -8,7 +8,8 @@ import numpy as np
 from ..features.records import Segments
 from ..geometry.se2 import wrap
 from ..parameters.registration import RotationParameters
-from .dbscan import NOISE, dbscan_line, k_distances, knee, unlabelled, without_gaps
+from .clustering import choose_clustering
+from .dbscan import NOISE, k_distances, knee, unlabelled, without_gaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,21 +25,21 @@ class Rotations:
         Angle differences between the reference's n and the current scan's m segments (Eq. 9).
     labels : (n, m) int
         Cluster of each difference, in the order of `phi`; -1 for none.
-    sigma : float [rad]
-        The neighbourhood that was used.
+    eps : float [rad]
+        Neighbourhood of DBSCAN that was used.
     """
 
     phi: np.ndarray
     weight: np.ndarray
     difference: np.ndarray
     labels: np.ndarray
-    sigma: float
+    eps: float
 
     def near(self, angle, reach):
         """Those of the hypotheses at most `reach` [rad] from an `angle` [rad]."""
         chosen = np.abs(wrap(self.phi - angle)) <= reach
         rank = np.append(np.where(chosen, chosen.cumsum() - 1, NOISE), NOISE)
-        return Rotations(self.phi[chosen], self.weight[chosen], self.difference, rank[self.labels], self.sigma)
+        return Rotations(self.phi[chosen], self.weight[chosen], self.difference, rank[self.labels], self.eps)
 
 
 def estimate_rotations(reference: Segments, current: Segments, weights, parameters: RotationParameters) -> Rotations:
@@ -54,12 +55,12 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
     if not len(samples):
         return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.eps)
     weights = weights.ravel()
-    sigma = parameters.eps or knee_sigma(samples, parameters)
-    labels = unlabelled(len(samples))
+    eps = parameters.eps or knee_eps(samples, parameters)
+    labels, clustering = unlabelled(len(samples)), choose_clustering(parameters.clustering)
     todo, offset = np.arange(len(samples)), 0
-    reach = sigma
+    reach = eps
     for _ in range(parameters.recluster_levels + 1):
-        found = dbscan_line(samples[todo], reach, parameters.min_samples, None, period)
+        found = clustering.dbscan_line(samples[todo], reach, parameters.min_samples, period=period)
         count = int(found.max(initial=NOISE)) + 1
         if not count:
             break
@@ -78,7 +79,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights, paramete
         if not wide.any():
             break
         todo, offset, reach = todo[wide], offset + count, 0.5 * reach
-    return _rank(samples, weights, labels, sigma, difference.shape, period, parameters)
+    return _rank(samples, weights, labels, eps, difference.shape, period, parameters)
 
 
 def pair_weights(reference, current, parameters):
@@ -90,7 +91,7 @@ def pair_weights(reference, current, parameters):
     return shorter / (1.0 + variance / parameters.max_width ** 2) if parameters.max_width else shorter
 
 
-def knee_sigma(samples, parameters):
+def knee_eps(samples, parameters):
     """The neighbourhood from the knee of the k-dist graph, with ``k = MinPts - 1`` (at least 1), within its bounds."""
     bend = knee(k_distances(samples, max(parameters.min_samples - 1, 1)))
     return min(max(bend, parameters.eps_min), parameters.eps_max)
@@ -101,11 +102,11 @@ def wrap_period(angle, period):
     return angle - period * np.rint(angle * (1.0 / period))
 
 
-def _rank(samples, weights, labels, sigma, shape, period, parameters):
+def _rank(samples, weights, labels, eps, shape, period, parameters):
     """Weighted mean and weight of each cluster, heaviest first, the best `hypotheses` of them."""
     at = (labels != NOISE).nonzero()[0]
     if not len(at):
-        return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), sigma)
+        return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), eps)
     index = without_gaps(labels[at])
     mass = np.bincount(index, weights[at])
     anchor = np.empty(len(mass))
@@ -119,7 +120,7 @@ def _rank(samples, weights, labels, sigma, shape, period, parameters):
     rank[order] = np.arange(len(order))
     ranked = unlabelled(len(samples))
     ranked[at] = rank[index]
-    return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), sigma)
+    return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), eps)
 
 
 def _medians(values, group):

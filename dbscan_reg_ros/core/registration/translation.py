@@ -10,7 +10,8 @@ from ..features.records import EndKind, Segments
 from ..geometry.se2 import as_complex, as_vectors
 from ..geometry.symmetric_matrix import solve
 from ..parameters.registration import TranslationParameters
-from .dbscan import NOISE, dbscan_plane, k_distances, knee, pairs_before, unlabelled, without_gaps
+from .clustering import choose_clustering
+from .dbscan import NOISE, k_distances, knee, pairs_before, unlabelled, without_gaps
 from .paper.squared_translation import squared_samples
 from .point_to_line import normal_equations
 from .rotation import Rotations, wrap_period
@@ -32,8 +33,8 @@ class Translations:
         The rotation hypothesis that each sample belongs to.
     labels : (S,) int
         Cluster of each sample, in the order of `transform`; -1 for none.
-    sigma : float [m]
-        The neighbourhood that was used.
+    eps : float [m]
+        Neighbourhood of DBSCAN that was used.
     find_shortest : callable
         Makes `shortest`.
     shortest : (K, 3) float
@@ -47,7 +48,7 @@ class Translations:
     sample_weight: np.ndarray
     rotation: np.ndarray
     labels: np.ndarray
-    sigma: float
+    eps: float
     find_shortest: Callable
 
     @cached_property
@@ -84,9 +85,9 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
     if not len(samples):
         return Translations(np.empty((0, 3)), np.empty(0), as_vectors(samples), mass, rotation, np.empty(0, dtype=int), 0.0,
                             shortest)
-    sigma = parameters.eps or knee_sigma(samples, rotation, parameters)
-    labels = cluster(samples, rotation, sigma, parameters)
-    return _rank(samples, mass, rotation, labels, sigma, rotations.phi, shortest)
+    eps = parameters.eps or knee_eps(samples, rotation, parameters)
+    labels = cluster(samples, rotation, eps, parameters)
+    return _rank(samples, mass, rotation, labels, eps, rotations.phi, shortest)
 
 
 def match_lines(rotations, weights, parameters):
@@ -179,7 +180,7 @@ _END_WORTH[EndKind.CORNER, EndKind.FREE] = _END_WORTH[EndKind.FREE, EndKind.CORN
 _END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
 
 
-def knee_sigma(samples, rotation, parameters):
+def knee_eps(samples, rotation, parameters):
     """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
     apart = _apart(samples, rotation, parameters.eps_max)
     bend = knee(k_distances(as_vectors(apart), max(parameters.min_samples - 1, 1)))
@@ -192,13 +193,13 @@ def _apart(samples, rotation, reach):
     return samples + (10.0 * reach + x.max() - x.min()) * rotation
 
 
-def cluster(samples, rotation, sigma, parameters):
+def cluster(samples, rotation, eps, parameters):
     """DBSCAN of the samples (complex [m]) of each rotation; clusters wider than `width` again, twice as finely."""
-    labels = unlabelled(len(samples))
-    apart = as_vectors(_apart(samples, rotation, max(sigma, parameters.eps_max)))
+    labels, clustering = unlabelled(len(samples)), choose_clustering(parameters.clustering)
+    apart = as_vectors(_apart(samples, rotation, max(eps, parameters.eps_max)))
     todo, offset = np.arange(len(samples)), 0
     for _ in range(parameters.recluster_levels + 1):
-        found = dbscan_plane(apart[todo], sigma, parameters.min_samples)
+        found = clustering.dbscan_plane(apart[todo], eps, parameters.min_samples)
         kept = found != NOISE
         todo, found = todo[kept], found[kept]
         if not len(todo):
@@ -212,7 +213,7 @@ def cluster(samples, rotation, sigma, parameters):
         if not wide.any():
             break
         offset += len(weight)
-        todo, sigma = todo[wide], 0.5 * sigma
+        todo, eps = todo[wide], 0.5 * eps
     return labels
 
 
@@ -222,7 +223,7 @@ def _means(group, values, weight, mass=1.0):
     return (np.bincount(group, values.real) + 1j * np.bincount(group, values.imag)) / weight
 
 
-def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
+def _rank(samples, mass, rotation, labels, eps, phi, shortest):
     """Weighted mean and weight of each cluster, heaviest first."""
     at = (labels != NOISE).nonzero()[0]
     index = without_gaps(labels[at])
@@ -236,4 +237,4 @@ def _rank(samples, mass, rotation, labels, sigma, phi, shortest):
     ranked = unlabelled(len(samples))
     ranked[at] = rank[index]
     transform = np.array((mean.real, mean.imag, angle)).T
-    return Translations(transform[order], weight[order], as_vectors(samples), mass, rotation, ranked, sigma, shortest)
+    return Translations(transform[order], weight[order], as_vectors(samples), mass, rotation, ranked, eps, shortest)

@@ -1,23 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """DBSCAN and its k-dist graph, sample for sample against scikit-learn."""
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from sklearn.cluster import DBSCAN
 from sklearn.neighbors import NearestNeighbors
 
+from dbscan_reg_ros import Odometry, Parameters
+from dbscan_reg_ros.core.errors import ParameterError
+from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
+from dbscan_reg_ros.core.registration import dbscan
+from dbscan_reg_ros.core.registration.clustering import choose_clustering
 from dbscan_reg_ros.core.registration.dbscan import dbscan_line, dbscan_plane, k_distances, knee
 
 SEEDS = range(40)
 
 
-def expected(samples, sigma, min_points, weights=None, period=None):
+def expected(samples, sigma, min_samples, weights=None, period=None):
     """Labels by scikit-learn; on a circle from the table of distances."""
     samples = np.asarray(samples, dtype=float).reshape(len(samples), -1)
     if period is None:
-        return DBSCAN(eps=sigma, min_samples=min_points).fit_predict(samples, sample_weight=weights)
+        return DBSCAN(eps=sigma, min_samples=min_samples).fit_predict(samples, sample_weight=weights)
     apart = np.abs(samples - samples.T)
     around = np.minimum(apart, period - apart)
-    return DBSCAN(eps=sigma, min_samples=min_points, metric='precomputed').fit_predict(around, sample_weight=weights)
+    return DBSCAN(eps=sigma, min_samples=min_samples, metric='precomputed').fit_predict(around, sample_weight=weights)
 
 
 def drawn(seed, dimensions=1):
@@ -34,35 +42,35 @@ def drawn(seed, dimensions=1):
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_numbers_are_clustered_as_by_scikit_learn(seed):
-    samples, sigma, min_points, _ = drawn(seed)
-    np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points), expected(samples, sigma, min_points))
+    samples, sigma, min_samples, _ = drawn(seed)
+    np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples), expected(samples, sigma, min_samples))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_angles_are_clustered_round_the_circle(seed):
-    samples, sigma, min_points, rng = drawn(seed)
+    samples, sigma, min_samples, rng = drawn(seed)
     period = 2.0 * np.pi
     angles = (samples[:, 0] + rng.uniform(0.0, period) + np.pi) % period - np.pi
-    np.testing.assert_array_equal(dbscan_line(angles, sigma, min_points, period=period),
-                                  expected(angles, sigma, min_points, period=period))
+    np.testing.assert_array_equal(dbscan_line(angles, sigma, min_samples, period=period),
+                                  expected(angles, sigma, min_samples, period=period))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_points_are_clustered_as_by_scikit_learn(seed):
-    samples, sigma, min_points, _ = drawn(seed, 2)
+    samples, sigma, min_samples, _ = drawn(seed, 2)
     sigma *= 2.0
-    np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points), expected(samples, sigma, min_points))
+    np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_samples), expected(samples, sigma, min_samples))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_weights_count_as_so_many_samples(seed):
     samples, sigma, _, rng = drawn(seed, 2)
     weights = rng.integers(0, 5, len(samples)) * 0.5
-    for min_points in (1, 3, 6):
-        np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points, weights),
-                                      expected(samples[:, 0], sigma, min_points, weights))
-        np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points, weights),
-                                      expected(samples, sigma, min_points, weights))
+    for min_samples in (1, 3, 6):
+        np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples, weights),
+                                      expected(samples[:, 0], sigma, min_samples, weights))
+        np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_samples, weights),
+                                      expected(samples, sigma, min_samples, weights))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -71,23 +79,23 @@ def test_duplicates_and_distances_equal_to_sigma(seed):
     rng = np.random.default_rng(seed)
     samples = rng.integers(0, 40, (int(rng.integers(1, 60)), 2)).astype(float)
     for sigma in (1.0, 2.0, 5.0):
-        for min_points in (1, 2, 3, 5):
-            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points),
-                                          expected(samples[:, 0], sigma, min_points))
-            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_points, period=40.0),
-                                          expected(samples[:, 0], sigma, min_points, period=40.0))
-            np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_points),
-                                          expected(samples, sigma, min_points))
+        for min_samples in (1, 2, 3, 5):
+            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples),
+                                          expected(samples[:, 0], sigma, min_samples))
+            np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples, period=40.0),
+                                          expected(samples[:, 0], sigma, min_samples, period=40.0))
+            np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_samples),
+                                          expected(samples, sigma, min_samples))
 
 
 def test_samples_above_one_another_are_clustered_like_those_beside_one_another():
     """Neighbours are looked for along the first axis; where nearly all are near along it, in a tree."""
     rng = np.random.default_rng(0)
     above = np.column_stack((rng.integers(0, 3, 300), rng.integers(0, 400, 300))).astype(float)
-    for min_points in (1, 2, 4):
-        clusters = expected(above, 1.0, min_points)
-        np.testing.assert_array_equal(dbscan_plane(above, 1.0, min_points), clusters)
-        np.testing.assert_array_equal(dbscan_plane(above[:, ::-1], 1.0, min_points), clusters)
+    for min_samples in (1, 2, 4):
+        clusters = expected(above, 1.0, min_samples)
+        np.testing.assert_array_equal(dbscan_plane(above, 1.0, min_samples), clusters)
+        np.testing.assert_array_equal(dbscan_plane(above[:, ::-1], 1.0, min_samples), clusters)
 
 
 def test_a_border_sample_goes_to_the_first_cluster_that_reaches_it():
@@ -119,14 +127,14 @@ def test_min_points_1_is_the_set_of_chains():
     assert len(set(zip(chains, found[order], strict=True))) == found.max() + 1 == chains[-1] + 1
 
 
-@pytest.mark.parametrize('min_points, label', [(1, [0]), (2, [-1])])
-def test_no_sample_and_one_sample(min_points, label):
-    assert len(dbscan_line(np.empty(0), 0.1, min_points)) == 0
-    assert len(dbscan_line(np.empty(0), 0.1, min_points, period=2.0)) == 0
-    assert len(dbscan_plane(np.empty((0, 2)), 0.1, min_points)) == 0
-    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_points), label)
-    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_points, period=4.0), label)
-    np.testing.assert_array_equal(dbscan_plane(np.array([[1.0, 2.0]]), 0.1, min_points), label)
+@pytest.mark.parametrize('min_samples, label', [(1, [0]), (2, [-1])])
+def test_no_sample_and_one_sample(min_samples, label):
+    assert len(dbscan_line(np.empty(0), 0.1, min_samples)) == 0
+    assert len(dbscan_line(np.empty(0), 0.1, min_samples, period=2.0)) == 0
+    assert len(dbscan_plane(np.empty((0, 2)), 0.1, min_samples)) == 0
+    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_samples), label)
+    np.testing.assert_array_equal(dbscan_line(np.array([1.0]), 0.1, min_samples, period=4.0), label)
+    np.testing.assert_array_equal(dbscan_plane(np.array([[1.0, 2.0]]), 0.1, min_samples), label)
 
 
 @pytest.mark.parametrize('dimensions', [1, 2])
@@ -157,3 +165,55 @@ def test_the_knee_of_a_flat_or_short_graph_is_its_least_distance():
     assert knee(np.array([0.2, 0.2, 0.2, 0.2])) == 0.2
     assert knee(np.array([0.5, 0.1])) == 0.1
     assert knee(np.empty(0)) == 0.0
+
+
+def partition(labels):
+    """The clusters as sets of samples, and the noise."""
+    return {frozenset(np.flatnonzero(labels == label)) for label in set(labels) - {-1}}, frozenset(np.flatnonzero(labels == -1))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_both_implementations_find_the_same_clusters(seed):
+    samples, eps, min_samples, rng = drawn(seed, 2)
+    weight = rng.integers(0, 5, len(samples)) * 0.5
+    ours, theirs = choose_clustering('built_in'), choose_clustering('scikit_learn')
+    for period in (None, np.pi, 2.0 * np.pi):
+        angles = samples[:, 0] if period is None else samples[:, 0] - period * np.rint(samples[:, 0] / period)
+        for options in ({}, {'sample_weight': weight}):
+            assert partition(theirs.dbscan_line(angles, eps, min_samples, period=period, **options)) == partition(
+                ours.dbscan_line(angles, eps, min_samples, period=period, **options))
+            assert partition(theirs.dbscan_plane(samples, 2.0 * eps, min_samples, **options)) == partition(
+                ours.dbscan_plane(samples, 2.0 * eps, min_samples, **options))
+
+
+@pytest.mark.parametrize('implementation', ['built_in', 'scikit_learn'])
+def test_either_implementation_clusters_across_the_end_of_the_circle_and_equal_angles(implementation):
+    chosen = choose_clustering(implementation)
+    angles = np.array([3.13, 0.0, -3.13, 3.13, -1e-20, np.pi, 0.0])
+    assert chosen.dbscan_line(angles, 0.05, 2, period=2.0 * np.pi).tolist() == [0, 1, 0, 0, 1, 0, 1]
+    assert len(chosen.dbscan_line(np.empty(0), 0.05, 1, period=2.0)) == len(chosen.dbscan_plane(np.empty((0, 2)), 0.05, 1)) == 0
+
+
+def test_the_built_in_clustering_is_the_default_and_the_papers_is_scikit_learns(root):
+    from dbscan_reg_ros.evaluation.methods import paper_parameters
+    for group in (RotationParameters(), TranslationParameters()):
+        assert choose_clustering(group.clustering) is dbscan
+    paper = paper_parameters()
+    assert paper.rotation.clustering == paper.translation.clustering == 'scikit_learn'
+
+
+def test_scikit_learn_is_imported_when_the_parameters_are_set_and_not_by_default(root):
+    code = ('import sys\nfrom dbscan_reg_ros import Odometry, Parameters\n'
+            'odometry = Odometry()\nassert "sklearn" not in sys.modules\n'
+            'odometry.parameters = Parameters().replace({"rotation.clustering": "scikit_learn"})\n'
+            'assert "sklearn.cluster" in sys.modules')
+    subprocess.run([sys.executable, '-c', code], cwd=root, check=True)
+
+
+def test_parameters_that_need_scikit_learn_are_refused_where_it_is_not_installed(monkeypatch):
+    for name in ('sklearn', 'sklearn.cluster', 'sklearn.neighbors'):
+        monkeypatch.setitem(sys.modules, name, None)
+    odometry = Odometry()
+    with pytest.raises(ParameterError, match='scikit-learn is not installed; install python3-sklearn'):
+        odometry.parameters = Parameters().replace({'translation.clustering': 'scikit_learn'})
+    assert odometry.parameters == Parameters()

@@ -109,10 +109,10 @@ def test_sigma_from_the_k_dist_graph_has_min_points_k_plus_1():
     for min_points in (1, 2, 4):
         parameters = RotationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=3.0)
         found = rotations(*differences(values), parameters)
-        assert found.sigma == pytest.approx(knee(k_distances(wrap(values), max(min_points - 1, 1))))
+        assert found.eps == pytest.approx(knee(k_distances(wrap(values), max(min_points - 1, 1))))
         assert abs(found.phi[0] - 0.3) < 0.01
     limited = RotationParameters(eps=0.0, eps_min=0.2, eps_max=0.3)
-    assert rotations(*differences(values), limited).sigma == 0.2
+    assert rotations(*differences(values), limited).eps == 0.2
 
 
 def test_min_points_leaves_lonely_samples_out():
@@ -124,7 +124,7 @@ def test_min_points_leaves_lonely_samples_out():
 def test_where_no_sample_has_neighbours_there_is_no_rotation():
     found = rotations(*differences([0.3, 1.0]), RotationParameters(eps=0.02, min_samples=2))
     assert len(found.phi) == len(found.weight) == 0
-    assert found.labels.tolist() == [[-1], [-1]] and found.sigma == 0.02
+    assert found.labels.tolist() == [[-1], [-1]] and found.eps == 0.02
 
 
 @pytest.mark.parametrize('directed, period', [(True, 2.0 * math.pi), (False, math.pi)])

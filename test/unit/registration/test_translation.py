@@ -240,13 +240,13 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
 
 def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
     noisy = dataclasses.replace(ROOM, start=ROOM.start + np.random.default_rng(0).normal(0.0, 0.06, (4, 2)))
-    assert translations(ROOM, noisy, TranslationParameters(eps=0.07)).sigma == 0.07
+    assert translations(ROOM, noisy, TranslationParameters(eps=0.07)).eps == 0.07
     for min_points in (1, 2, 4):
         parameters = TranslationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=5.0)
         found = translations(ROOM, noisy, parameters)
-        assert found.sigma == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
+        assert found.eps == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
     limits = TranslationParameters(eps=0.0, eps_min=3.0, eps_max=4.0)
-    assert translations(ROOM, noisy, limits).sigma == 3.0
+    assert translations(ROOM, noisy, limits).eps == 3.0
 
 
 @pytest.mark.parametrize('recuts, labels', [(0, [0, 0, 0, 0]), (1, [1, 1, 2, 2]), (2, [3, 4, 5, 6])])
