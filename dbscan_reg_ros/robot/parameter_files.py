@@ -184,7 +184,8 @@ def _about(group):
 def _comment(description, indent):
     limits = describe_limits(description)
     text = description.help + (f' [{limits}]' if limits else '')
-    return textwrap.wrap(text, WIDTH, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# ')
+    start = f'{indent}# '
+    return textwrap.wrap(text, WIDTH, initial_indent=start, subsequent_indent=start, break_on_hyphens=False)
 
 
 def _scalar(value):

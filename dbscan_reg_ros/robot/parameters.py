@@ -2,9 +2,11 @@
 """The node's parameters: its own, and those of the method."""
 import dataclasses
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from ..core.errors import ParameterError
+from ..core.geometry.se2 import SE2
 from ..core.parameters.odometry import PriorParameters
 from ..core.parameters.schema import ParameterGroup, parameter
 from ..core.parameters.tree import Parameters
@@ -15,48 +17,82 @@ SECTORS = 4
 METHOD = frozenset(each.name for each in Parameters.describe())
 """Full names of the parameters of the method."""
 REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down'}
-"""Full names of what a replay goes by."""
+"""Full names of the parameters that a replay uses."""
 OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
-"""What is so offline in any case."""
+"""Names and values of parameters that change nothing offline."""
 
 
 @dataclass(frozen=True)
 class InputParameters(ParameterGroup):
     """Which scans are used, and which of their beams."""
 
-    every_nth: int = parameter(1, 'only one scan in so many is used', 'scans', 1, 1000)
-    queue_size: int = parameter(3, 'so many scans may wait; when there are more, the oldest are dropped', 'scans', 1, 50)
-    max_wait: float = parameter(0.05, 'a scan waits at most this long for what is to be known at its stamp: a moving '
-                            'mounting, or the motion that prior.source tells', 's', 0.0, 10.0)
-    mask: tuple = parameter((0.0,) * 2 * SECTORS, 'up to four sectors that see the robot itself: first and last bearing of '
-                            'each, counter-clockwise in the frame of the scans; equal ones are no sector', 'rad', -6.3, 6.3)
-    mask_range: float = parameter(0.0, 'returns in the sectors of input.mask are ignored when nearer than this; 0: all '
-                                  'of them', 'm', 0.0, 1000.0)
+    every_nth: int = parameter(
+        1, unit='scans', bounds=(1, 1000),
+        help='Only one scan in this many is used. Larger values save computing time and lengthen the motion between '
+             'scans; 1 uses every scan.')
+    queue_size: int = parameter(
+        3, unit='scans', bounds=(1, 50),
+        help='Number of scans that may wait; beyond it the oldest are dropped. Larger values drop fewer scans when the '
+             'computer is busy and delay the pose; smaller values keep the delay short.')
+    max_wait: float = parameter(
+        0.05, unit='s', bounds=(0.0, 10.0),
+        help='Time that a scan waits at most for the transform of a moving sensor or for the external prior at its '
+             'stamp. Larger values tolerate slower sources and delay the pose; 0 never waits.')
+    mask: tuple[float, ...] = parameter(
+        (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
+        help='Up to four sectors in which the robot itself is seen: first and last bearing of each, counter-clockwise '
+             'in the frame of the scans. Two equal bearings are no sector.')
+    mask_range: float = parameter(
+        0.0, unit='m', bounds=(0.0, 1000.0),
+        help='Returns in the sectors of input.mask are ignored when nearer than this. Larger values ignore more of a '
+             'sector; 0 ignores all of its returns.')
 
 
 @dataclass(frozen=True)
 class NodePriorParameters(PriorParameters):
-    """And who tells of the motion before the scans are looked at."""
+    """The external source of the prediction, and its standard deviations."""
 
     source: str = parameter(
-        'constant_velocity', 'what tells the motion since the last scan: none (nothing, whatever odometry.prior says), '
-        'constant_velocity (it goes on as before, as odometry.prior says), odometry (the topic wheel_odom), imu (the yaw '
-        'rate on the topic imu; otherwise as before), tf (the base in the frame prior.frame); when one of the last three is '
-        'quiet, it goes on as before', choices=SOURCES, read_only=True)
-    frame: str = parameter('wheel_odom', 'an odometry frame on /tf that somebody else publishes, for source tf',
-                           read_only=True)
-    translation: float = parameter(0.1, 'odometry, tf: standard deviation of the way told, as a share of it', '', 0.0, 10.0)
-    translation_by_turn: float = parameter(0.1, 'at least so much for a turn of 1 rad', 'm/rad', 0.0, 10.0)
-    translation_min: float = parameter(0.02, 'and at least this', 'm', 0.0001, 10.0)
-    rotation: float = parameter(0.2, 'standard deviation of the turn told, as a share of it', '', 0.0, 10.0)
-    rotation_by_distance: float = parameter(0.1, 'odometry, tf: at least so much for a way of 1 m', 'rad/m', 0.0, 10.0)
-    rotation_min: float = parameter(0.03, 'and at least this', 'rad', 0.0001, 3.2)
+        'constant_velocity', choices=SOURCES, read_only=True,
+        help='Source of the prediction: none (no prediction, whatever odometry.prior says), constant_velocity (the '
+             'motion model, as odometry.prior says), odometry (the topic wheel_odom), imu (the yaw rate on the topic '
+             'imu, the translation by the motion model) or tf (the base in the frame prior.frame). Where one of the '
+             'last three gives nothing, the motion model predicts.')
+    frame: str = parameter(
+        'wheel_odom', read_only=True,
+        help='Odometry frame on /tf that another node publishes. It is used with prior.source tf.')
+    translation: float = parameter(
+        0.1, bounds=(0.0, 10.0),
+        help='Standard deviation of the translation of wheel odometry, as a fraction of the distance. Larger values '
+             'trust the wheels less; smaller values trust them more.')
+    translation_by_rotation: float = parameter(
+        0.1, unit='m/rad', bounds=(0.0, 10.0),
+        help='Standard deviation of the translation of wheel odometry for each radian of rotation; the largest of the '
+             'three limits counts. Larger values trust the wheels less while the robot rotates; smaller values trust '
+             'them more.')
+    translation_min: float = parameter(
+        0.02, unit='m', bounds=(0.0001, 10.0),
+        help='Lower limit of the standard deviation of the translation of wheel odometry. Larger values trust small '
+             'wheel motions less; smaller values trust them more.')
+    rotation: float = parameter(
+        0.2, bounds=(0.0, 10.0),
+        help='Standard deviation of the rotation of an external prior, as a fraction of the rotation. Larger values '
+             'trust the source less; smaller values trust it more.')
+    rotation_by_distance: float = parameter(
+        0.1, unit='rad/m', bounds=(0.0, 10.0),
+        help='Standard deviation of the rotation of wheel odometry for each metre of distance; the largest of the '
+             'three limits counts. Larger values trust the wheels less while the robot drives; smaller values trust '
+             'them more.')
+    rotation_min: float = parameter(
+        0.03, unit='rad', bounds=(0.0001, 3.2),
+        help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
+             'rotations less; smaller values trust them more.')
 
-    def wheel_sigma(self, motion):
-        """Standard deviations [m, m, rad] of a `motion` (`SE2`) that is told, in the frame that it ends in."""
-        way, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
-        translation = max(self.translation_min, self.translation * way, self.translation_by_turn * turn)
-        rotation = max(self.rotation_min, self.rotation * turn, self.rotation_by_distance * way)
+    def wheel_sigma(self, motion: SE2) -> tuple[float, float, float]:
+        """Standard deviations [m, m, rad] of a `motion` from an external source, in the frame that it ends in."""
+        distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
+        translation = max(self.translation_min, self.translation * distance, self.translation_by_rotation * angle)
+        rotation = max(self.rotation_min, self.rotation * angle, self.rotation_by_distance * distance)
         return translation, translation, rotation
 
 
@@ -64,40 +100,58 @@ class NodePriorParameters(PriorParameters):
 class PathParameters(ParameterGroup):
     """The topic path."""
 
-    step: float = parameter(0.1, 'a pose is added when the base has moved so far', 'm', 0.0, 100.0)
-    size: int = parameter(2000, 'most poses; the oldest are forgotten', '', 2, 100000)
+    step: float = parameter(
+        0.1, unit='m', bounds=(0.0, 100.0),
+        help='A pose is added to the path when the base has moved this far. Larger values give a coarser path that '
+             'covers more; smaller values give a finer one.')
+    size: int = parameter(
+        2000, bounds=(2, 100000),
+        help='Number of poses in the path; beyond it the oldest are dropped. Larger values keep a longer path and make '
+             'its messages larger; smaller values save bandwidth.')
 
 
 @dataclass(frozen=True)
 class SnapshotParameters(ParameterGroup):
     """The service ~/snapshot."""
 
-    scans: int = parameter(20, 'so many of the last scans are written', 'scans', 1, 1000)
-    folder: str = parameter('~/.ros', 'folder that the files are written to', read_only=True)
+    scans: int = parameter(
+        20, unit='scans', bounds=(1, 1000),
+        help='Number of the latest scans that a snapshot contains. Larger values record more of what happened before '
+             'and take memory; smaller values give smaller files.')
+    folder: str = parameter(
+        '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ is the home directory.')
 
 
 @dataclass(frozen=True)
 class NodeParameters(Parameters):
-    """All parameters of `scan_matcher`; being `Parameters`, they are handed to the odometry as they are."""
+    """All parameters of `scan_matcher`; being `Parameters`, they can be given to the odometry as they are."""
 
-    odom_frame: str = parameter('odom', 'frame in which the pose is given; it starts where the base is at the first scan',
-                                read_only=True)
-    base_frame: str = parameter('base_link', 'frame whose pose and twist are published', read_only=True)
-    publish_tf: bool = parameter(True, 'send the transform between odom_frame and base_frame on /tf')
-    invert_tf: bool = parameter(False, 'send it with odom_frame as the child of base_frame, for a base_frame that has '
-                                'another parent already', read_only=True)
+    odom_frame: str = parameter(
+        'odom', read_only=True,
+        help='Frame in which poses are published. Its origin is the pose of the base at the first scan.')
+    base_frame: str = parameter(
+        'base_link', read_only=True, help='Frame of the robot base, whose pose and twist are published.')
+    publish_tf: bool = parameter(
+        True, help='If true, the transform between odom_frame and base_frame is sent on /tf.')
+    invert_tf: bool = parameter(
+        False, read_only=True,
+        help='If true, the transform on /tf has odom_frame as the child of base_frame. Use it for a base_frame that '
+             'already has another parent.')
     mounting: str = parameter(
-        'tf', 'where the laser sits on the base: tf (as the transform from base_frame to the frame of the scans says), '
-        'laser_pose (as that parameter says) or none (the laser is the base)', choices=MOUNTINGS, read_only=True)
-    laser_pose: tuple = parameter((0.0, 0.0, 0.0), 'x [m], y [m] and yaw [rad] of the laser on the base, '
-                                  'for mounting laser_pose', '', -1000.0, 1000.0, read_only=True)
-    upside_down: bool = parameter(False, 'the laser hangs upside down, for mounting laser_pose', read_only=True)
+        'tf', choices=MOUNTINGS, read_only=True,
+        help='Source of the pose of the laser on the base: tf (the transform from base_frame to the frame of the '
+             'scans), laser_pose (the parameter of that name) or none (the laser is the base).')
+    laser_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), bounds=(-1000.0, 1000.0), read_only=True,
+        help='Pose of the laser on the base: x [m], y [m] and yaw [rad]. It is used with mounting laser_pose.')
+    upside_down: bool = parameter(
+        False, read_only=True, help='If true, the laser is mounted upside down. It is used with mounting laser_pose.')
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
     prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)
     path: PathParameters = dataclasses.field(default_factory=PathParameters)
     snapshot: SnapshotParameters = dataclasses.field(default_factory=SnapshotParameters)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for name, frame in (('odom_frame', self.odom_frame), ('base_frame', self.base_frame),
                             ('prior.frame', self.prior.frame)):
@@ -110,16 +164,16 @@ class NodeParameters(Parameters):
                                  'neither odom_frame nor base_frame')
 
     def for_odometry(self) -> Parameters:
-        """What the odometry is to go by: without any prior, `odometry.prior` does not count."""
+        """The parameters for the odometry: `prior.source` none overrides `odometry.prior`."""
         return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
-    def unused(self, used) -> list:
-        """Full names of those that differ from their defaults though what runs offline goes by those named in `used` only."""
+    def unused(self, used: Collection[str]) -> list[str]:
+        """Full names of parameters that differ from their defaults but are not in `used`, those that count offline."""
         values = self.flatten()
         return [d.name for d in self.describe() if d.name not in used and values[d.name] != d.default
                 and (d.name, values[d.name]) not in OFFLINE]
 
 
-def is_ros_parameter(name) -> bool:
+def is_ros_parameter(name: str) -> bool:
     """Whether every ROS node has the parameter `name`: a file may set it, the method does not know it."""
     return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')

@@ -197,7 +197,7 @@ class ReferenceSearch:
         """
         p = self._parameters
         registration = register(reference.features, static, self._search_parameters, prior, self._search_near)
-        self._search_near = registration.score > p.prior.enough
+        self._search_near = registration.score > p.prior.max_score_outside_gate
         if registration.status is not Status.FAILED or not is_recoverable(registration, p):
             return registration, static
         pose = reference.key_frame.pose @ registration.transform

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the odometry."""
-
-
 from dataclasses import dataclass
 
 from .schema import ParameterGroup, parameter
@@ -9,79 +7,177 @@ from .schema import ParameterGroup, parameter
 
 @dataclass(frozen=True)
 class PriorParameters(ParameterGroup):
-    """What a prior, one hypothesis among others, is worth."""
+    """Prediction of the motion since the last scan, and the gate around it."""
 
-    weight: float = parameter(0.15, 'score that a hypothesis far from the prior loses: clear evidence outweighs it', '', 0.0, 2.0)
-    gate: float = parameter(4.0, 'standard deviations at which it loses all of that', '', 0.1, 100.0)
-    velocity_window: int = parameter(3, 'constant velocity: the mean of so many last velocities goes on', '', 1, 1000)
-    acceleration: float = parameter(1.0, 'constant velocity: spread of the next step, times the interval squared', 'm/s^2',
-                                    0.0, 1000.0)
-    angular_acceleration: float = parameter(4.0, 'constant velocity: the same for the rotation', 'rad/s^2', 0.0, 1000.0)
-    stamp_jitter: float = parameter(0.3, 'constant velocity: spread as a share of the step, for stamps that jitter', '', 0.0, 10.0)
-    min_sigma: float = parameter(0.01, 'constant velocity: least spread', 'm', 0.0001, 10.0)
-    min_rotation_sigma: float = parameter(0.01, 'constant velocity: least spread of the rotation', 'rad', 0.0001, 3.2)
-    point_sigma: float = parameter(0.01, 'spread of a point, when points are set against the prior; at least the range noise',
-                             'm', 0.0, 10.0)
-    calibration_distance: float = parameter(300.0, 'told motions: what is wrong with them time and again is learned over so long a way, a radian as '
-                                     'a metre; 0: they are believed as told', 'm', 0.0, 1000000.0)
-    unknown_sigma: float = parameter(0.25, 'spread of the motion when nothing is known of it', 'm', 0.001, 1000.0)
-    unknown_rotation_sigma: float = parameter(0.25, 'spread of the rotation when nothing is known of it', 'rad', 0.001, 6.4)
+    weight: float = parameter(
+        0.15, bounds=(0.0, 2.0),
+        help='Largest score that a hypothesis loses for its distance from the prediction. Larger values follow the '
+             'prediction more closely; smaller values let the scans decide.')
+    gate: float = parameter(
+        4.0, bounds=(0.1, 100.0),
+        help='Size of the gate around the prediction, in standard deviations. Larger values accept results farther '
+             'from the prediction; smaller values reject more outliers, and true motions that are sudden.')
+    velocity_window: int = parameter(
+        3, bounds=(1, 1000),
+        help='Number of past velocities whose mean the constant-velocity model predicts. Larger values give smoother '
+             'predictions that follow changes late; smaller values follow changes, and noise, at once.')
+    acceleration: float = parameter(
+        1.0, unit='m/s^2', bounds=(0.0, 1000.0),
+        help='Standard deviation of the acceleration in the constant-velocity model. Larger values widen the gate for '
+             'robots that start and brake hard; smaller values tighten it.')
+    angular_acceleration: float = parameter(
+        4.0, unit='rad/s^2', bounds=(0.0, 1000.0),
+        help='Standard deviation of the angular acceleration in the constant-velocity model. Larger values widen the '
+             'gate for robots that rotate abruptly; smaller values tighten it.')
+    stamp_jitter: float = parameter(
+        0.3, bounds=(0.0, 10.0),
+        help='Standard deviation of the predicted motion as a fraction of the motion itself, to allow for stamps that '
+             'jitter. Larger values widen the gate for fast motions; smaller values suit sensors with exact stamps.')
+    min_sigma: float = parameter(
+        0.01, unit='m', bounds=(0.0001, 10.0),
+        help='Lower limit of the standard deviation of the predicted translation. Larger values widen the gate at '
+             'rest; smaller values tie slow motions closer to the prediction.')
+    min_rotation_sigma: float = parameter(
+        0.01, unit='rad', bounds=(0.0001, 3.2),
+        help='Lower limit of the standard deviation of the predicted rotation. Larger values widen the gate at rest; '
+             'smaller values tie slow rotations closer to the prediction.')
+    point_sigma: float = parameter(
+        0.01, unit='m', bounds=(0.0, 10.0),
+        help='Standard deviation of a point when points are weighed against the prediction, at least the range noise. '
+             'Larger values give the prediction more weight in the alignment with the map; smaller values give the '
+             'points more.')
+    calibration_distance: float = parameter(
+        300.0, unit='m', bounds=(0.0, 1000000.0),
+        help='Distance over which the calibration of systematic errors of an external prior forgets; a rotation of 1 '
+             'rad counts as 1 m. Larger values average for longer; smaller values follow changes sooner; 0 disables '
+             'the calibration.')
+    unknown_sigma: float = parameter(
+        0.25, unit='m', bounds=(0.001, 1000.0),
+        help='Standard deviation of the translation while no velocity is known, as after a start. Larger values search '
+             'a wider area; smaller values assume a sensor that starts at rest.')
+    unknown_rotation_sigma: float = parameter(
+        0.25, unit='rad', bounds=(0.001, 6.4),
+        help='Standard deviation of the rotation while no velocity is known, as after a start. Larger values search '
+             'more headings; smaller values assume a sensor that starts at rest.')
 
     @property
-    def enough(self):
-        """No hypothesis that a prior rules out scores more than this."""
+    def max_score_outside_gate(self) -> float:
+        """Score that no hypothesis outside the gate can exceed."""
         return 1.0 - self.weight
 
 
 @dataclass(frozen=True)
 class OdometryParameters(ParameterGroup):
-    """Reference and key frames of the odometry."""
+    """Reference, key frames, dynamic points and lost track."""
 
-    reference: str = parameter('window', 'what scans are registered to: previous (the last scan, the paper), keyframe (the '
-                               'last key frame), window (the last key frame, then aligned with the last several)', '',
-                               choices=('previous', 'keyframe', 'window'))
-    prior: str = parameter('constant_velocity', 'what is expected without a prior from elsewhere: none, constant_velocity',
-                           '', choices=('none', 'constant_velocity'))
-    key_frames: int = parameter(40, 'key frames of the window', '', 1, 1000)
-    dynamic_key_frames: int = parameter(6, 'what stands in space that one of so many latest key frames saw to be free is moving and '
-                                      'left out; 0: nothing is', '', 0, 1000)
-    dynamic_margin: float = parameter(0.2, 'so far in front of what they saw, where the motion is expected to better than that',
-                                     'm', 0.0, 100.0)
-    movable_size: float = parameter(1.1, 'what is smaller than this and has deeper space on both sides, or ends the scan, may move: '
-                                    'people, mostly; 0: nothing may', 'm', 0.0, 100.0)
-    movable_weight: float = parameter(0.03, 'a point of it counts so much', '', 0.0, 1.0)
-    movable_information_ratio: float = parameter(0.33, 'where all such things hold less than this share of the motion in every direction '
-                                     'they count in full', '', 0.0, 1.0)
-    static_baseline: float = parameter(0.5, 'until a key frame from so far away or more saw it in the same place', 'm', 0.0,
-                                        100.0)
-    pole_size: float = parameter(0.3, 'what is smaller than this, too small to have normals, and has deeper space or nothing on both '
-                                 'sides, counts as a round post, little until it is seen as above; 0: not at all', 'm', 0.0, 10.0)
-    key_frame_distance: float = parameter(0.3, 'a scan this far from the last key frame becomes one', 'm', 0.0, 100.0)
-    key_frame_angle: float = parameter(0.26, 'or turned by this much', 'rad', 0.0, 6.4)
-    key_frame_overlap: float = parameter(0.5, 'or with less overlap', '', 0.0, 1.0)
-    older_key_frames: int = parameter(2, 'older key frames that are tried when the last one leads nowhere or leaves a direction free', '', 0, 100)
-    coast_time: float = parameter(1.0, 'a lost sensor is taken to move on as expected this long', 's', 0.0, 1000.0)
-    restart_time: float = parameter(5.0, 'and then to stand, or to move as it is told from elsewhere; after this long a new '
-                                'reference is started', 's', 0.0, 10000.0)
-    zero_velocity_gate: float = parameter(5.0, 'a sensor that stays this close to where it stands, in standard deviations of a scan, has not '
-                            'moved; 0: every scan is taken at its word', '', 0.0, 100.0)
-    deskew: bool = parameter(True, 'take out the motion within a scan, where time_increment is given')
+    reference: str = parameter(
+        'window', choices=('previous', 'keyframe', 'window'),
+        help='Reference of a scan: previous (the last scan, as in the paper), keyframe (the latest key frame) or '
+             'window (the latest key frame, then an alignment with the last several).')
+    prior: str = parameter(
+        'constant_velocity', choices=('none', 'constant_velocity'),
+        help='Prediction without an external prior: none (any motion since the last scan) or constant_velocity (the '
+             'motion model).')
+    key_frames: int = parameter(
+        40, bounds=(1, 1000),
+        help='Number of key frames in the window. Larger values reduce drift where the robot comes back to known '
+             'places and take longer; smaller values are faster.')
+    dynamic_key_frames: int = parameter(
+        6, bounds=(0, 1000),
+        help='Number of latest key frames whose free space reveals dynamic points, which are left out. Larger values '
+             'find more dynamic points and take longer; 0 disables the detection.')
+    dynamic_margin: float = parameter(
+        0.2, unit='m', bounds=(0.0, 100.0),
+        help='A point is dynamic when it lies farther than this in front of what a key frame saw. It applies where the '
+             'translation is predicted to better than this. Larger values leave out fewer points; smaller values also '
+             'leave out static points.')
+    movable_size: float = parameter(
+        1.1, unit='m', bounds=(0.0, 100.0),
+        help='An object smaller than this, with deeper space or the end of the scan on both sides, is movable, as '
+             'people are. Larger values reduce the weight of more objects; 0 treats no object as movable.')
+    movable_weight: float = parameter(
+        0.03, bounds=(0.0, 1.0),
+        help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '
+             'the pose more; smaller values lose information in rooms with small objects.')
+    movable_information_ratio: float = parameter(
+        0.33, bounds=(0.0, 1.0),
+        help='Movable objects keep full weight where they provide less than this fraction of the translational '
+             'information in every direction. Larger values reduce their weight less often; smaller values do so more '
+             'often.')
+    static_baseline: float = parameter(
+        0.5, unit='m', bounds=(0.0, 100.0),
+        help='A movable object counts as static once a key frame from at least this far away saw it in the same place. '
+             'Larger values confirm objects later; smaller values may confirm one that moves with the sensor.')
+    pole_size: float = parameter(
+        0.3, unit='m', bounds=(0.0, 10.0),
+        help='An object smaller than this, without normals and with deeper space or no return on both sides, is used '
+             'as a round pole. Larger values take more objects for poles; 0 uses no poles.')
+    key_frame_distance: float = parameter(
+        0.3, unit='m', bounds=(0.0, 100.0),
+        help='A scan becomes a key frame when it lies farther than this from the latest one. Larger values give fewer '
+             'key frames and less drift while the overlap lasts; smaller values give more key frames.')
+    key_frame_angle: float = parameter(
+        0.26, unit='rad', bounds=(0.0, 6.4),
+        help='A scan becomes a key frame when its heading differs from the latest one by more than this. Larger values '
+             'give fewer key frames; smaller values give more.')
+    key_frame_overlap: float = parameter(
+        0.5, bounds=(0.0, 1.0),
+        help='A scan becomes a key frame when less than this fraction of its points overlaps the latest one. Larger '
+             'values give more key frames; smaller values give fewer.')
+    older_key_frames: int = parameter(
+        2, bounds=(0, 100),
+        help='Number of older key frames that are tried when the latest one gives no result or leaves a degenerate '
+             'direction. Larger values find more scans and take longer; 0 tries none.')
+    coast_time: float = parameter(
+        1.0, unit='s', bounds=(0.0, 1000.0),
+        help='Time for which dead reckoning goes on at the last velocity while scans are not found. Larger values '
+             'bridge longer gaps and stray farther; smaller values assume a standstill sooner.')
+    restart_time: float = parameter(
+        5.0, unit='s', bounds=(0.0, 10000.0),
+        help='Time after which a track that is still lost restarts with the current scan as reference. Larger values '
+             'wait longer for a known place to return; smaller values resume sooner at an uncertain pose.')
+    zero_velocity_gate: float = parameter(
+        5.0, bounds=(0.0, 100.0),
+        help='Zero-velocity update: poses within this many standard deviations of their mean are averaged after 1 s. '
+             'Larger values suppress more jitter, and very slow motions; 0 disables the update.')
+    deskew: bool = parameter(
+        True, help='If true, the motion within a scan is removed, where the scan states its time_increment.')
 
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):
-    """Heading by the directions that most walls of a building share, modulo a right angle."""
+    """Heading correction by the directions that most walls of a building share, modulo a right angle."""
 
-    heading_drift: float = parameter(0.0011, 'so much the heading drifts over a way of 1 m, and over any other with its root, a radian as a '
-                                     'metre; 0: it is left as it is', 'rad', 0.0, 1.0)
-    wall_sigma: float = parameter(0.012, 'walls in one place are off the directions of most by so much', 'rad', 0.0001, 1.0)
-    correlation_distance: float = parameter(20.0, 'those so far away have little to do with them', 'm', 0.1, 100000.0)
-    direction_sigma: float = parameter(0.035, 'walls this close to a direction are along it (one standard deviation)', 'rad', 0.001, 0.5)
-    min_aligned_ratio: float = parameter(0.5, 'nothing is corrected where less than this share of the walls is', '', 0.0, 1.0)
+    heading_drift: float = parameter(
+        0.0011, unit='rad', bounds=(0.0, 1.0),
+        help='Standard deviation of the heading drift after 1 m; it grows with the root of the distance, and a '
+             'rotation of 1 rad counts as 1 m. Larger values correct the heading more strongly; 0 disables the '
+             'correction.')
+    wall_sigma: float = parameter(
+        0.012, unit='rad', bounds=(0.0001, 1.0),
+        help='Standard deviation of the walls of one place from the common directions. Larger values correct the '
+             'heading less; smaller values trust every wall more.')
+    correlation_distance: float = parameter(
+        20.0, unit='m', bounds=(0.1, 100000.0),
+        help='Distance over which the deviation of walls from the common directions is correlated. Larger values '
+             'correct the heading less along one wing of a building; smaller values take every wall as a new '
+             'observation.')
+    direction_sigma: float = parameter(
+        0.035, unit='rad', bounds=(0.001, 0.5),
+        help='Standard deviation within which a wall counts as parallel to a common direction. Larger values use more '
+             'walls, oblique ones among them; smaller values use fewer.')
+    min_aligned_ratio: float = parameter(
+        0.5, bounds=(0.0, 1.0),
+        help='The heading is corrected only where at least this fraction of the wall length follows the common '
+             'directions. Larger values correct only in regular buildings; smaller values also correct elsewhere.')
 
 
 @dataclass(frozen=True)
 class TimeParameters(ParameterGroup):
     """Stamps."""
 
-    max_jump: float = parameter(2.0, 'stamps that go back by more than this restart tracking at the last pose, and twice in a row reset the node to the origin; after a gap of more than this nothing is known of the motion', 's', 0.0, 1000000.0)
+    max_jump: float = parameter(
+        2.0, unit='s', bounds=(0.0, 1000000.0),
+        help='Stamps that go back by more than this restart tracking at the last pose, and twice in a row reset the '
+             'node to the origin; a gap of more than this makes the motion unknown. Larger values tolerate longer '
+             'gaps; smaller values react to shorter ones.')

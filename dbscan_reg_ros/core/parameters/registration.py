@@ -1,185 +1,415 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a registration."""
-
-
 from dataclasses import dataclass
 
 from .schema import ParameterGroup, parameter
 
-_MOST = 10000
+MAX_COUNT = 10000
+"""Upper limit of every parameter that the wide search multiplies."""
+_MIN_KERNEL = 0.001
+"""Smallest kernel scale [m] of the polishing iterations."""
 _CLUSTERINGS = 'built_in', 'scikit_learn'
-_CLUSTERING_HELP = ('Implementation of DBSCAN: built_in (fast), scikit_learn (sklearn.cluster.DBSCAN, as in the paper); the '
-                    'clusters are the same.')
 
 
 @dataclass(frozen=True)
 class RotationParameters(ParameterGroup):
     """Clusters of angle differences (Eq. 9)."""
 
-    directed: bool = parameter(True, 'lines keep the direction in which the beams pass them')
-    weighted: bool = parameter(True, 'pairs weigh as much as their shorter line is long')
-    clustering: str = parameter('built_in', _CLUSTERING_HELP, '', choices=_CLUSTERINGS)
-    eps: float = parameter(0.0, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'rad', 0.0, 3.2)
-    eps_min: float = parameter(0.005, 'least neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
-    eps_max: float = parameter(0.05, 'greatest neighbourhood taken from the k-dist graph', 'rad', 0.0001, 3.2)
-    min_samples: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
-    max_width: float = parameter(0.1, 'a wider cluster is a chain and is clustered again; 0: never', 'rad', 0.0, 6.4)
-    recluster_levels: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
-    median_scale: float = parameter(0.0, 'in a cluster\'s mean samples this far from its median weigh half; 0: distance does not matter',
-                             'rad', 0.0, 3.2)
-    max_hypotheses: int = parameter(5, 'clusters that are followed further, heaviest first', '', 1, _MOST)
+    directed: bool = parameter(
+        True, help='If true, a line keeps the direction in which the beams pass it, and rotations are unique modulo 2 '
+                   'pi. If false, lines have no direction, as in the paper, and rotations are unique modulo pi.')
+    weighted: bool = parameter(
+        True, help='If true, a pair of lines is weighted by the length of the shorter one. If false, all pairs weigh '
+                   'the same, as in the paper.')
+    clustering: str = parameter(
+        'built_in', choices=_CLUSTERINGS,
+        help='Implementation of DBSCAN over angle differences: built_in (fast) or scikit_learn '
+             '(sklearn.cluster.DBSCAN). Both give the same clusters.')
+    eps: float = parameter(
+        0.0, unit='rad', bounds=(0.0, 3.2),
+        help='Neighbourhood radius of DBSCAN over angle differences. Larger values merge clusters; smaller values '
+             'split them; 0 takes it from the k-dist graph of each pair of scans.')
+    eps_min: float = parameter(
+        0.005, unit='rad', bounds=(0.0001, 3.2),
+        help='Lower limit of the neighbourhood radius from the k-dist graph of angle differences. Larger values merge '
+             'more clusters; smaller values allow finer ones.')
+    eps_max: float = parameter(
+        0.05, unit='rad', bounds=(0.0001, 3.2),
+        help='Upper limit of the neighbourhood radius from the k-dist graph of angle differences. Larger values allow '
+             'wider clusters; smaller values keep clusters apart.')
+    min_samples: int = parameter(
+        1, bounds=(1, 1000),
+        help='MinPts of DBSCAN over angle differences. Larger values drop small clusters as noise; 1 keeps every '
+             'difference.')
+    max_width: float = parameter(
+        0.1, unit='rad', bounds=(0.0, 6.4),
+        help='A rotation cluster wider than this is clustered again with half the neighbourhood. Larger values accept '
+             'wider clusters; smaller values split more; 0 never clusters again.')
+    recluster_levels: int = parameter(
+        1, bounds=(0, 10),
+        help='Number of times that a wide rotation cluster is clustered again, with half the neighbourhood each time. '
+             'Larger values split wide clusters further; 0 leaves them as they are.')
+    median_scale: float = parameter(
+        0.0, unit='rad', bounds=(0.0, 3.2),
+        help='Distance from the median of a rotation cluster at which a sample has half its weight in the mean. '
+             'Smaller values make the mean more robust; 0 disables this weighting.')
+    max_hypotheses: int = parameter(
+        5, bounds=(1, MAX_COUNT),
+        help='Number of rotation clusters that become hypotheses, the heaviest first. Larger values find more unusual '
+             'motions and take longer; smaller values are faster.')
 
 
 @dataclass(frozen=True)
 class TranslationParameters(ParameterGroup):
     """Clusters of translations (Eq. 10-15)."""
 
-    form: str = parameter('signed', 'what a pair of lines says: signed (which way to go, from directed lines), squared (how far '
-                          'only, Eq. 15: four solutions for two pairs)', '', choices=('signed', 'squared'))
-    key_clusters: int = parameter(2, 'divergence: every sample of so many largest clusters is a candidate', '', 1, 1000)
-    parallel_sigma: float = parameter(0.06, 'eps1 of Eq. 12: lines this far from parallel still count (one standard deviation)', 'rad',
-                                0.0001, 1.6)
-    min_crossing_sine: float = parameter(0.35, 'eps2 of Eq. 13, as the sine of the angle between two pairs', '', 0.0001, 1.0)
-    max_pairs: int = parameter(14, 'line pairs used for each rotation, heaviest first', '', 2, 10000)
-    end_weight: float = parameter(1.0, 'weight of matched end points against line pairs; 0: lines only', '', 0.0, 100.0)
-    clustering: str = parameter('built_in', _CLUSTERING_HELP, '', choices=_CLUSTERINGS)
-    eps: float = parameter(0.06, 'neighbourhood of DBSCAN; 0: from the k-dist graph of each pair of scans', 'm', 0.0, 100.0)
-    eps_min: float = parameter(0.02, 'least neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
-    eps_max: float = parameter(0.2, 'greatest neighbourhood taken from the k-dist graph', 'm', 0.0001, 100.0)
-    min_samples: int = parameter(1, 'MinPts of DBSCAN', '', 1, 1000)
-    max_width: float = parameter(0.15, 'a cluster spread wider is a chain and is clustered again; 0: never', 'm', 0.0, 100.0)
-    recluster_levels: int = parameter(1, 'times that a chain is clustered again, with half the neighbourhood each', '', 0, 10)
-    shortest_rotations: int = parameter(2, 'rotations, heaviest first, whose shortest translation is a hypothesis as well: between '
-                              'parallel walls no lines cross', '', 0, 1000)
+    form: str = parameter(
+        'signed', choices=('signed', 'squared'),
+        help='Equation of a pair of lines: signed (directed lines give one translation) or squared (Eq. 15 of the '
+             'paper, which leaves the sign open: four translations for two pairs).')
+    key_clusters: int = parameter(
+        2, bounds=(1, 1000),
+        help='Number of largest translation clusters whose samples the divergence selection compares. Larger values '
+             'compare more samples and take longer; smaller values are faster.')
+    parallel_sigma: float = parameter(
+        0.06, unit='rad', bounds=(0.0001, 1.6),
+        help='Standard deviation of the angle by which two matched lines may differ from parallel (eps1 of Eq. 12). '
+             'Larger values match more lines, wrong ones among them; smaller values match fewer.')
+    min_crossing_sine: float = parameter(
+        0.35, bounds=(0.0001, 1.0),
+        help='Least sine of the angle between two pairs of lines that give a translation (eps2 of Eq. 13). Larger '
+             'values use fewer and better conditioned pairs; smaller values use more.')
+    max_pairs: int = parameter(
+        14, bounds=(2, 10000),
+        help='Number of line pairs that are used for each rotation, the heaviest first. Larger values give more '
+             'samples and take longer; smaller values are faster.')
+    end_weight: float = parameter(
+        1.0, bounds=(0.0, 100.0),
+        help='Weight of matched end points relative to pairs of lines. Larger values trust corners and free ends more; '
+             '0 uses lines only.')
+    clustering: str = parameter(
+        'built_in', choices=_CLUSTERINGS,
+        help='Implementation of DBSCAN over translations: built_in (fast) or scikit_learn (sklearn.cluster.DBSCAN). '
+             'Both give the same clusters.')
+    eps: float = parameter(
+        0.06, unit='m', bounds=(0.0, 100.0),
+        help='Neighbourhood radius of DBSCAN over translations. Larger values merge clusters; smaller values split '
+             'them; 0 takes it from the k-dist graph of each pair of scans.')
+    eps_min: float = parameter(
+        0.02, unit='m', bounds=(0.0001, 100.0),
+        help='Lower limit of the neighbourhood radius from the k-dist graph of translations. Larger values merge more '
+             'clusters; smaller values allow finer ones.')
+    eps_max: float = parameter(
+        0.2, unit='m', bounds=(0.0001, 100.0),
+        help='Upper limit of the neighbourhood radius from the k-dist graph of translations. Larger values allow wider '
+             'clusters; smaller values keep clusters apart.')
+    min_samples: int = parameter(
+        1, bounds=(1, 1000),
+        help='MinPts of DBSCAN over translations. Larger values drop small clusters as noise; 1 keeps every '
+             'translation.')
+    max_width: float = parameter(
+        0.15, unit='m', bounds=(0.0, 100.0),
+        help='A translation cluster with a larger spread than this is clustered again with half the neighbourhood. '
+             'Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
+    recluster_levels: int = parameter(
+        1, bounds=(0, 10),
+        help='Number of times that a wide translation cluster is clustered again, with half the neighbourhood each '
+             'time. Larger values split wide clusters further; 0 leaves them as they are.')
+    shortest_rotations: int = parameter(
+        2, bounds=(0, 1000),
+        help='Number of rotations, the heaviest first, whose shortest translation is a hypothesis as well, because no '
+             'lines cross between parallel walls. Larger values add hypotheses in corridors; 0 adds none.')
 
 
 @dataclass(frozen=True)
 class DensityParameters(ParameterGroup):
-    """Density of the reference as a table, and how scans are compared to it (Eq. 16-21)."""
+    """Likelihood field of the reference, and how scans are compared with it (Eq. 16-21)."""
 
-    max_points: int = parameter(200, 'points of the current scan that are compared, evenly along the scan', '', 10, 100000)
-    cell_size: float = parameter(0.04, 'least cell of the table', 'm', 0.005, 10.0)
-    max_cells: int = parameter(800, 'most cells along a side of the table', '', 50, 4000)
-    max_distance: float = parameter(0.4, 'a point has no partner farther away than this', 'm', 0.02, 2.0)
-    min_normal_cosine: float = parameter(0.5, 'cosine of the greatest angle between the normals of partners', '', -1.0, 1.0)
-    violation_weight: float = parameter(0.7, 'weight of a point in the other scan\'s free space against one on its surface', '', 0.0, 100.0)
-    violation_tolerance: float = parameter(0.15, 'a point this far in front of what the other scan saw begins to count', 'm', 0.01, 10.0)
-    leverage_ridge: float = parameter(1.0, 'points count more where few face the same way; large: all alike', '', 0.001, 1000.0)
+    max_points: int = parameter(
+        200, bounds=(10, 100000),
+        help='Number of points of a scan, evenly along it, that hypotheses are compared by. More points give better '
+             'scores and take longer; fewer are faster.')
+    cell_size: float = parameter(
+        0.04, unit='m', bounds=(0.005, 10.0),
+        help='Least cell size of the likelihood field. Larger values make the field faster to build and coarser; '
+             'smaller values find the nearest point more exactly.')
+    max_cells: int = parameter(
+        800, bounds=(50, 4000),
+        help='Number of cells along a side of the likelihood field beyond which its cells grow. Larger values keep '
+             'cells small for far-reaching sensors and take memory and time; smaller values are faster.')
+    max_distance: float = parameter(
+        0.4, unit='m', bounds=(0.02, 2.0),
+        help='Distance beyond which a point has no correspondence. Larger values draw hypotheses in from farther away '
+             'and take longer; smaller values reject more outliers.')
+    min_normal_cosine: float = parameter(
+        0.5, bounds=(-1.0, 1.0),
+        help='Least cosine of the angle between the normals of two corresponding points. Larger values reject more '
+             'wrong correspondences; smaller values accept noisier normals.')
+    violation_weight: float = parameter(
+        0.7, bounds=(0.0, 100.0),
+        help='Weight of a point in the free space of the other scan, relative to a point on its surface. Larger values '
+             'reject hypotheses that see through walls; smaller values tolerate dynamic points.')
+    violation_tolerance: float = parameter(
+        0.15, unit='m', bounds=(0.01, 10.0),
+        help='Distance in front of what the other scan saw from which on a point violates its free space. Larger '
+             'values tolerate larger errors; smaller values count more violations.')
+    leverage_ridge: float = parameter(
+        1.0, bounds=(0.001, 1000.0),
+        help='Ridge of the leverage by which points with a rare normal direction get more weight. Larger values weigh '
+             'all points more alike; smaller values stress the few points at the end of a corridor.')
 
 
 @dataclass(frozen=True)
 class SelectionParameters(ParameterGroup):
-    """From many hypotheses to one."""
+    """Selection of one hypothesis among many."""
 
-    method: str = parameter('density', 'density (clusters are sieved, refined and compared by the reference\'s density), '
-                            'divergence (least K-L divergence within the key clusters, the paper)', '',
-                            choices=('density', 'divergence'))
-    max_clusters: int = parameter(8, 'translation clusters that are followed without a prior, heaviest first', '', 1, _MOST)
-    max_clusters_with_prior: int = parameter(20, 'those that are sieved with a prior', '', 1, _MOST)
-    preselection_points: int = parameter(60, 'points used by the sieve and, without a prior, by the coarse refinement, besides those that '
-                                  'face where few others do', '', 5, 10000)
-    preselection_tolerance: float = parameter(0.25, 'distance from the outline at which a point supports no more', 'm', 0.01, 10.0)
-    preselected: int = parameter(4, 'those that pass the sieve', '', 1, _MOST)
-    min_support_ratio: float = parameter(0.6, 'without a prior hypotheses with less than this share of the best one\'s support are given up', '',
-                               0.0, 1.0)
-    wide_search_score: float = parameter(0.5, 'below this score, and without a prior where the result is not ok, the search is repeated with '
-                             'more hypotheses', '', -1.0, 1.0)
-    wide_search_factor: int = parameter(30, 'so many times as many; 1: it is not', '', 1, 100)
-    max_landmarks: int = parameter(24, 'then two small things that stand free, as far apart in both scans, tell a motion as well: the '
-                               'nearest so many; 0: none', '', 0, 50)
-    landmark_size: float = parameter(1.0, 'they are smaller than this', 'm', 0.0, 10.0)
-    wide_search_gain: float = parameter(0.02, 'its result has to score so much more', '', 0.0, 2.0)
-    top_candidates: int = parameter(2, 'hypotheses refined finely and compared,', '', 1, 1000)
-    max_score_gap: float = parameter(0.4, 'unless they score lower than the best by more than this', '', 0.0, 2.0)
-    same_distance: float = parameter(0.05, 'hypotheses nearer than this are one', 'm', 0.0, 10.0)
-    same_angle: float = parameter(0.02, 'and turned by less than this', 'rad', 0.0, 3.2)
+    method: str = parameter(
+        'density', choices=('density', 'divergence'),
+        help='Selection among translation clusters: density (pre-selection, refinement and score on the likelihood '
+             'field) or divergence (least K-L divergence within the key clusters, as in the paper).')
+    max_clusters: int = parameter(
+        8, bounds=(1, MAX_COUNT),
+        help='Number of translation clusters that become hypotheses without a prior, the heaviest first. Larger values '
+             'find more unusual motions and take longer; smaller values are faster.')
+    max_clusters_with_prior: int = parameter(
+        20, bounds=(1, MAX_COUNT),
+        help='Number of translation clusters that enter the pre-selection with a prior, the heaviest first. Larger '
+             'values find more unusual motions and take longer; smaller values are faster.')
+    preselection_points: int = parameter(
+        60, bounds=(5, 10000),
+        help='Number of points for the pre-selection and, without a prior, for the coarse refinement; points with a '
+             'rare normal direction are added. More points choose better and take longer; fewer are faster.')
+    preselection_tolerance: float = parameter(
+        0.25, unit='m', bounds=(0.01, 10.0),
+        help='Distance from the outline of the reference at which a point no longer supports a hypothesis in the '
+             'pre-selection. Larger values are more forgiving; smaller values choose more strictly.')
+    preselected: int = parameter(
+        4, bounds=(1, MAX_COUNT),
+        help='Number of hypotheses that pass the pre-selection. Larger values lose fewer good ones and take longer; '
+             'smaller values are faster.')
+    min_support_ratio: float = parameter(
+        0.6, bounds=(0.0, 1.0),
+        help='Without a prior, hypotheses with less than this fraction of the best support are dropped before the '
+             'refinement. Larger values drop more and are faster; smaller values drop fewer.')
+    wide_search_score: float = parameter(
+        0.5, bounds=(-1.0, 1.0),
+        help='Score below which the wide search with more hypotheses follows; without a prior it also follows every '
+             'result that is not OK. Larger values search more often and take longer; smaller values search less '
+             'often.')
+    wide_search_factor: int = parameter(
+        30, bounds=(1, 100),
+        help='Factor by which the wide search raises the numbers of hypotheses. Larger values find more unusual '
+             'motions and take longer; 1 disables the wide search.')
+    max_landmarks: int = parameter(
+        24, bounds=(0, 50),
+        help='Number of small objects, the nearest first, whose pairs give further hypotheses in the wide search. '
+             'Larger values help among trees and poles and take longer; 0 uses none.')
+    landmark_size: float = parameter(
+        1.0, unit='m', bounds=(0.0, 10.0),
+        help='Small objects below this size are landmarks of the wide search. Larger values take more objects for '
+             'landmarks; smaller values take only poles and trunks.')
+    wide_search_gain: float = parameter(
+        0.02, bounds=(0.0, 2.0),
+        help='Score by which the result of the wide search must exceed that of the normal search. Larger values keep '
+             'the normal result more often; smaller values replace it for a small gain.')
+    top_candidates: int = parameter(
+        2, bounds=(1, 1000),
+        help='Number of distinct hypotheses that reach the fine refinement and are compared there. Larger values '
+             'decide better between similar places and take longer; 1 takes the best coarse score.')
+    max_score_gap: float = parameter(
+        0.4, bounds=(0.0, 2.0),
+        help='Hypotheses whose coarse score is lower than the best by more than this skip the fine refinement. Larger '
+             'values compare more of them; smaller values are faster.')
+    same_distance: float = parameter(
+        0.05, unit='m', bounds=(0.0, 10.0),
+        help='Two hypotheses closer than this, and than selection.same_angle in rotation, count as one. Larger values '
+             'keep fewer distinct hypotheses; smaller values keep more.')
+    same_angle: float = parameter(
+        0.02, unit='rad', bounds=(0.0, 3.2),
+        help='Two hypotheses whose rotations differ by less than this, and by selection.same_distance in translation, '
+             'count as one. Larger values keep fewer distinct hypotheses; smaller values keep more.')
 
 
 @dataclass(frozen=True)
 class DivergenceParameters(ParameterGroup):
     """Densities of the x and y coordinates (Eq. 16-18) and their K-L divergence (Eq. 19-21)."""
 
-    bandwidth: float = parameter(0.0, 'h of Eq. 16; 0: Silverman\'s rule for each axis of the reference', 'm', 0.0, 100.0)
-    grid: int = parameter(200, 'places along each axis at which the densities are compared', '', 2, 100000)
-    margin: float = parameter(3.0, 'the places reach so many bandwidths beyond both scans', '', 0.0, 100.0)
-
-
-_LEAST_KERNEL = 0.001
+    bandwidth: float = parameter(
+        0.0, unit='m', bounds=(0.0, 100.0),
+        help='Bandwidth h of Eq. 16. Larger values smooth the densities; smaller values keep details; 0 takes '
+             "Silverman's rule for each axis of the reference.")
+    grid: int = parameter(
+        200, bounds=(2, 100000),
+        help='Number of positions along each axis at which the densities are compared. More positions approximate the '
+             'integral better and take longer; fewer are faster.')
+    margin: float = parameter(
+        3.0, bounds=(0.0, 100.0),
+        help='Number of bandwidths by which the compared positions extend beyond both scans. Larger values cover the '
+             'tails of the densities; smaller values cut them off.')
 
 
 @dataclass(frozen=True)
 class RefinementParameters(ParameterGroup):
-    """Robust point-to-line iterations on the density."""
+    """Robust point-to-line iterations on the likelihood field."""
 
-    coarse_iterations: int = parameter(3, 'iterations of the coarse refinement; 0: nor is a free direction searched', '', 0, 100)
-    coarse_scale: float = parameter(0.25, 'kernel of its first iteration', 'm', 0.001, 10.0)
-    fine_iterations: int = parameter(2, 'iterations of the fine refinement; none for a clear winner, which the last ones follow', '', 0, 100)
-    fine_scale: float = parameter(0.1, 'kernel of its first iteration and the last coarse one', 'm', 0.001, 10.0)
-    final_scale: float = parameter(0.03, 'kernel of the last fine iteration', 'm', 0.001, 10.0)
-    polish_iterations: int = parameter(5, 'last iterations, with a kernel that narrows to so many times the spread of the errors:', '', 0, 100)
-    polish_spread: float = parameter(1.6, 'that many times', '', 1.2, 10.0)
-    map_iterations: int = parameter(4, 'iterations against the window', '', 0, 100)
-    map_first_scale: float = parameter(0.05, 'kernel of the first of them', 'm', 0.001, 10.0)
-    map_scale: float = parameter(0.01, 'kernel of the last of them; at least the range noise', 'm',
-                                    0.001, 10.0)
-    score_scale: float = parameter(0.05, 'kernel of the score', 'm', 0.001, 10.0)
-    damping: float = parameter(0.003, 'damping of a step, as a share of the translational information', '', 1e-6, 1.0)
+    coarse_iterations: int = parameter(
+        3, bounds=(0, 100),
+        help='Number of coarse iterations of all hypotheses. Larger values draw hypotheses in from farther away and '
+             'take longer; 0 disables them and the search along a degenerate direction.')
+    coarse_scale: float = parameter(
+        0.25, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the first coarse iteration. Larger values draw hypotheses in from farther away; smaller '
+             'values resist outliers more.')
+    fine_iterations: int = parameter(
+        2, bounds=(0, 100),
+        help='Number of fine iterations when several hypotheses are compared; a clear winner goes straight to '
+             'polishing. Larger values compare more exactly and take longer; 0 compares by the coarse result.')
+    fine_scale: float = parameter(
+        0.1, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the last coarse and of the first fine iteration. Larger values tolerate larger remaining '
+             'errors; smaller values resist outliers more.')
+    final_scale: float = parameter(
+        0.03, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the last fine and of the first polishing iteration. Larger values use more points; '
+             'smaller values resist outliers more.')
+    polish_iterations: int = parameter(
+        5, bounds=(0, 100),
+        help='Number of polishing iterations of the best hypothesis, with a kernel that narrows to the spread of the '
+             'errors. Larger values converge further and take longer; 0 disables polishing.')
+    polish_spread: float = parameter(
+        1.6, bounds=(1.2, 10.0),
+        help='Kernel scale of a polishing iteration in multiples of the spread of the errors. Larger values use more '
+             'points; smaller values resist outliers more.')
+    map_iterations: int = parameter(
+        4, bounds=(0, 100),
+        help='Number of iterations that align a scan with the key-frame window. Larger values converge further and '
+             'take longer; 0 leaves out this alignment.')
+    map_first_scale: float = parameter(
+        0.05, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the first iteration against the key-frame window. Larger values correct larger errors; '
+             'smaller values resist outliers more.')
+    map_scale: float = parameter(
+        0.01, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the last iteration against the key-frame window, at least the range noise. Larger values '
+             'use more points; smaller values resist outliers more.')
+    score_scale: float = parameter(
+        0.05, unit='m', bounds=(0.001, 10.0),
+        help='Kernel scale of the score and of the covariance. Larger values give higher scores to inexact matches; '
+             'smaller values ask for a closer fit.')
+    damping: float = parameter(
+        0.003, bounds=(1e-6, 1.0),
+        help='Damping of an iteration as a fraction of the translational information. Larger values move less along '
+             'degenerate directions and converge more slowly; smaller values move more.')
 
-    def coarse_scales(self):
-        """Kernel [m] of each coarse iteration, from wide to narrow."""
+    def coarse_scales(self) -> list[float]:
+        """Kernel scale [m] of each coarse iteration, from wide to narrow."""
         return _geometric(self.coarse_scale, self.fine_scale, self.coarse_iterations)
 
-    def fine_scales(self):
-        """Kernel [m] of each fine iteration, from wide to narrow."""
+    def fine_scales(self) -> list[float]:
+        """Kernel scale [m] of each fine iteration, from wide to narrow."""
         return _geometric(self.fine_scale, self.final_scale, self.fine_iterations)
 
-    def window_scales(self, noise):
-        """Kernel [m] of each iteration against the window, for a range noise [m]."""
+    def window_scales(self, noise: float) -> list[float]:
+        """Kernel scale [m] of each iteration against the key-frame window, for a range noise [m]."""
         return _geometric(self.map_first_scale, max(self.map_scale, noise), self.map_iterations)
 
-    def narrowed(self, scale, spread):
-        """The next kernel [m] of the last iterations, after one of `scale` [m] that left a `spread` [m] of the errors."""
-        return min(max(self.polish_spread * spread, _LEAST_KERNEL), scale)
+    def narrowed(self, scale: float, spread: float) -> float:
+        """Kernel scale [m] of the next polishing iteration, from the last one's `scale` [m] and `spread` of errors [m]."""
+        return min(max(self.polish_spread * spread, _MIN_KERNEL), scale)
 
 
-def _geometric(first, last, count):
+def _geometric(first: float, last: float, count: int) -> list[float]:
     return [first * (last / first) ** (i / max(count - 1, 1)) for i in range(count)]
 
 
 @dataclass(frozen=True)
-class FreeDirectionParameters(ParameterGroup):
-    """Search along a direction that the walls leave free (corridors)."""
+class DegeneracyParameters(ParameterGroup):
+    """Search along a degenerate direction (corridors)."""
 
-    information_ratio: float = parameter(0.05, 'searched when the information along it is below this share of that across', '', 0.0, 1.0)
-    search_distance: float = parameter(1.0, 'searched this far to both sides', 'm', 0.0, 100.0)
-    search_scale: float = parameter(0.05, 'kernel of the last search', 'm', 0.005, 1.0)
-    min_facing: float = parameter(0.35, 'points whose normal has at least this component along it decide', '', 0.0, 1.0)
-    min_points: int = parameter(2, 'no search with fewer such points', '', 1, 1000)
-    parallel_tolerance: float = parameter(0.25, 'odometry: points whose normals have less than this component along it do not hold a scan there, '
-                             'nor does the window pull it along by them', '', 0.0, 1.0)
+    information_ratio: float = parameter(
+        0.05, bounds=(0.0, 1.0),
+        help='A direction is degenerate, and searched, when the information along it is below this fraction of that '
+             'across it. Larger values search more often and take longer; smaller values search only in bare '
+             'corridors.')
+    search_distance: float = parameter(
+        1.0, unit='m', bounds=(0.0, 100.0),
+        help='Distance to both sides that is searched along a degenerate direction. Larger values correct larger '
+             'errors, may find a repeated structure instead, and take longer; smaller values stay near the hypothesis.')
+    search_scale: float = parameter(
+        0.05, unit='m', bounds=(0.005, 1.0),
+        help='Kernel scale of the last pass of the search along a degenerate direction. Larger values tolerate larger '
+             'errors; smaller values search in finer steps and take longer.')
+    min_facing: float = parameter(
+        0.35, bounds=(0.0, 1.0),
+        help='Least component of a normal along the degenerate direction for its point to take part in the search. '
+             'Larger values use fewer and more informative points; smaller values use more.')
+    min_points: int = parameter(
+        2, bounds=(1, 1000),
+        help='Least number of points that face along a degenerate direction for it to be searched. Larger values '
+             'search less often; smaller values search on little evidence.')
+    parallel_tolerance: float = parameter(
+        0.25, bounds=(0.0, 1.0),
+        help='Normals with a smaller component than this along the weakest direction do not constrain it in the '
+             'odometry: their walls count as parallel to it. Larger values treat more walls as parallel; smaller '
+             'values trust near-parallel walls more.')
 
 
 @dataclass(frozen=True)
 class DecisionParameters(ParameterGroup):
     """Status and covariance of a registration."""
 
-    rival_distance: float = parameter(0.2, 'hypotheses farther apart than this are rivals', 'm', 0.0, 10.0)
-    rival_angle: float = parameter(0.09, 'or turned by more than this', 'rad', 0.0, 3.2)
-    min_margin: float = parameter(0.05, 'AMBIGUOUS when a rival scores this close to the best', '', 0.0, 2.0)
-    min_score: float = parameter(0.35, 'FAILED when the best scores less', '', -1.0, 1.0)
-    min_information: float = parameter(1.5, 'DEGENERATE when fewer points than this hold the motion in some direction', '',
-                                       0.01, 100000.0)
-    weak_prior_sigma: float = parameter(0.5, 'odometry: a motion that is expected no better than this is unknown,', 'm', 0.0, 1000.0)
-    weak_prior_information: float = parameter(10.0, 'and OK asks for so many points in its weakest direction', '', 0.0, 100000.0)
-    parallel_tolerance: float = parameter(0.15, 'points whose normals have less than this component along the weakest direction do not count '
-                             'among those: where their wall lies is not known well enough', '', 0.0, 1.0)
-    covariance_scale: float = parameter(0.7, 'factor on the variance of a point, for errors that neighbours share', '', 0.001,
-                                        10000.0)
-    few_points_scale: float = parameter(8.0, 'so many points in the weakest direction have twice the variance that their number says', '', 0.0,
-                           1000.0)
-    match_angle: float = parameter(0.1, 'segments turned by less than this are the same wall', 'rad', 0.0, 3.2)
-    match_distance: float = parameter(0.1, 'and nearer than this to its line', 'm', 0.0, 10.0)
+    rival_distance: float = parameter(
+        0.2, unit='m', bounds=(0.0, 10.0),
+        help='Hypotheses farther than this from the best one are rivals. Larger values report AMBIGUOUS less often; '
+             'smaller values count near solutions as rivals.')
+    rival_angle: float = parameter(
+        0.09, unit='rad', bounds=(0.0, 3.2),
+        help='Hypotheses whose rotation differs from the best one by more than this are rivals. Larger values report '
+             'AMBIGUOUS less often; smaller values count near solutions as rivals.')
+    min_margin: float = parameter(
+        0.05, bounds=(0.0, 2.0),
+        help='The status is AMBIGUOUS when a rival scores within this margin of the best. Larger values report '
+             'AMBIGUOUS more often; smaller values report it less often.')
+    min_score: float = parameter(
+        0.35, bounds=(-1.0, 1.0),
+        help='The status is FAILED when the best score is below this. Larger values reject more matches; smaller '
+             'values accept poorer ones.')
+    min_information: float = parameter(
+        1.5, bounds=(0.01, 100000.0),
+        help='The status is DEGENERATE when fewer effective points than this constrain some direction or the rotation. '
+             'Larger values report DEGENERATE more often; smaller values report it less often.')
+    weak_prior_sigma: float = parameter(
+        0.5, unit='m', bounds=(0.0, 1000.0),
+        help='A predicted translation with a larger standard deviation than this counts as a weak prior in the '
+             'odometry, after which OK needs decision.weak_prior_information. Larger values trust weak predictions '
+             'more; smaller values ask for more points more often.')
+    weak_prior_information: float = parameter(
+        10.0, bounds=(0.0, 100000.0),
+        help='Number of effective points that must constrain the weakest direction for OK after a weak prior. Larger '
+             'values report OK less often in corridors; smaller values report it more often.')
+    parallel_tolerance: float = parameter(
+        0.15, bounds=(0.0, 1.0),
+        help='Normals with a smaller component than this along the weakest direction of a corridor add nothing to its '
+             'effective points. Larger values treat more walls as parallel; smaller values trust near-parallel walls '
+             'more.')
+    covariance_scale: float = parameter(
+        0.7, bounds=(0.001, 10000.0),
+        help='Factor on the variance of a point in the covariance, for errors that neighbours share. Larger values '
+             'report larger covariances; smaller values report smaller ones.')
+    few_points_scale: float = parameter(
+        8.0, bounds=(0.0, 1000.0),
+        help='Number of effective points in the weakest direction at which its variance is doubled, because the errors '
+             'of few points are not independent. Larger values report larger covariances in corridors; 0 disables the '
+             'correction.')
+    match_angle: float = parameter(
+        0.1, unit='rad', bounds=(0.0, 3.2),
+        help='Two segments match after the registration when their directions differ by less than this. Larger values '
+             'report more matches; smaller values report fewer.')
+    match_distance: float = parameter(
+        0.1, unit='m', bounds=(0.0, 10.0),
+        help='Two segments match after the registration when one lies closer than this to the line of the other. '
+             'Larger values report more matches; smaller values report fewer.')
 
-    def prior_information(self):
-        """Diagonal of the information that holds before any scan is looked at: 10 m and pi."""
+    def prior_information(self) -> tuple[float, float, float]:
+        """Diagonal of the information that is known before any scan [1/m^2, 1/m^2, 1/rad^2]: 10 m and pi."""
         return 0.01, 0.01, 0.1

@@ -2,30 +2,72 @@
 """What a parameter is: default, unit, bounds, choices and help, and how values are checked."""
 import dataclasses
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
 
 from ..errors import ParameterError
 
+Value: TypeAlias = 'float | int | bool | str | tuple[float, ...]'
+"""Types that a parameter can have."""
+Number = TypeVar('Number', bound=Value)
+Tree = TypeVar('Tree', bound='ParameterTree')
 
-def parameter(default, help, unit='', minimum=None, maximum=None, choices=None, read_only=False):
-    """A dataclass field that knows what it means; a tuple of numbers as default is a list of that length."""
+_LARGEST_EXPONENT = 1024
+"""Whole numbers of more bits than this have no `float`."""
+
+
+def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float, float] | None = None,
+              choices: tuple[str, ...] | None = None, read_only: bool = False) -> Number:
+    """A dataclass field with the description of a parameter.
+
+    Parameters
+    ----------
+    default : float, int, bool, str or tuple of float
+        A tuple of numbers as default makes a list of that length.
+    help : str
+        Whole sentences: what the parameter does, and what larger and smaller values cause.
+    unit : str
+    bounds : (float, float), optional
+        Least and greatest allowed value, both inclusive.
+    choices : tuple of str, optional
+        Allowed values of a text.
+    read_only : bool
+        The value cannot change after the start of the node.
+    """
+    minimum, maximum = bounds or (None, None)
+    if type(default) is int and bounds is not None:
+        minimum, maximum = int(bounds[0]), int(bounds[1])
     return dataclasses.field(default=default, metadata={
-        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices,
-        'read_only': read_only})
+        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices, 'read_only': read_only})
 
 
 @dataclass(frozen=True)
 class Description:
-    """What is known of one parameter by its full name."""
+    """The description of one parameter by its full name.
+
+    Attributes
+    ----------
+    name : str
+        Full name, ``group.field``.
+    type : type
+        `float`, `int`, `bool`, `str` or `tuple`.
+    default : float, int, bool, str or tuple of float
+    help, unit : str
+    minimum, maximum : float or None
+        Bounds, both inclusive.
+    choices : tuple of str or None
+    read_only : bool
+    """
 
     name: str
     type: type
-    default: object
+    default: Value
     help: str
     unit: str
     minimum: float | None
     maximum: float | None
-    choices: tuple | None
+    choices: tuple[str, ...] | None
     read_only: bool
 
     @property
@@ -40,35 +82,43 @@ class Description:
             return f'at least {self.minimum}{unit}'
         return '' if self.maximum is None else f'at most {self.maximum}{unit}'
 
+    def allows(self, value: Any) -> bool:
+        """Whether a `value` of the right type is one of the choices and within the bounds."""
+        if self.choices is not None and value not in self.choices:
+            return False
+        return (self.minimum is None or value >= self.minimum) and (self.maximum is None or value <= self.maximum)
 
+
+@dataclass(frozen=True)
 class ParameterGroup:
     """A frozen dataclass of parameters that checks each value as it is made."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = check(_describe('', field), getattr(self, field.name))
             object.__setattr__(self, field.name, value)
 
 
+@dataclass(frozen=True)
 class ParameterTree:
     """A frozen dataclass of parameters and groups of parameters, read and made by full names."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if not _is_group(field):
                 object.__setattr__(self, field.name, check(_describe('', field), getattr(self, field.name)))
 
     @classmethod
-    def describe(cls) -> tuple:
+    def describe(cls) -> tuple[Description, ...]:
         """A `Description` of every parameter, in order."""
         return tuple(_describe(prefix, field) for prefix, field in _parameter_fields(cls))
 
-    def flatten(self) -> dict:
+    def flatten(self) -> dict[str, Value]:
         """Full name -> value."""
         return {prefix + field.name: getattr(getattr(self, prefix[:-1]) if prefix else self, field.name)
                 for prefix, field in _parameter_fields(type(self))}
 
-    def replace(self, values):
+    def replace(self: Tree, values: Mapping[str, object]) -> Tree:
         """A copy with `values` (full name -> value) changed, all or none.
 
         Raises
@@ -77,7 +127,8 @@ class ParameterTree:
             When a name is unknown, a value has the wrong type or lies outside its bounds, or two contradict each other.
         """
         descriptions = {d.name: d for d in self.describe()}
-        own, groups = {}, {}
+        own: dict[str, Any] = {}
+        groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in descriptions:
                 raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
@@ -87,7 +138,7 @@ class ParameterTree:
             group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()})
 
 
-def check(description, value):
+def check(description: Description, value: object) -> Any:
     """`value` in the parameter's own type.
 
     Raises
@@ -98,57 +149,58 @@ def check(description, value):
     d = description
     if d.type is tuple:
         return _check_list(d, value)
-    if d.type is float and type(value) is int and value.bit_length() < 1024:
+    if d.type is float and type(value) is int and value.bit_length() < _LARGEST_EXPONENT:
         value = float(value)
     if type(value) is not d.type:
         raise ParameterError(f'{d.name} = {_shown(value)}: expected {_article(d.type)}')
-    if d.type is float and not math.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         raise ParameterError(f'{d.name} = {value!r}: expected a finite number')
-    if (d.choices is not None and value not in d.choices or d.minimum is not None and value < d.minimum
-            or d.maximum is not None and value > d.maximum):
+    if not d.allows(value):
         raise ParameterError(f'{d.name} = {value!r}: expected {d.bounds}')
     return value
 
 
-def _check_list(d, values):
-    if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(d.default):
-        raise ParameterError(f'{d.name} = {_shown(values)}: expected {len(d.default)} numbers')
-    kind = type(d.default[0])
-    return tuple(check(dataclasses.replace(d, name=f'{d.name}[{i}]', type=kind), value)
-                 for i, value in enumerate(values))
+def _check_list(d: Description, values: Any) -> tuple[float, ...]:
+    default: Any = d.default
+    if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(default):
+        raise ParameterError(f'{d.name} = {_shown(values)}: expected {len(default)} numbers')
+    each = dataclasses.replace(d, type=type(default[0]))
+    return tuple(check(dataclasses.replace(each, name=f'{d.name}[{i}]'), value) for i, value in enumerate(values))
 
 
-def _shown(value):
+def _shown(value: Any) -> str:
     """A value as a user writes it: arrays of any library as the list of their numbers."""
     if hasattr(value, 'tolist'):
         value = value.tolist()
     return repr(list(value) if isinstance(value, (tuple, bytes, bytearray)) else value)
 
 
-def _is_group(field):
+def _is_group(field: 'dataclasses.Field[Any]') -> bool:
     return field.default is dataclasses.MISSING
 
 
-def _parameter_fields(tree):
+def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, dataclasses.Field[Any]]]':
     """(prefix of the full name, dataclass field) of every parameter of the class `tree`, in order."""
     for field in dataclasses.fields(tree):
+        group: Any = field.default_factory
         if _is_group(field):
-            for inner in dataclasses.fields(field.default_factory):
+            for inner in dataclasses.fields(group):
                 yield f'{field.name}.', inner
         else:
             yield '', field
 
 
-def _describe(prefix, field):
-    return Description(prefix + field.name, type(field.default), field.default, **field.metadata)
+def _describe(prefix: str, field: 'dataclasses.Field[Any]') -> Description:
+    default: Any = field.default
+    return Description(prefix + field.name, type(default), default, **field.metadata)
 
 
-def _article(kind):
+def _article(kind: type) -> str:
     return {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'a text'}[kind]
 
 
-def suggest(name, names) -> str:
+def suggest(name: str, names: Iterable[str]) -> str:
     """Which of `names` was meant by the unknown `name`, as the end of a message."""
     import difflib
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
     return f'did you mean {close[0]!r}?' if close else 'see the parameter reference for the names'

@@ -8,11 +8,11 @@ from ..errors import ParameterError
 from .features import RingBandParameters, ScanParameters, SegmentParameters
 from .odometry import ManhattanParameters, OdometryParameters, PriorParameters, TimeParameters
 from .registration import (
-    _MOST,
+    MAX_COUNT,
     DecisionParameters,
+    DegeneracyParameters,
     DensityParameters,
     DivergenceParameters,
-    FreeDirectionParameters,
     RefinementParameters,
     RotationParameters,
     SelectionParameters,
@@ -21,7 +21,7 @@ from .registration import (
 from .schema import ParameterTree
 
 _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translation', 'eps')
-"""Group and name of what has a least and a greatest value, each a parameter; a greatest one of 0 is none."""
+"""Group and name of quantities with a lower and an upper limit, each a parameter; an upper limit of 0 is none."""
 
 
 @dataclass(frozen=True)
@@ -37,27 +37,30 @@ class Parameters(ParameterTree):
     selection: SelectionParameters = dataclasses.field(default_factory=SelectionParameters)
     divergence: DivergenceParameters = dataclasses.field(default_factory=DivergenceParameters)
     refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)
-    degeneracy: FreeDirectionParameters = dataclasses.field(default_factory=FreeDirectionParameters)
+    degeneracy: DegeneracyParameters = dataclasses.field(default_factory=DegeneracyParameters)
     decision: DecisionParameters = dataclasses.field(default_factory=DecisionParameters)
     prior: PriorParameters = dataclasses.field(default_factory=PriorParameters)
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
     manhattan: ManhattanParameters = dataclasses.field(default_factory=ManhattanParameters)
     time: TimeParameters = dataclasses.field(default_factory=TimeParameters)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         super().__post_init__()
         for group, name in _LIMITED:
             least, greatest = (getattr(getattr(self, group), f'{name}_{end}') for end in ('min', 'max'))
             if 0.0 < greatest < least:
-                raise ParameterError(f'{group}.{name}_min = {least}: expected at most {group}.{name}_max, which is {greatest}; '
-                                     'set both at once, or first the one that still fits')
+                raise ParameterError(f'{group}.{name}_min = {least}: expected at most {group}.{name}_max, which is '
+                                     f'{greatest}; set both at once, or first the one that still fits')
 
     @cached_property
-    def widened(self):
-        """The same with a search of more hypotheses, which is not repeated."""
-        more = self.selection.wide_search_factor
-        rotation = dataclasses.replace(self.rotation, max_hypotheses=min(more * self.rotation.max_hypotheses, _MOST))
-        candidates = min(more * self.selection.max_clusters_with_prior, _MOST)
-        selection = dataclasses.replace(self.selection, wide_search_factor=1, preselected=min(more * self.selection.preselected, _MOST),
-                                        max_clusters_with_prior=candidates, max_clusters=candidates)
-        return dataclasses.replace(self, rotation=rotation, selection=selection)
+    def widened(self) -> 'Parameters':
+        """The parameters of the wide search: more hypotheses, and no further wide search."""
+        s, factor = self.selection, self.selection.wide_search_factor
+        clusters = min(factor * s.max_clusters_with_prior, MAX_COUNT)
+        return dataclasses.replace(
+            self,
+            rotation=dataclasses.replace(
+                self.rotation, max_hypotheses=min(factor * self.rotation.max_hypotheses, MAX_COUNT)),
+            selection=dataclasses.replace(
+                s, wide_search_factor=1, preselected=min(factor * s.preselected, MAX_COUNT),
+                max_clusters_with_prior=clusters, max_clusters=clusters))

@@ -70,7 +70,7 @@ def search_degenerate_direction(candidates, angles, reference, current, paramete
     angles : (H,) array [rad]
         In the reference's frame.
     reference, current : Features
-    parameters : FreeDirectionParameters
+    parameters : DegeneracyParameters
     density : DensityParameters
 
     Returns

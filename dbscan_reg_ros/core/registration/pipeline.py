@@ -47,7 +47,7 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     weights = pair_weights(reference.segments, current.segments, p.rotation)
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     if near and prior is not None and p.selection.method == 'density':
-        found = search_within_gate(prior, reference, current, rotations, weights, p, p.prior.enough)
+        found = search_within_gate(prior, reference, current, rotations, weights, p, p.prior.max_score_outside_gate)
         if found is not None:
             return found
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)

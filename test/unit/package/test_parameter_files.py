@@ -56,6 +56,19 @@ def test_the_reference_is_current_and_has_a_line_for_every_parameter():
         assert (limits, help) == (describe_limits(descriptions[name]), descriptions[name].help)
 
 
+def test_every_help_is_whole_sentences_that_can_be_read_alone():
+    for description in NodeParameters.describe():
+        sentences = re.split(r'(?<=\.) (?=[A-Z])', description.help)
+        assert all(re.fullmatch(r'[A-Z].{10,}\.', sentence) for sentence in sentences), description
+        if description.type in (int, float):
+            assert re.search(r'(Larger|Smaller|More|Fewer) (values|\w+) ', description.help), f'{description.name} names no effect'
+
+
+def test_no_two_parameters_share_a_help():
+    texts = [description.help for description in NodeParameters.describe()]
+    assert len(set(texts)) == len(texts)
+
+
 def _plain(value):
     return list(value) if isinstance(value, tuple) else value
 

@@ -9,7 +9,7 @@ from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.parameters.registration import FreeDirectionParameters
+from dbscan_reg_ros.core.parameters.registration import DegeneracyParameters
 from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction, weakest_direction
 from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.scoring import (
@@ -143,7 +143,7 @@ def test_the_weakest_direction_leaves_the_rotation_free():
 
 
 CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])
-FREE = FreeDirectionParameters()
+FREE = DegeneracyParameters()
 
 
 @pytest.mark.parametrize('off', [0.93, -0.47, 0.02, -0.93])
