@@ -5,8 +5,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from .command_lines import PROGRAM
-from .commands import COMMANDS
+from .command_lines import COMMANDS, PROGRAM
 from .version import add_version
 
 

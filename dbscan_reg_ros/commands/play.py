@@ -43,7 +43,7 @@ def play(args, ros_arguments):
 
     from ..node.playback.player import Player
     from ..recordings import find_recording, open_recording
-    from ..recordings.bags.playback import choose
+    from ..recordings.playback import choose
 
     recording = open_recording(find_recording(args.file, args.data), args.topic)
     channels = choose(recording.channels(), args.topics, args.all)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.scan import Scan
-from .bags.playback import ODOMETRY, Channel, Played
 from .message_fields import pose_only_fields
+from .playback import ODOMETRY, Channel, Played
 from .scan_checks import ScanWatch
 from .schedule import Schedule
 

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables for the terminal, and what was run on what."""
+"""Results of a benchmark: tables, metrics and missed bounds; versions and machine."""
 import importlib.metadata
 import math
 import platform
 from dataclasses import dataclass, field
-
-from .trials import Outcome
 
 PACKAGES = ('numpy', 'scipy', 'scikit-learn', 'small_gicp', 'kiss-icp')
 
@@ -58,22 +56,6 @@ class Report:
         """The metrics without those that could not be measured."""
         return {method: {name: value for name, value in row.items() if not math.isnan(value)}
                 for method, row in self.metrics.items()}
-
-
-def failures(outcomes) -> str:
-    """One line for each `Outcome` that failed, or was right and not called OK."""
-    return '\n'.join(_line(outcome) for outcome in outcomes if not outcome.success or outcome.status.value != 'ok')
-
-
-def _line(outcome: Outcome):
-    trial, found = outcome.trial, outcome.transform
-    return (f'{trial.group:20s} {trial.label:12s} {"right" if outcome.success else "WRONG"} {outcome.status.value:10s} '
-            f'error {outcome.translation_error:.3f} m {math.degrees(outcome.rotation_error):7.2f} deg   '
-            f'truth {_pose(trial.truth)} found {_pose(found)}')
-
-
-def _pose(pose):
-    return f'({pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f})'
 
 
 def _cell(name, value):

@@ -10,6 +10,8 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
 
+from .report import Report
+
 TRANSLATION_LIMIT = 0.10
 ROTATION_LIMIT = math.radians(2.0)
 
@@ -79,7 +81,6 @@ def rates(args, trials, bounds, more=None):
     """
     from dbscan_reg_ros.evaluation.methods import chosen
 
-    from .report import Report, failures
     rows = {}
     for name, outcomes in run(chosen(args.method), trials, args.benchmark).items():
         rows[name] = summarise(outcomes) | (more(outcomes) if more else {})
@@ -103,6 +104,22 @@ def summarise(outcomes) -> dict:
     milliseconds = [1e3 * outcome.seconds for outcome in outcomes]
     metrics['ms_p50'], metrics['ms_p95'] = (float(q) for q in np.percentile(milliseconds, (50, 95)))
     return metrics
+
+
+def failures(outcomes) -> str:
+    """One line for each `Outcome` that failed, or was right and not called OK."""
+    return '\n'.join(_line(outcome) for outcome in outcomes if not outcome.success or outcome.status.value != 'ok')
+
+
+def _line(outcome: Outcome):
+    trial, found = outcome.trial, outcome.transform
+    return (f'{trial.group:20s} {trial.label:12s} {"right" if outcome.success else "WRONG"} {outcome.status.value:10s} '
+            f'error {outcome.translation_error:.3f} m {math.degrees(outcome.rotation_error):7.2f} deg   '
+            f'truth {_pose(trial.truth)} found {_pose(found)}')
+
+
+def _pose(pose):
+    return f'({pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f})'
 
 
 def thinned(items, limit):

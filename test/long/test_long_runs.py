@@ -2,9 +2,10 @@
 """What the benchmarks soak, silent and node measure: a long drive, equal bits, wrong answers, a running node."""
 import numpy as np
 import pytest
-from benchmarks import node, silent, soak
-from benchmarks.courses import Course
-from benchmarks.odometry import Drive
+from benchmarks.node import running_node, soak
+from benchmarks.odometry import silent
+from benchmarks.odometry.courses import Course
+from benchmarks.odometry.drift import Drive
 
 from dbscan_reg_ros import SE2, Status
 from dbscan_reg_ros.evaluation.trackers import Step
@@ -53,7 +54,7 @@ def test_answers_that_differ_in_one_bit_are_told_apart():
 
 
 def test_scans_to_and_fro_go_on_in_time(scans):
-    stream = node.to_and_fro(scans[:4], rate=10.0)
+    stream = running_node.to_and_fro(scans[:4], rate=10.0)
     taken = [next(stream) for _ in range(8)]
     for scan, k in zip(taken, (0, 1, 2, 3, 2, 1, 0, 1), strict=True):
         assert scan.ranges.tobytes() == scans[k].ranges.tobytes()
@@ -93,7 +94,7 @@ def test_counts_of_several_drives_add_up_and_the_greatest_error_counts():
 
 def test_the_bench_of_the_node_measures_a_running_node():
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-    figures = node.run(beams=181, fov=180.0, rate=10.0, count=30)
+    figures = running_node.run(beams=181, fov=180.0, rate=10.0, count=30)
     assert figures['lost_count'] < 15
     assert 0.0 < figures['ms_p50'] <= figures['ms_p99'] < 2000.0
     assert 0.0 < figures['core'] < 4.0

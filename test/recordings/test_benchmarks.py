@@ -10,11 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benchmarks import __main__ as bench
-from benchmarks import courses, odometry, pairs, relations, speed, synthetic
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
-from benchmarks.covariance import calibration
 from benchmarks.intel import Intel
+from benchmarks.odometry import courses, drift
+from benchmarks.registration import pairs, relations, speed, synthetic
+from benchmarks.registration.covariance import calibration
 from benchmarks.report import Report
 from benchmarks.trials import Outcome, Trial, summarise
 
@@ -188,7 +189,7 @@ def test_fine_scans_have_1141_beams_and_are_moved_by_a_known_motion(data):
 
 
 def test_standing_still_scores_on_intel_as_published(data):
-    row = odometry.measure(arguments(data, method=['identity'], course=['intel'])).metrics['identity']
+    row = drift.measure(arguments(data, method=['identity'], course=['intel'])).metrics['identity']
     assert row['relations'] == 1030
     assert row['frozen'] == 1.0
     assert row['relations_neighbour_mean_m'] == pytest.approx(0.30, abs=0.005)
@@ -199,7 +200,7 @@ def test_standing_still_scores_on_intel_as_published(data):
 
 
 def test_a_still_sensor_does_not_drift_for_who_stands_still(data):
-    row = odometry.measure(arguments(data, method=['identity'], course=['lms511'])).metrics['identity']
+    row = drift.measure(arguments(data, method=['identity'], course=['lms511'])).metrics['identity']
     assert row['lms511_drift_m'] == row['lms511_drift_deg'] == 0.0
 
 
@@ -253,14 +254,14 @@ def test_wheels_keep_the_heading_where_a_person_holds_what_little_is_seen(data, 
     """A robot turns on the spot; with somebody in front of it a few points fit another place as well, 100 deg off."""
     whole, = courses.intel(data)
     walked = dataclasses.replace(whole, scans=courses.strolled(whole.scans, 11))
-    poses = odometry.drive('dbscan', walked.take(np.arange(begin, 4300)), 'Intel', 'wheel').poses
+    poses = drift.drive('dbscan', walked.take(np.arange(begin, 4300)), 'Intel', 'wheel').poses
     found, true = (np.unwrap(each[:, 2]) for each in (np.asarray(poses), whole.reference[begin:4300]))
     assert np.degrees(np.abs(found - found[0] - true + true[0]).max()) < 10.0
 
 
 def test_the_poses_written_are_those_that_count(data, tmp_path):
     path = tmp_path / 'poses.csv'
-    odometry.measure(arguments(data, method=['dbscan'], course=['noise'], limit=120, poses=path))
+    drift.measure(arguments(data, method=['dbscan'], course=['noise'], limit=120, poses=path))
     indices, poses = read_csv(path)
     assert len(indices) == len(poses) == 118
     assert not {50, 100} & set(indices)
@@ -269,12 +270,12 @@ def test_the_poses_written_are_those_that_count(data, tmp_path):
 
 def test_in_a_smooth_corridor_the_axis_is_what_counts_as_named(data):
     course = courses.featureless(data)[0]
-    drive = odometry.Drive(course)
+    drive = drift.Drive(course)
     for pose in course.reference:
         step = SE2.from_array(course.reference[0]).inverse() @ SE2.from_array(pose)
         drive.steps.append(Step(step, Status.DEGENERATE, math.pi))
         drive.milliseconds.append(1.0)
-    metrics = odometry.judge(drive)
+    metrics = drift.judge(drive)
     assert metrics['named'] == 1.0
     assert metrics['across_m'] < 1e-9
     assert metrics['ok'] == 0.0

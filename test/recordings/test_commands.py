@@ -12,7 +12,8 @@ import pytest
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
-from dbscan_reg_ros.commands import COMMANDS, command_line
+from dbscan_reg_ros.command_lines import COMMANDS
+from dbscan_reg_ros.commands import command_line
 
 
 @pytest.fixture

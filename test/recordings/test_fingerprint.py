@@ -4,9 +4,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from benchmarks import fingerprint
 from benchmarks.__main__ import main
-from benchmarks.fingerprint_inputs import PLACE, inputs, mounted, places
+from benchmarks.fingerprint import fingerprint
+from benchmarks.fingerprint.inputs import PLACE, inputs, mounted, places
 
 from dbscan_reg_ros import SE2
 

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks import courses, hard_courses, overlap, seeds, sparse
 from benchmarks.__main__ import main
-from benchmarks.copies import NOISE, noised, scatter
-from benchmarks.course import Course
 from benchmarks.intel import Intel
-from benchmarks.odometry import Drive
+from benchmarks.odometry import courses, hard_courses, seeds, sparse
+from benchmarks.odometry.copies import NOISE, noised, scatter
+from benchmarks.odometry.course import Course
+from benchmarks.odometry.drift import Drive
+from benchmarks.registration import overlap
 
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.registration.records import Status

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks import figure4, paper, steps, table1, table3
 from benchmarks.intel import Intel
-from benchmarks.relations import common_view
+from benchmarks.paper import figure4, paper, steps, table1, table3
+from benchmarks.registration.relations import common_view
 from benchmarks.report import Report
 from benchmarks.views import two_views
 

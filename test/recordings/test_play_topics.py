@@ -14,9 +14,9 @@ from std_msgs.msg import String
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.recordings.bags.playback import Channel, Played, choose, inputs_of
 from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.message_fields import filled, pose_only_fields, scan_fields
+from dbscan_reg_ros.recordings.playback import Channel, Played, choose, inputs_of
 from dbscan_reg_ros.recordings.recording import Record
 from dbscan_reg_ros.recordings.schedule import Timeline
 

@@ -19,8 +19,8 @@ from sensor_msgs.msg import LaserScan
 
 from ...command_lines import command_line
 from ...core.errors import DbscanRegError
-from ...recordings.bags.playback import Played
 from ...recordings.message_fields import filled, message_class
+from ...recordings.playback import Played
 from ...recordings.schedule import Timeline
 from ..interfaces.messages import scan_to_message, stamp_from_message, stamp_to_message
 from .answers import Answers

@@ -9,13 +9,13 @@ import numpy as np
 from ...core.errors import RecordingError, ScanError
 from ...core.scan import Scan
 from ...paths import check_file
+from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from ..poses import FARTHEST, corrected, possible
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
 from .bag_faults import fault_of, other_contents
 from .bag_library import bag_library, is_ros1
-from .playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.courses import chairs, simulated, trees, wood
+from benchmarks.odometry.courses import chairs, simulated, trees, wood
 from rooms import FULL, L_ROOM, outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status

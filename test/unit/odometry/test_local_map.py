@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.courses import simulated, wood
+from benchmarks.odometry.courses import simulated, wood
 from rooms import FULL, look, outline
 
 from dbscan_reg_ros import SE2

@@ -6,8 +6,8 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from benchmarks.courses import strolled
 from benchmarks.intel import Intel
+from benchmarks.odometry.courses import strolled
 from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.linalg import eigh
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The floors of the house: who may import whom, read from the source."""
+"""Which module may import which, read from the source: layers, circles, sizes."""
 import ast
 import subprocess
 import sys
@@ -7,12 +7,27 @@ import sys
 import pytest
 
 PACKAGE = 'dbscan_reg_ros'
+BENCHMARKS = 'benchmarks'
 INTERFACES = {'builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rosbag2_py'}
 WITH_ROSBAG2_PY = 'recordings/bags/with_rosbag2_py.py'
 """Reads and writes bags with ROS's own library and no node; only where it is chosen is it imported."""
 CORE_LIBRARIES = {'numpy', 'scipy', 'sklearn'}
 WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'logging', 'multiprocessing', 'os', 'pathlib',
                  'pickle', 'random', 'shutil', 'signal', 'socket', 'subprocess', 'sys', 'tempfile', 'threading', 'time'}
+
+LAYERS = (
+    {'paths', 'allocation', 'version', 'command_lines'},
+    {'core'},
+    {'requirements', 'recordings', 'robot'},
+    {'evaluation', 'simulation'},
+    {'node'},
+    {'figures', 'replays', 'tuning'},
+    {'commands'},
+    {'__init__', '__main__'},
+)
+"""What lies directly in the package, lowest layer first, as doc/architecture.md draws it."""
+STRATEGIES = {f'{PACKAGE}.core.registration.paper'}
+"""Folders of variants of their parent's steps: each module counts as one of the parent's."""
 
 
 def sources(folder):
@@ -65,12 +80,87 @@ def test_only_the_node_imports_ros_and_what_reads_bags_with_it(package):
             assert not ros, f'{path} imports {ros}'
 
 
-@pytest.mark.parametrize('floor', ['core', 'recordings', 'simulation', 'evaluation', 'robot'])
-def test_nothing_below_imports_node_or_commands(package, floor):
-    for path in sources(package / floor):
-        up = {name for name in imported(path, package)
-              if name.startswith((f'{PACKAGE}.node', f'{PACKAGE}.commands', f'{PACKAGE}.benchmarks'))}
-        assert not up, f'{path} imports {up}'
+class ImportGraph:
+    """Imports among our own modules, those inside functions included: `imports` is module -> modules."""
+
+    def __init__(self, root):
+        self.paths = {}
+        for folder, package in (root, PACKAGE), (root / 'scripts', BENCHMARKS):
+            for path in sources(folder / package):
+                self.paths['.'.join(path.relative_to(folder).with_suffix('').parts)] = path
+        self.imports = {module: set(self._of(module, path)) for module, path in self.paths.items()}
+
+    def _of(self, module, path):
+        package = path.parents[module.count('.') - 1]
+        for name in imported(path, package):
+            while name and name not in self.paths and f'{name}.__init__' not in self.paths:
+                name = name.rpartition('.')[0]
+            target = name if name in self.paths else f'{name}.__init__'
+            if name and target != module:
+                yield target
+
+    def among(self, folder):
+        """Imports among the modules and folders directly in `folder`, each folder taken as a whole."""
+        graph = {}
+        for module, targets in self.imports.items():
+            for target in targets:
+                inside = [self._child(name, folder) for name in (module, target)]
+                if all(inside) and inside[0] != inside[1]:
+                    graph.setdefault(inside[0], set()).add(inside[1])
+        return graph
+
+    @staticmethod
+    def _child(module, folder):
+        if not module.startswith(f'{folder}.'):
+            return ''
+        child = module[len(folder) + 1:].partition('.')[0]
+        return module if f'{folder}.{child}' in STRATEGIES else child
+
+
+def circle(graph):
+    """Find the nodes of a graph (node -> nodes) that no order can sort; empty without a circle."""
+    left = {node: set(targets) for node, targets in graph.items()}
+    while True:
+        ends = [node for node, targets in left.items() if not targets & left.keys()]
+        if not ends:
+            return sorted(left)
+        for node in ends:
+            del left[node]
+
+
+@pytest.fixture(scope='module')
+def graph(root):
+    return ImportGraph(root)
+
+
+def test_modules_import_each_other_in_no_circle(graph):
+    assert circle(graph.imports) == []
+
+
+def test_folders_import_each_other_in_no_circle(graph):
+    folders = {module.rpartition('.')[0] for module in graph.paths} - {f'{PACKAGE}.node'}
+    assert {folder: found for folder in folders if (found := circle(graph.among(folder)))} == {}
+
+
+def test_layers_import_only_lower_layers_and_their_own(graph):
+    level = {name: height for height, layer in enumerate(LAYERS) for name in layer}
+    rooms = {path.name for module, path in graph.paths.items() if path.name != '__init__.py' and module.count('.') == 1}
+    for importer, targets in graph.among(PACKAGE).items():
+        up = {target for target in targets if level[target] > level[importer]}
+        assert not up, f'{importer} imports {up}'
+    assert rooms
+    for module, targets in graph.imports.items():
+        if top(module) == PACKAGE:
+            assert BENCHMARKS not in {top(target) for target in targets}, module
+
+
+def test_folders_and_modules_are_of_a_size_that_can_be_surveyed(graph):
+    for folder in {path.parent for path in graph.paths.values()}:
+        most = 14 if {'core', 'node'} & set(folder.relative_to(folder.parents[-2]).parts) else 16
+        assert len([path for path in folder.iterdir() if path.is_file()]) <= most, folder
+    long = {module: lines for module, path in graph.paths.items() if '.parameters.' not in module
+            and (lines := len(path.read_text().splitlines())) > 300}
+    assert long == {}
 
 
 def test_the_whole_core_loads_without_scikit_learn(root):

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.version import version
 
 PACKAGE = 'dbscan_reg_ros'

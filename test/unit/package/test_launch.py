@@ -24,7 +24,7 @@ from nav_msgs.msg import Odometry
 from ros_helpers import TIMEOUT, Parameters
 from test_installation import room_log
 
-from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.core.errors import ParameterError
 from dbscan_reg_ros.node.playback.player import Player
 from dbscan_reg_ros.robot.parameters import MOUNTINGS, SOURCES

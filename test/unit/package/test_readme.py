@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.command_lines import COMMANDS
 
 
 @pytest.fixture(scope='module')

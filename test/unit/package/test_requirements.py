@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from dbscan_reg_ros import requirements
-from dbscan_reg_ros.commands import COMMANDS
+from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.requirements import NEEDS, ROS, ROS_WHEELS, SOURCES, missing_line
 
 WORDS = {

@@ -2,8 +2,8 @@
 """Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted anew."""
 import numpy as np
 import pytest
-from benchmarks import figure4
 from benchmarks.intel import Intel
+from benchmarks.paper import figure4
 from benchmarks.trials import attempt
 
 from dbscan_reg_ros.core.geometry.se2 import SE2

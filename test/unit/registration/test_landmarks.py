@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.courses import simulated, wood
+from benchmarks.odometry.courses import simulated, wood
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks import synthetic
 from benchmarks.intel import Intel
+from benchmarks.registration import synthetic
 from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register

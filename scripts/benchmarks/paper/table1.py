@@ -8,11 +8,11 @@ import numpy as np
 
 from dbscan_reg_ros.simulation import World, rooms
 
-from .relations import common_view
-from .synthetic import random_motion
+from ..registration.relations import common_view
+from ..registration.synthetic import random_motion
+from ..trials import Trial, run
+from ..views import two_views
 from .table3 import SICK
-from .trials import Trial, run
-from .views import two_views
 
 PAIRS = 50
 SEEDS = 5

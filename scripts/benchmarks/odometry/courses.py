@@ -13,9 +13,9 @@ from dbscan_reg_ros.simulation import LIDARS, Lidar, Person, World, corridor, ha
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, sides
 
+from ..intel import Intel
 from . import hard_courses
 from .course import Course, simulated
-from .intel import Intel
 
 SEEDS = (0, 1, 2)
 URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])

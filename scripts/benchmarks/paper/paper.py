@@ -2,8 +2,8 @@
 """What the paper reports, measured: Table 1, Table 3, and its example of Figures 4 to 12."""
 from dbscan_reg_ros.evaluation.methods import method
 
+from ..report import Report
 from . import steps, table1, table3
-from .report import Report
 
 METHODS = 'icp', 'paper', 'dbscan'
 RIVALS = 'icp', 'idc', 'icl', 'paper', 'dbscan'

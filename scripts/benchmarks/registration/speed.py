@@ -5,11 +5,11 @@ import numpy as np
 from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.recordings import open_recording
 
+from ..bounds import at_most
+from ..intel import Intel
+from ..report import Report
+from ..trials import Trial, run, summarise, thinned
 from . import pairs, synthetic
-from .bounds import at_most
-from .intel import Intel
-from .report import Report
-from .trials import Trial, run, summarise, thinned
 
 BOUNDS = {
     'ms_p50': at_most(2.8), 'ms_p95': at_most(4.5), 'ms_p50_1141': at_most(4.0), 'ratio_gicp': at_most(0.7),

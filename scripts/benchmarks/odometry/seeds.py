@@ -7,7 +7,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import errors
 from dbscan_reg_ros.recordings.poses import relative
 
-from .odometry import drive
+from .drift import drive
 
 SEEDS = tuple(range(10))
 METHODS = ('dbscan', 'small_gicp', 'kiss-icp')

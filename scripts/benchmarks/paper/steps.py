@@ -12,10 +12,10 @@ from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_w
 from dbscan_reg_ros.core.registration.translation import estimate_translations
 from dbscan_reg_ros.evaluation.methods import paper_parameters
 
+from ..intel import Intel
+from ..trials import run
 from . import figure4
-from .intel import Intel
 from .table3 import component_errors
-from .trials import run
 
 PUBLISHED = {'turn_deg': 0.0, 'x_m': 0.00057, 'y_m': 0.00026, 'theta_deg': 0.0}
 PARAMETERS = {'paper': paper_parameters, 'dbscan': Parameters}

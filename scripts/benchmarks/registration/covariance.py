@@ -10,10 +10,10 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.simulation import LIDARS, Lidar, corridor, hall, rooms
 
-from .bounds import Bound
-from .report import Report
+from ..bounds import Bound
+from ..report import Report
+from ..views import two_views
 from .synthetic import random_motion
-from .views import two_views
 
 REGISTRATIONS = 1000
 WORLDS: dict[str, Callable] = {'rooms': rooms, 'corridors': corridor, 'halls': hall}

@@ -14,11 +14,11 @@ from dbscan_reg_ros.evaluation.trackers import PRIORS, tracker
 from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
 
-from .bounds import at_least, at_most
+from ..bounds import at_least, at_most
+from ..report import Report
 from .copies import noised, scatter
 from .course import Course
 from .courses import COURSES
-from .report import Report
 
 METHODS = ('dbscan', 'small_gicp', 'kiss-icp', 'identity')
 OURS = 'dbscan'

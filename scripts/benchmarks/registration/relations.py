@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.evaluation.metrics import NEIGHBOURS_WITHIN
 
-from .bounds import at_least
-from .intel import Intel
-from .trials import Trial, rates, thinned
+from ..bounds import at_least
+from ..intel import Intel
+from ..trials import Trial, rates, thinned
 
 BOUNDS = {'relations_neighbour': at_least(0.99), 'relations_loop': at_least(0.985)}
 VIEWS = (0.0, 0.3, 0.5, 0.7, 1.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """People who cross close in front of a robot that stands or turns on the spot, ten seeds."""
+from ..report import Report
 from . import seeds
 from .hard_courses import passers
-from .report import Report
 
 
 def measure(args) -> Report:

@@ -7,9 +7,9 @@ import numpy as np
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.scan import Scan
 
-from .bounds import at_least
-from .intel import Intel
-from .trials import Trial, rates, thinned
+from ..bounds import at_least
+from ..intel import Intel
+from ..trials import Trial, rates, thinned
 
 SCANS = 200
 MIN_RETURNS = 150

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Narrow fields of view: depth cameras of 57 to 90 deg and 16 to 640 beams through furnished rooms, ten seeds."""
+from ..report import Report
 from . import seeds
 from .hard_courses import CAMERAS, narrow
-from .report import Report
 
 
 def measure(args) -> Report:

@@ -2,7 +2,7 @@
 """What is played of a recording besides its scans."""
 from typing import Any, NamedTuple
 
-from ...core.errors import RecordingError
+from ..core.errors import RecordingError
 
 ODOMETRY, IMU, TRANSFORMS = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
 RENAMED = {'tf/msg/tfMessage': TRANSFORMS}

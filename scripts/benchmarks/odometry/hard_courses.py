@@ -11,8 +11,8 @@ from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
 
+from ..intel import Intel
 from .course import Course, simulated
-from .intel import Intel
 
 SEEDS = (0, 1, 2)
 SECOND = 1_000_000_000

@@ -13,8 +13,8 @@ from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS, follow, measure, rooms
 
-from .courses import COURSES
-from .intel import Intel
+from ..intel import Intel
+from ..odometry.courses import COURSES
 
 RECORDINGS = {'intel': 'intel/intel.log.gz', 'aces': 'aces/aces.log.gz', 'urg04lx': 'urg04lx/exp1', 'lms511': 'lms511/static',
               'ccny_demo': 'ccny_demo/demo.bag'}
@@ -31,7 +31,7 @@ GROUPS = (*RECORDINGS, WHEELS, *SIMULATED, *MOUNTED, *(f'node_{name}' for name i
 
 
 def inputs(group, folder, limit=None) -> dict:
-    """Name -> arrays, as `fingerprint_recorder` reads them, of each drive of a `group`.
+    """Name -> arrays, as `recorder` reads them, of each drive of a `group`.
 
     Parameters
     ----------

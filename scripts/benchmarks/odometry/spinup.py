@@ -4,9 +4,9 @@ import numpy as np
 
 from dbscan_reg_ros.core.registration.records import Status
 
+from ..report import Report
 from . import seeds
 from .hard_courses import SPINUPS, spinup
-from .report import Report
 
 
 def measure(args) -> Report:

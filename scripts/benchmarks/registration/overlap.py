@@ -17,9 +17,9 @@ from dbscan_reg_ros.evaluation.methods import BenchmarkError, method
 from dbscan_reg_ros.simulation import LIDARS, World, corridor, hall, rooms, with_people
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
-from .report import Report
-from .trials import Trial, attempt
-from .views import two_views
+from ..report import Report
+from ..trials import Trial, attempt
+from ..views import two_views
 
 LIDARS_BY_VIEW = {'180': 'sick_lms200', '270': 'hokuyo_utm30lx', '360': 'rplidar_a'}
 NOISES = {'low': 1.0, 'high': 3.0}

@@ -11,10 +11,10 @@ from dbscan_reg_ros.evaluation.metrics import apart, errors
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
-from .bounds import at_most
+from ..bounds import at_most
+from ..report import Report
 from .courses import COURSES
-from .odometry import OURS, drive
-from .report import Report
+from .drift import OURS, drive
 
 JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts', 'outages',
           'trees', 'chairs')

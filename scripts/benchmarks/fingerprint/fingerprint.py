@@ -5,6 +5,7 @@ import hashlib
 import io
 import itertools
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -19,12 +20,14 @@ import numpy as np
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.recordings import data_folder
 
-from .fingerprint_inputs import GROUPS, SIMULATED, inputs
-from .report import Report, machine
+from ..report import Report, machine
+from .inputs import GROUPS, SIMULATED, inputs
 
 PACKAGE = 'dbscan_reg_ros'
-RECORDER = 'scripts/benchmarks/fingerprint_recorder.py'
-"""A script of its own, for it runs with the package of the other commit, and speaks ROS to its node."""
+RECORDER = 'scripts/benchmarks/fingerprint/recorder.py'
+"""A script of its own: it runs with the package of the other commit, and exchanges messages with its node."""
+BESIDE_RECORDER = 'node_recorder.py', 'scan_messages.py'
+"""What the script imports from its own folder."""
 QUICK_SCANS, QUICK_COURSE_SCANS, QUICK_PAIRS = 500, 200, 50
 QUICK_DRIVES = 3
 """Of each course, in as many worlds or by as many lidars."""
@@ -215,9 +218,11 @@ def recorded_and_compared(given, other, commit, cache, scratch) -> list:
 
     from dbscan_reg_ros.commands.private_graph import private_graph
     script = scratch / 'recorder.py'
-    script.write_bytes((root() / RECORDER).read_bytes())
+    sources = [root() / RECORDER, *((root() / RECORDER).with_name(name) for name in BESIDE_RECORDER)]
+    for source in sources:
+        shutil.copyfile(source, scratch / source.name)
     # Another machine, or other packages, may round differently.
-    stamp = hashlib.sha256(machine().encode() + script.read_bytes()).hexdigest()[:12]
+    stamp = hashlib.sha256(b''.join([machine().encode(), *(source.read_bytes() for source in sources)])).hexdigest()[:12]
     with contextlib.ExitStack() as stack:
         domains = [stack.enter_context(private_graph()) for _ in range(WORKERS)]
         local, opened, names = threading.local(), [], iter(range(10**6))

@@ -12,11 +12,10 @@ from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, rooms
 
-from .bounds import at_most
-from .intel import Intel
-from .report import failures
-from .trials import Trial, run, thinned
-from .views import two_views
+from ..bounds import at_most
+from ..intel import Intel
+from ..trials import Trial, failures, run, thinned
+from ..views import two_views
 
 
 @dataclass(frozen=True)

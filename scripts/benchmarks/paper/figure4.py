@@ -4,10 +4,11 @@ import numpy as np
 
 from dbscan_reg_ros.core.scan import Scan
 
-from .bounds import at_least
-from .intel import Intel
-from .synthetic import MIN_RETURNS, PAPER_MOTION
-from .trials import Trial, run, summarise, thinned
+from ..bounds import at_least
+from ..intel import Intel
+from ..registration.synthetic import MIN_RETURNS, PAPER_MOTION
+from ..report import Report
+from ..trials import Trial, failures, run, summarise, thinned
 
 SCANS = (
     13, 26, 41, 82, 110, 141, 167, 203, 398, 445, 546, 722, 971, 977, 1389, 1440, 1482, 1598, 1629, 2152, 2228,
@@ -51,7 +52,6 @@ def measure(args):
     """A `Report`: for the 50 scans and for others the share of exact results besides the usual one."""
     from dbscan_reg_ros.evaluation.methods import chosen
 
-    from .report import Report, failures
     scans = Intel.below(args.data).scans
     groups = {'figure4': SCANS, 'others': draw_others(scans)}
     trials = [trial(scans[i], str(i), group) for group, indices in groups.items() for i in thinned(indices, args.limit)]

@@ -19,9 +19,9 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings.message_fields import odometry_fields
 from dbscan_reg_ros.robot.base_state import base_state
 
-from .bounds import at_most
-from .node import PATIENCE, cpu_seconds, graph, memory_mb, running_node, to_and_fro
-from .report import Report
+from ..bounds import at_most
+from ..report import Report
+from .running_node import PATIENCE, cpu_seconds, graph, memory_mb, running_node, to_and_fro
 
 SCANS = 150_000
 BLOCK = 1000

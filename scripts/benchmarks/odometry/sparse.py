@@ -12,9 +12,9 @@ from dbscan_reg_ros.evaluation.metrics import errors
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
+from ..report import Report
+from .drift import drive
 from .hard_courses import sparse_aces, sparse_buildings, sparse_intel
-from .odometry import drive
-from .report import Report
 
 TRANSLATION, ROTATION = 0.15, 3.0
 """A step is right within this [m], [deg]."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from dbscan_reg_ros.core.scan import Scan
 
-from .bounds import at_most
-from .report import Report
+from ..bounds import at_most
+from ..report import Report
 
 WARM_UP = 2.0
 """Seconds that do not count: both sides get to know each other."""
@@ -132,7 +132,7 @@ def running_node(folder, variables=None):
     `variables` are added to its environment.
     """
     from dbscan_reg_ros.commands.processes import Process, package_command
-    root = os.fspath(Path(__file__).resolve().parents[2])
+    root = os.fspath(Path(__file__).resolve().parents[3])
     environment = (variables or {}) | {'ROS_LOG_DIR': os.fspath(folder),
                    'PYTHONPATH': os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))}
     return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log', environment)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairs k, k+s of the Intel log without an initial guess."""
-from .bounds import at_least, at_most
-from .intel import Intel
-from .trials import Trial, rates, thinned
+from ..bounds import at_least, at_most
+from ..intel import Intel
+from ..trials import Trial, rates, thinned
 
 BOUNDS = {
     'pairs_s1': at_least(0.995), 'pairs_s2': at_least(0.995), 'pairs_s5': at_least(0.995),
