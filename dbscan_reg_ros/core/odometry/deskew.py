@@ -1,26 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion within a scan: every beam as it would have been measured at the scan's stamp."""
+"""Deskewing: removes the motion of the sensor within a scan."""
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..scan import Scan
 
 
-def deskew(scan: Scan, twist) -> Scan:
-    """A scan with the sensor's own motion between its beams taken out.
+def deskew(scan: Scan, twist: NDArray[np.float64] | Sequence[float]) -> Scan:
+    """Move every beam to where it would have been measured at the stamp of the scan.
 
     Parameters
     ----------
     scan : Scan
-        Beam i was measured ``i * time_increment`` after the stamp; an increment of 0 leaves the scan as it is.
-    twist : (3,) array_like
+        Beam i was measured ``i * time_increment`` [s] after the stamp.
+    twist : (3,) float
         Velocity (vx, vy, omega) of the sensor in its own frame [m/s, m/s, rad/s].
 
     Returns
     -------
     Scan
-        With one bearing for each beam.
+        With one bearing for each beam; `scan` itself where nothing moves, or all beams were measured at once.
     """
     if scan.time_increment == 0.0 or not np.any(twist):
         return scan

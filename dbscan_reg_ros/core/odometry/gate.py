@@ -120,7 +120,7 @@ class Gate:
     def starts_in_motion(self, pose: SE2, registration: Registration, start: SE2) -> bool:
         """Whether the second scan of a track, found at `pose`, proves a motion since the `start`."""
         interval = self._predictions.interval
-        if registration.status is not Status.OK or interval.gap or interval.interval <= 0.0:
+        if registration.status is not Status.OK or interval.gap or interval.length <= 0.0:
             return False
         return _squared_distance(pose, start, registration.covariance) > self._parameters.odometry.zero_velocity_gate ** 2
 

@@ -78,7 +78,7 @@ class Odometry:
         # Predict: by the external prior and by the motion model.
         if interval.jump:
             update.reset_velocity(state)
-        state.motion.elapse(interval.interval)
+        state.motion.elapse(interval.length)
         predictions = predict(state, prior, interval, p)
         # Register to the local map, else to other references; the gate decides what is believed.
         outcome = self._search(features, predictions)
@@ -123,7 +123,7 @@ class Odometry:
         """Remove the motion from the first scan of a track and from the second, now that it is known."""
         state, interval = self._state, predictions.interval
         ratio = state.stamps.ratio(state.stamps.duration)
-        twist = (state.pose.inverse() @ outcome.match.pose).as_array() / interval.interval
+        twist = (state.pose.inverse() @ outcome.match.pose).as_array() / interval.length
         first, features = (self._extract(each, ratio * twist, again=True) for each in (state.window.latest.features.scan, scan))
         interval = dataclasses.replace(interval, middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, twist, interval.middle_offset)

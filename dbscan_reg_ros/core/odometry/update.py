@@ -25,8 +25,9 @@ from ..registration.status import observability_ratio
 from .gate import Gate
 from .mapping.key_frame_window import Correspondences, KeyFrame, KeyFrameWindow
 from .mapping.scan_to_map import align_to_map, alignment_uncertainty, sees_new_surface
+from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
-from .models.motion import ConstantVelocityModel
+from .models.motion import ConstantVelocityModel, MotionConstraints
 from .models.pose_output import PoseOutput
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
@@ -75,7 +76,7 @@ def searched(state: TrackState, outcome: Outcome) -> None:
 def coast(state: TrackState, features: Features, registration: Registration, predictions: Predictions, p: Parameters) -> OdometryUpdate:
     """The scan is not found: dead reckoning, then standstill or the external prior, then a restart."""
     best, interval = predictions.best, predictions.interval
-    lost_time = state.tracking.lost_time + max(interval.interval, interval.elapsed)
+    lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
         if predictions.external is not None:
             state.pose = best.pose
@@ -106,14 +107,15 @@ def follow(state: TrackState, match: Match, predictions: Predictions, gate: Gate
     information = gate.prior_information(match.pose, prior)
     aligned = _align(state, match, predictions, information, p)
     covariance = inverse(inverse(aligned.covariance) + information)
-    _propagate(state, aligned.pose, prior, interval, np.eye(3) - covariance @ information, aligned.covariance)
+    _propagate(state, aligned.pose, prior, interval, PoseMeasurement(np.eye(3) - covariance @ information, aligned.covariance))
     if state.motion.position_unknown:
         state.covariance.reset_twist()
-    state.pose = state.motion.update(
-        aligned.pose, interval, aligned.direction if aligned.constrained < 1.0 else None,
-        1.0 if prior.velocity_change is None else aligned.constrained, registration.rotation_unobservable, p)
+    constraints = MotionConstraints(aligned.direction if aligned.constrained < 1.0 else None,
+                                    1.0 if prior.velocity_change is None else aligned.constrained,
+                                    registration.rotation_unobservable)
+    state.pose = state.motion.update(aligned.pose, interval, constraints, p)
     is_key_frame = _update_key_frames(state, match, aligned, registration, p)
-    pose = state.output.averaged(state.pose, covariance, interval.interval, p.odometry.zero_velocity_gate)
+    pose = state.output.averaged(state.pose, covariance, interval.length, p.odometry.zero_velocity_gate)
     update = _report(state, match.features, Step(pose, interval, registration.status, registration, match.key_frame, is_key_frame))
     observability = observability_ratio(registration, p.decision) if registration.status is Status.OK else 0.0
     if predictions.external is not None and gate.supports_external(state.pose):
@@ -162,11 +164,11 @@ def _constrained(direction, information, p):
     return 1.0 if direction is None else min(information / p.decision.min_information, 1.0)
 
 
-def _propagate(state, pose, prior: Prior, interval: ScanInterval, *match):
-    """Carry heading and covariances on to `pose`; `match` is what one adds to `CovariancePropagation.propagate`."""
+def _propagate(state, pose, prior: Prior, interval: ScanInterval, measurement=NO_MEASUREMENT):
+    """Propagate heading and covariances to `pose`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
-    state.covariance.propagate(step, interval.interval, prior, *match)
+    state.covariance.propagate(step, interval.length, prior, measurement)
     if interval.gap:
         # Mostly the stamp is wrong and the motion goes on, but its velocity is unknown.
         state.covariance.reset_twist()
@@ -202,8 +204,8 @@ def _correct_heading(state, features, p):
     """Correct the heading by the directions that most walls share."""
     heading = state.output.corrected(state.pose).theta
     rotation, ratio = state.heading.observe(features.segments, heading, p.manhattan)
-    state.output.turn(state.pose, rotation)
-    state.covariance.reduce_heading_variance(ratio)
+    state.output.rotate_heading(state.pose, rotation)
+    state.covariance.reduce_heading(ratio)
 
 
 def _learn(state, external, found, weight, p):
@@ -232,7 +234,7 @@ def _report(state, features: Features, step: Step) -> OdometryUpdate:
     return OdometryUpdate(
         stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _LEAST_COVARIANCE,
         twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _LEAST_COVARIANCE,
-        interval=step.interval.interval, increment=increment, status=step.status, registration=step.registration, features=features,
+        interval=step.interval.length, increment=increment, status=step.status, registration=step.registration, features=features,
         reference=frame and frame.features, reference_pose=state.output.corrected(frame.pose) if frame else pose,
         reference_changed=step.is_key_frame, restarted=step.interval.reason, wheel_correction=state.wheels.matrix.copy(),
         number=number, reference_number=frame.number if frame else None)

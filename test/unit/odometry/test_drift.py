@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation
+from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation, PoseMeasurement
 from dbscan_reg_ros.core.registration.records import Prior
 
 STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
@@ -24,7 +24,7 @@ def sigma(covariance):
 def test_what_the_key_frames_hold_is_as_good_as_the_match():
     drift = CovariancePropagation()
     for _ in range(5):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
     np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
     before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
     np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
@@ -33,7 +33,7 @@ def test_what_the_key_frames_hold_is_as_good_as_the_match():
 def test_every_key_frame_adds_its_own_error():
     drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
     for k in range(1, 5):
-        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), EVERYBODY, MATCHED)
+        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
         drift.start_key_frame()
         assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
         assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
@@ -65,14 +65,14 @@ def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
 
 def test_an_interval_of_which_nothing_is_known_says_nothing_of_the_twist():
     drift = CovariancePropagation()
-    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
     assert np.isfinite(drift.pose).all()
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
 def test_after_a_leap_all_is_unknown():
     drift = CovariancePropagation()
-    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), EVERYBODY, MATCHED)
+    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
     drift.add_unknown_motion()
     np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
     np.testing.assert_array_equal(drift.twist, np.eye(3))
@@ -90,7 +90,7 @@ def test_the_errors_of_many_drives_are_as_large(shares):
     pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
     for k, share in enumerate(shares):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), share, MATCHED)
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(share, MATCHED))
         pose, base = pose @ back.T, base @ back.T
         change = rng.normal(size=(size, 3)) * sigma(CHANGE)
         jitter = rng.normal(size=(size, 3)) * sigma(SPREAD - CHANGE)

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, unknown_motion_covariance
+from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, MotionConstraints, unknown_motion_covariance
 from dbscan_reg_ros.core.odometry.models.stamps import ScanInterval
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
-TICK = ScanInterval(interval=0.1, elapsed=0.1, middle_offset=0.02, steady=True)
+TICK = ScanInterval(length=0.1, elapsed=0.1, middle_offset=0.02, steady=True)
 STEP = SE2(0.05, 0.01, 0.03)
 
 
 def drive(motion, pose, steps, step=STEP, free=None, share=1.0):
     """The last pose after some steps, each of them found."""
     for _ in range(steps):
-        motion.elapse(TICK.interval)
-        pose = motion.update(pose @ step, TICK, free, share, False, P)
+        motion.elapse(TICK.length)
+        pose = motion.update(pose @ step, TICK, MotionConstraints(free, share), P)
     return pose
 
 

@@ -1,86 +1,110 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the odometry may be off: what the scans hold is known by them, all else by a motion that goes on as before."""
+"""Propagation of the covariance of pose and twist from scan to scan."""
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.se2 import SE2
 from ...registration.records import Prior
 
 
-class CovariancePropagation:
-    """Covariances of the errors of pose and twist, in the sensor's own frame.
+class PoseMeasurement(NamedTuple):
+    """How a scan's alignment with the map corrects its predicted pose.
 
-    Along a direction that the scans leave free an error of the twist lasts, and that of the pose grows with it.
+    Attributes
+    ----------
+    gain : (3, 3) float
+        Kalman gain, in the frame of the scan: the identity takes the pose from the map, 0 from the prediction.
+    covariance : (3, 3) float
+        Covariance of the pose by the map alone, in the frame of the scan [m, m, rad].
     """
 
-    def __init__(self):
-        # Of the pose, of the pose since the latest key frame, of the twist.
+    gain: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+NO_MEASUREMENT = PoseMeasurement(np.zeros((3, 3)), np.zeros((3, 3)))
+"""Dead reckoning: the map does not correct the prediction."""
+
+
+class CovariancePropagation:
+    """Joint covariance of the errors of pose and twist, in the frame of the sensor [m, m, rad; m/s, m/s, rad/s].
+
+    Along a degenerate direction the error of the twist is kept, and the error of the pose grows with it.
+    """
+
+    def __init__(self) -> None:
+        # Rows and columns: pose, pose since the latest key frame, twist.
         self._joint = np.zeros((9, 9))
         self.reset_twist()
 
     @property
-    def pose(self):
-        """(3, 3)"""
+    def pose(self) -> NDArray[np.float64]:
+        """``(3, 3)`` covariance of the pose."""
         return self._joint[:3, :3]
 
     @property
-    def twist(self):
-        """(3, 3)"""
+    def twist(self) -> NDArray[np.float64]:
+        """``(3, 3)`` covariance of the twist."""
         return self._joint[6:, 6:]
 
-    def reset_twist(self):
-        """Know nothing of the twist."""
+    def reset_twist(self) -> None:
+        """Reset the twist covariance to that of an unknown twist."""
         self._joint[6:] = self._joint[:, 6:] = 0.0
         self._joint[6:, 6:] = np.eye(3)
 
-    def reduce_heading_variance(self, share):
-        """Know the heading better: its standard deviation is only a `share` of what it was."""
-        self._joint[2] *= share
-        self._joint[:, 2] *= share
+    def reduce_heading(self, ratio: float) -> None:
+        """Multiply the standard deviation of the heading by a `ratio`."""
+        self._joint[2] *= ratio
+        self._joint[:, 2] *= ratio
 
-    def start_key_frame(self):
-        """Take the pose as that of a key frame."""
+    def start_key_frame(self) -> None:
+        """Make the current pose the latest key frame's."""
         self._joint[3:6] = self._joint[:, 3:6] = 0.0
 
-    def add_unknown_motion(self):
-        """Take the pose as that of a key frame after a motion of which nothing is known."""
+    def add_unknown_motion(self) -> None:
+        """Add an unknown motion, after which a new key frame starts."""
         self._joint[:3, :3] += np.eye(3)
         self.start_key_frame()
         self.reset_twist()
 
-    def propagate(self, step: SE2, interval, expected: Prior, share=np.zeros((3, 3)), matched=np.zeros((3, 3))):
-        """Go on by a `step`.
-
-        The new pose is ``share`` of where the key frames have it and the rest of where it was expected.
+    def propagate(self, step: SE2, interval: float, prior: Prior, measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
+        """Propagate all covariances over a `step`.
 
         Parameters
         ----------
         step : SE2
+            Motion since the last scan, in the last scan's frame.
         interval : float [s]
-        expected : Prior
-        share, matched : (3, 3) arrays
-            The covariance `matched` is that of the scan's place among the key frames, in its own frame.
+            Time since the last scan; 0 where unknown, which resets the twist.
+        prior : Prior
+            The predicted step.
+        measurement : PoseMeasurement
         """
+        gain = measurement.gain
         rate = 1.0 / interval if interval > 0.0 else 0.0
-        rest, back = np.eye(3) - share, step.inverse().adjoint()
-        # Six independent errors: the three of the joint, the change of the twist, the rest of the expected step, the match.
+        prediction_gain, adjoint = np.eye(3) - gain, step.inverse().adjoint()
+        # Six independent errors: the joint's three, change of the twist, rest of the prediction error, measurement.
         errors = np.zeros((18, 18))
         errors[:9, :9] = self._joint
-        change = expected.covariance if expected.velocity_change is None else expected.velocity_change
+        change = prior.covariance if prior.velocity_change is None else prior.velocity_change
         errors[9:12, 9:12] = change
-        errors[12:15, 12:15] = expected.covariance - change
-        errors[15:, 15:] = matched
-        # What they make of the error of the step: the match takes back the one since the key frame.
-        added = np.zeros((3, 18))
-        added[:, 3:6] = -share @ back
-        added[:, 9:12] = added[:, 12:15] = rest
-        added[:, 15:] = share
-        if expected.velocity_change is not None:
-            # No speed is expected beyond that of `reset_twist`: old errors fade as new ones come.
-            added[:, 6:9] = interval * np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0)) * rest
-        onward = np.concatenate((added, added, rate * added))
-        onward[:3, :3] += back
-        onward[3:6, 3:6] += back
-        onward[6:, 12:15] = 0.0
-        self._joint = onward @ errors @ onward.T
+        errors[12:15, 12:15] = prior.covariance - change
+        errors[15:, 15:] = measurement.covariance
+        # Their effect on the error of the step. The measurement removes the error made since the key frame.
+        effect = np.zeros((3, 18))
+        effect[:, 3:6] = -gain @ adjoint
+        effect[:, 9:12] = effect[:, 12:15] = prediction_gain
+        effect[:, 15:] = gain
+        if prior.velocity_change is not None:
+            # The variance of the twist stays below that of `reset_twist`: old errors fade as new ones are added.
+            fading = np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0))
+            effect[:, 6:9] = interval * fading * prediction_gain
+        transition = np.concatenate((effect, effect, rate * effect))
+        transition[:3, :3] += adjoint
+        transition[3:6, 3:6] += adjoint
+        transition[6:, 12:15] = 0.0
+        self._joint = transition @ errors @ transition.T
         if not rate:
             self.reset_twist()

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The walls of a building as a compass: most of them face two directions at right angles, and show how far a heading has drifted."""
+"""Manhattan heading correction: most walls of a building share two perpendicular directions, which reveal heading drift."""
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...features.records import Segments
 from ...geometry.robust_kernel import kernel
@@ -12,109 +13,121 @@ from ...registration.rotation import wrap_period
 
 
 class ManhattanHeading:
-    """The directions that most walls on the way share, modulo a right angle (Coughlan and Yuille, "Manhattan World", ICCV 1999).
+    """Kalman filter of the dominant wall direction, modulo a right angle.
 
-    A Kalman filter of three angles [rad]: how far the heading has drifted, a random walk; how far the walls in sight are from
-    the directions of most, which other walls are not; and these directions themselves. What is found to be drift is taken out
-    at once.
+    After Coughlan and Yuille, "Manhattan World", ICCV 1999. The state is three angles [rad]: the heading drift, a random
+    walk; the deviation of the visible walls from the dominant direction, which fades with distance; and the dominant
+    direction itself. The estimated drift is removed from the heading at once, so its mean stays 0.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._covariance = np.zeros((3, 3))
         self._forget()
 
-    def _forget(self):
-        """Know of no walls."""
-        self._direction, self._deviation = None, 0.0
-        self._along = self._seen = self._way = self._distance = 0.0
+    def _forget(self) -> None:
+        """Drop the dominant direction; the variance of the drift remains."""
+        self._direction: float | None = None
+        self._deviation = 0.0
+        self._aligned_length = self._total_length = 0.0
+        self._path = self._distance = 0.0
 
-    def propagate(self, step: SE2):
-        """Go on by a `step`."""
+    def propagate(self, step: SE2) -> None:
+        """Add the length of a `step` since the last scan: the drift grows with it at the next observation."""
         distance = math.hypot(step.x, step.y)
         self._distance += distance
-        self._way += math.hypot(distance, step.theta)
+        self._path += math.hypot(distance, step.theta)
 
-    def observe(self, segments: Segments, heading, parameters: ManhattanParameters):
-        """What the walls in sight say of the heading.
+    def observe(self, segments: Segments, heading: float, parameters: ManhattanParameters) -> tuple[float, float]:
+        """Estimate the heading drift by the visible walls.
 
         Parameters
         ----------
         segments : Segments
-            Of a scan.
+            Segments of a scan, in the frame of the sensor.
         heading : float [rad]
-            Of the sensor.
+            Heading of the sensor.
         parameters : ManhattanParameters
 
         Returns
         -------
-        turn : float [rad]
-            By which the heading has to be corrected.
-        share : float
-            Of the standard deviation of its error, what is left.
+        rotation : float [rad]
+            Correction to add to the heading.
+        ratio : float
+            Standard deviation of the heading drift after the correction, as a ratio of that before it.
         """
         p = parameters
-        self._pass_on(p)
-        long = segments.length > _LONG
-        length, directions = segments.length[long], segments.direction[long] + heading
+        self._predict(p)
+        walls = segments.length > _MIN_WALL_LENGTH
+        length, directions = segments.length[walls], segments.direction[walls] + heading
         if not len(length):
             return 0.0, 1.0
         if self._direction is None:
-            self._direction = _densest(directions, length, p.direction_sigma)
+            self._direction = _densest_direction(directions, length, p.direction_sigma)
             drift = self._covariance[0, 0]
-            self._covariance = np.diag((drift, p.wall_sigma ** 2, _UNKNOWN ** 2))
-        off, along = _mode(wrap_period(directions - self._direction - self._deviation, _RIGHT), length, p.direction_sigma)
+            self._covariance = np.diag((drift, p.wall_sigma ** 2, _UNKNOWN_SIGMA ** 2))
+        offsets = wrap_period(directions - self._direction - self._deviation, _RIGHT_ANGLE)
+        innovation, aligned_length = _mean_shift(offsets, length, p.direction_sigma)
         common = self._covariance.sum(0)
-        variance = common.sum() + _NOISE ** 2 * max(_PLENTY / along, 1.0)
-        if off * off > _LIMIT ** 2 * variance:
-            along = 0.0
-        self._along, self._seen = self._along + along, self._seen + length.sum()
-        aligned = self._along / self._seen
-        if aligned < _FORGOTTEN * p.min_aligned_ratio:
-            self._forget()
-        if aligned < p.min_aligned_ratio or not along:
+        variance = common.sum() + _OBSERVATION_SIGMA ** 2 * max(_REFERENCE_LENGTH / aligned_length, 1.0)
+        if innovation * innovation > _GATE ** 2 * variance:
+            aligned_length = 0.0
+        if not self._count_walls(aligned_length, length.sum(), p.min_aligned_ratio):
             return 0.0, 1.0
         gain, before = common / variance, self._covariance[0, 0]
         self._covariance = self._covariance - gain[:, None] * common
-        self._deviation += gain[1] * off
-        self._direction += gain[2] * off
-        return -gain[0] * off, math.sqrt(max(self._covariance[0, 0], 0.0) / before) if before else 1.0
+        self._deviation += gain[1] * innovation
+        self._direction += gain[2] * innovation
+        ratio = math.sqrt(max(self._covariance[0, 0], 0.0) / before) if before else 1.0
+        return -gain[0] * innovation, ratio
 
-    def _pass_on(self, p):
-        """Make up for the way since the last walls."""
-        keep = math.exp(-self._distance / p.correlation_distance)
-        kept = np.array((1.0, keep, 1.0))
-        self._covariance = kept[:, None] * self._covariance * kept
-        self._covariance[0, 0] += p.heading_drift ** 2 * self._way
-        self._covariance[1, 1] += (1.0 - keep * keep) * p.wall_sigma ** 2
-        self._deviation, self._along, self._seen = keep * self._deviation, keep * self._along, keep * self._seen
-        self._way = self._distance = 0.0
+    def _count_walls(self, aligned_length: float, total_length: float, min_ratio: float) -> bool:
+        """Count the lengths [m] of walls, and return whether enough of them are along the dominant direction."""
+        self._aligned_length, self._total_length = self._aligned_length + aligned_length, self._total_length + total_length
+        ratio = self._aligned_length / self._total_length
+        if ratio < _FORGET_RATIO * min_ratio:
+            self._forget()
+        return ratio >= min_ratio and bool(aligned_length)
+
+    def _predict(self, p: ManhattanParameters) -> None:
+        """Kalman prediction: process noise and fading since the last observation."""
+        fading = math.exp(-self._distance / p.correlation_distance)
+        transition = np.array((1.0, fading, 1.0))
+        self._covariance = transition[:, None] * self._covariance * transition
+        self._covariance[0, 0] += p.heading_drift ** 2 * self._path
+        self._covariance[1, 1] += (1.0 - fading * fading) * p.wall_sigma ** 2
+        self._deviation = fading * self._deviation
+        self._aligned_length, self._total_length = fading * self._aligned_length, fading * self._total_length
+        self._path = self._distance = 0.0
 
 
-def _densest(directions, length, tolerance):
-    """Of the `directions` [rad] the one with the most walls [m] around it."""
-    return directions[(kernel(wrap_period(directions[:, None] - directions, _RIGHT), tolerance) @ length).argmax()]
+def _densest_direction(directions: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> float:
+    """Return the one of the `directions` [rad] with the greatest length [m] of walls within about `sigma` [rad]."""
+    density = kernel(wrap_period(directions[:, None] - directions, _RIGHT_ANGLE), sigma) @ length
+    return float(directions[density.argmax()])
 
 
-def _mode(off, length, tolerance):
-    """Where the walls [m] that are `off` [rad] by least are thickest, by mean shift, and how many of them [m] lie there."""
+def _mean_shift(offsets: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> tuple[float, float]:
+    """Return the mode of wall `offsets` [rad] nearest to 0 by mean shift, and the length [m] of the walls at it."""
     mean = 0.0
-    for _ in range(_SHIFTS):
-        near = length * kernel(off - mean, tolerance)
-        along = near.sum() + 1e-9
-        mean = near @ off / along
-    return mean, along
+    for _ in range(_ITERATIONS):
+        weight = length * kernel(offsets - mean, sigma)
+        aligned_length = weight.sum() + 1e-9
+        mean = weight @ offsets / aligned_length
+    return mean, aligned_length
 
 
-_RIGHT = 0.5 * math.pi
-_LONG = 0.7
-"""Walls shorter than this [m] are furniture."""
-_NOISE = 0.009
-"""Of what one scan shows of the direction of `_PLENTY` [m] of walls [rad]."""
-_PLENTY = 3.0
-_UNKNOWN = 2.0
-"""Spread of directions of which nothing is known [rad]."""
-_LIMIT = 2.0
-"""What is farther off than so many standard deviations is another direction."""
-_SHIFTS = 3
-_FORGOTTEN = 0.5
-"""Where no more than this part of the share of walls that is asked for lies along the directions, others are looked for."""
+_RIGHT_ANGLE = 0.5 * math.pi
+_MIN_WALL_LENGTH = 0.7
+"""Shorter segments [m] are furniture."""
+_OBSERVATION_SIGMA = 0.009
+"""Standard deviation [rad] of the direction that one scan observes by `_REFERENCE_LENGTH` of walls."""
+_REFERENCE_LENGTH = 3.0
+"""Length of aligned walls [m] below which an observation is less certain."""
+_UNKNOWN_SIGMA = 2.0
+"""Standard deviation [rad] of an unknown direction."""
+_GATE = 2.0
+"""Standard deviations beyond which the visible walls have another direction."""
+_ITERATIONS = 3
+"""Iterations of the mean shift."""
+_FORGET_RATIO = 0.5
+"""Ratio of `manhattan.min_aligned_ratio` below which another dominant direction is sought."""

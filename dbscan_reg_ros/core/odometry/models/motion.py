@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that goes on: what is expected of the next scan when nobody tells of it."""
+"""Constant-velocity motion model: predicts the motion to the next scan where no external prior does."""
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.se2 import SE2
 from ...parameters.tree import Parameters
@@ -10,161 +12,228 @@ from ...registration.records import Prior
 from .stamps import ScanInterval
 
 
+class MotionConstraints(NamedTuple):
+    """How well a scan constrains the motion.
+
+    Attributes
+    ----------
+    direction : float or None [rad]
+        Degenerate direction of the translation in the odometry frame; None without one.
+    constrained : float
+        From 0 to 1: how well the scan constrains the translation along it.
+    rotation_unobservable : bool
+    """
+
+    direction: float | None = None
+    constrained: float = 1.0
+    rotation_unobservable: bool = False
+
+
 class ConstantVelocityModel:
-    """How the sensor moves, by where its scans were found.
+    """Constant-velocity model, updated by the poses of scans.
 
     Parameters
     ----------
     pose : SE2
-        Where it is at first.
+        First pose of the sensor in the odometry frame.
 
     Attributes
     ----------
-    twist : (3,) array [m/s, m/s, rad/s]
-        In the sensor's own frame.
+    twist : (3,) float [m/s, m/s, rad/s]
+        Velocity in the frame of the sensor.
     """
+
+    twist: NDArray[np.float64]
+    _middle: SE2 | None
+    """Pose in the middle of the last scan; None where it is unknown."""
+    _constrained_middle: SE2
+    """Pose in the middle of the last scan that constrained every direction."""
+    _increment: SE2 | None
+    """Predicted increment; None where it is unknown."""
+    _velocities: list[NDArray[np.float64]]
 
     def __init__(self, pose: SE2):
         self.reset_velocity()
         self.start_moving(pose, self.twist, 0.0)
-        self._since, self._free = 0.0, None
+        # Time since a scan last constrained every direction, and the direction [rad] that is degenerate since then.
+        self._unconstrained_time = 0.0
+        self._degenerate_direction: float | None = None
 
-    def reset_velocity(self):
-        """Expect no motion."""
-        self._step, self.twist, self._velocities = SE2(), np.zeros(3), []
+    def reset_velocity(self) -> None:
+        """Predict no motion."""
+        self._increment, self._velocities, self._last_interval = SE2(), [], 0.0
+        self.twist = np.zeros(3)
 
-    def start_moving(self, pose: SE2, twist, half):
-        """Move at a `twist` from `pose` on, which lies a time of `half` [s] before the middle of its scan."""
+    def start_moving(self, pose: SE2, twist: NDArray[np.float64], middle_offset: float) -> None:
+        """Start at `pose` with a `twist`; the middle of the scan is `middle_offset` [s] after its stamp."""
         self.twist = twist
-        self._middle = self._held = pose @ travel(twist, half)
+        self._middle = self._constrained_middle = pose @ integrate(twist, middle_offset)
 
-    def coast(self, pose: SE2, half):
-        """Be at a `pose` that was only expected."""
-        self._middle = pose @ travel(self.twist, half)
+    def coast(self, pose: SE2, middle_offset: float) -> None:
+        """Take a predicted `pose` for the last scan's, which was not found."""
+        self._middle = pose @ integrate(self.twist, middle_offset)
 
-    def forget_position(self):
-        """Know no longer where the last scan was: the way from there to the next is no motion."""
+    def forget_position(self) -> None:
+        """Forget the last pose: the displacement from there to the next scan is a correction, not a motion."""
         self._middle = None
 
     @property
-    def position_unknown(self):
-        """Whether nothing is known of where the last scan was."""
+    def position_unknown(self) -> bool:
+        """Whether the pose of the last scan is unknown."""
         return self._middle is None
 
     @property
-    def has_velocity(self):
-        """Whether it is known how the sensor moves."""
+    def has_velocity(self) -> bool:
+        """Whether a velocity has been estimated."""
         return bool(self._velocities)
 
-    def elapse(self, interval):
-        """Let time [s] pass."""
-        self._since += interval
+    def elapse(self, interval: float) -> None:
+        """Add an `interval` [s] to the time since a scan last constrained every direction."""
+        self._unconstrained_time += interval
 
-    def predict(self, time: ScanInterval, parameters: Parameters) -> Prior:
-        """The last motion once more; its spread grows with the interval and with the motion itself."""
-        p = parameters.prior
-        unknown = self._step is None or parameters.odometry.prior == 'none'
-        step = SE2() if unknown or time.jump else self._step
-        if unknown or time.gap:
-            return Prior(step, unknown_motion_covariance(time, parameters))
-        if time.steady and self._velocities and not 1.0 / _ALIKE < time.interval / self._lasted < _ALIKE:
-            # Scans were lost, now or before.
-            step = travel(self._usual_twist(), time.interval)
-        # No turn is farther off than half of one, however long it had time: the prior still tells there from back.
-        farthest = math.pi / p.gate
-        faster, faster_turn = p.acceleration * time.interval ** 2, min(p.angular_acceleration * time.interval ** 2, farthest)
-        sigma = math.hypot(p.min_sigma, faster, p.stamp_jitter * math.hypot(step.x, step.y))
-        turn = min(math.hypot(p.min_rotation_sigma, faster_turn, p.stamp_jitter * step.theta), farthest)
-        return Prior(step, np.diag((sigma * sigma, sigma * sigma, turn * turn)), np.diag((faster, faster, faster_turn)) ** 2)
+    def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
+        """Predict the last increment once more; its covariance grows with the interval and with the increment."""
+        p, increment = parameters.prior, self._increment
+        unknown = increment is None or parameters.odometry.prior == 'none'
+        if increment is None or unknown or interval.jump:
+            increment = SE2()
+        if unknown or interval.gap:
+            return Prior(increment, unknown_motion_covariance(interval, parameters))
+        if interval.steady and self._velocities and not self._is_as_long_as_last(interval.length):
+            # Scans were dropped, now or before.
+            increment = integrate(self._mean_twist(), interval.length)
+        # Half a turn stays outside the gate, however long the interval: corridors are symmetric.
+        max_sigma = math.pi / p.gate
+        change, rotation_change = p.acceleration * interval.length ** 2, p.angular_acceleration * interval.length ** 2
+        rotation_change = min(rotation_change, max_sigma)
+        sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
+        rotation_sigma = math.hypot(p.min_rotation_sigma, rotation_change, p.stamp_jitter * increment.theta)
+        rotation_sigma = min(rotation_sigma, max_sigma)
+        return Prior(increment, np.diag((sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma)),
+                     np.diag((change, change, rotation_change)) ** 2)
 
-    def gate_covariance(self, prior: Prior, expected: SE2, lost, parameters: Parameters):
-        """Covariance of a scan that is `expected` by a prior, when those before it were found nowhere for a time of `lost` [s].
+    def gate_covariance(self, prior: Prior, predicted: SE2, lost_time: float, parameters: Parameters) -> NDArray[np.float64]:
+        """Return the covariance of a prediction, widened for changes of velocity that were not observed.
 
-        The motion may have changed since. Along a direction that was left free it may have done so before: no farther, though,
-        than a place along it is searched for.
+        Parameters
+        ----------
+        prior : Prior
+            An external prior is returned as it is.
+        predicted : SE2
+            Pose that the prior predicts, in the odometry frame.
+        lost_time : float [s]
+            Time in which scans were not found: the covariance grows with it in every direction. Along a degenerate
+            direction it grows with the time since a scan last constrained it, up to `degeneracy.search_distance`.
+        parameters : Parameters
+
+        Returns
+        -------
+        (3, 3) float
+            In the frame of the sensor [m, m, rad].
         """
         covariance = prior.covariance
         if prior.velocity_change is None:
             return covariance
-        if lost:
-            way, turn = _changed(min(lost, parameters.time.max_jump), parameters)
-            covariance = covariance + np.diag((way, way, turn)) ** 2
-        if self._free is not None:
-            angle = self._free - expected.theta
-            farther = min(_changed(self._since, parameters)[0], parameters.degeneracy.search_distance)
+        if lost_time:
+            distance, rotation = _displacement_sigma(min(lost_time, parameters.time.max_jump), parameters)
+            covariance = covariance + np.diag((distance, distance, rotation)) ** 2
+        if self._degenerate_direction is not None:
+            angle = self._degenerate_direction - predicted.theta
+            distance = min(_displacement_sigma(self._unconstrained_time, parameters)[0], parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
-            covariance = covariance + farther ** 2 * along[:, None] * along
+            covariance = covariance + distance ** 2 * along[:, None] * along
         return covariance
 
-    def update(self, pose: SE2, time: ScanInterval, free, share, turns, parameters: Parameters) -> SE2:
-        """Go on to where the scan was found; the pose at its stamp is returned.
+    def update(self, pose: SE2, interval: ScanInterval, constraints: MotionConstraints, parameters: Parameters) -> SE2:
+        """Update the velocity by the pose of a scan.
 
-        The points lie where the twist of the scan before carried them. An error of that twist turns into one of the pose
-        at the stamp, not of the pose in the middle of the scan: the new twist comes from the middles. Where the scan before
-        was found nowhere no motion is known. Along a direction that the scan leaves `free` [rad] the speed stays as it was, but
-        for a `share`. Once a scan holds that direction again the speed follows from the way since one did so last. Where the
-        scan `turns` freely, too, what is free is a way with a turn: no speed along one direction stays.
+        The scan was deskewed by the last twist. An error of that twist shifts the pose at the stamp, but not the pose in the
+        middle of the scan: the new twist comes from the poses in the middle. Along a degenerate direction the velocity is
+        kept. The first scan that constrains this direction again updates the velocity by the displacement since the last one
+        that did. Where the rotation is unobservable too, translation and rotation are coupled: no velocity is kept.
+
+        Parameters
+        ----------
+        pose : SE2
+            Pose of the scan at its stamp in the odometry frame, deskewed by the last twist.
+        interval : ScanInterval
+        constraints : MotionConstraints
+        parameters : Parameters
+
+        Returns
+        -------
+        SE2
+            Pose of the scan at its stamp, by the new twist.
         """
-        if turns:
-            free = self._free = None
-        middle = pose @ travel(self.twist, time.middle_offset)
+        direction = constraints.direction
+        if constraints.rotation_unobservable:
+            direction = self._degenerate_direction = None
+        middle = pose @ integrate(self.twist, interval.middle_offset)
         before, self._middle = self._middle, middle
         if before is None:
             self.reset_velocity()
-            self._step = None
-        elif time.interval > 0.0 and time.elapsed > 0.0 and not time.gap:
-            usual = self._usual_twist()
-            self.twist = (before.inverse() @ middle).as_array() / time.interval
-            if free is not None:
-                self._set_speed(usual[:2], free - middle.theta, 1.0 - share)
-            elif self._free is not None:
-                back = (middle.inverse() @ self._held).as_array()
-                faster = -back[:2] / self._since - usual[:2]
-                self._set_speed(usual[:2] + _WANDERS * faster, self._free - middle.theta)
+            self._increment = None
+        elif interval.length > 0.0 and interval.elapsed > 0.0 and not interval.gap:
+            predicted = self._mean_twist()
+            self.twist = (before.inverse() @ middle).as_array() / interval.length
+            if direction is not None:
+                self._correct_velocity(predicted[:2], direction - middle.theta, 1.0 - constraints.constrained)
+            elif self._degenerate_direction is not None:
+                self._catch_up(predicted[:2], middle, self._degenerate_direction)
             self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocity_window:]
-            self._step, self._lasted = travel(self._usual_twist(), time.interval), time.interval
-        if free is None:
-            self._held, self._since = middle, 0.0
-        self._free = free
-        return middle @ travel(self.twist, time.middle_offset).inverse()
+            self._increment, self._last_interval = integrate(self._mean_twist(), interval.length), interval.length
+        if direction is None:
+            self._constrained_middle, self._unconstrained_time = middle, 0.0
+        self._degenerate_direction = direction
+        return middle @ integrate(self.twist, interval.middle_offset).inverse()
 
-    def _set_speed(self, velocity, angle, share=1.0):
-        """Take a `share` of the speed along `angle` [rad] from a `velocity` [m/s, m/s], both in the sensor's frame."""
+    def _catch_up(self, predicted: NDArray[np.float64], middle: SE2, direction: float) -> None:
+        """Set the velocity along a `direction` [rad] that was degenerate by the displacement since the last constrained pose."""
+        displacement = (middle.inverse() @ self._constrained_middle).as_array()
+        change = -displacement[:2] / self._unconstrained_time - predicted
+        self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta)
+
+    def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float = 1.0) -> None:
+        """Move the twist by a `gain` towards a `velocity` [m/s, m/s] along `angle` [rad], both in the frame of the sensor."""
         along = np.array((math.cos(angle), math.sin(angle)))
-        self.twist[:2] += share * ((velocity - self.twist[:2]) @ along) * along
+        self.twist[:2] += gain * ((velocity - self.twist[:2]) @ along) * along
 
-    def _usual_twist(self):
-        """The twist that is expected to go on: the last turning rate, and the mean of the last few velocities.
+    def _is_as_long_as_last(self, interval: float) -> bool:
+        """Whether an `interval` [s] differs from the last one by no more than jitter of the stamps."""
+        return 1.0 / _SAME_INTERVAL < interval / self._last_interval < _SAME_INTERVAL
 
-        Walls always hold the rotation, but not the motion along them: a step that noise has made too long would be expected
-        again, and found.
+    def _mean_twist(self) -> NDArray[np.float64]:
+        """Return the predicted twist: the mean of the last velocities, and the last turn rate.
+
+        Scans constrain the rotation well, but the translation along walls poorly: a single step that noise lengthens would be
+        predicted again and confirm itself.
         """
         vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
         return np.array((vx, vy, self.twist[2]))
 
 
-def unknown_motion_covariance(time: ScanInterval, parameters: Parameters):
-    """Covariance ``(3, 3)`` of a motion of which nothing is known."""
-    p = parameters.prior
-    way, turn = _changed(min(time.elapsed if time.gap else time.interval, parameters.time.max_jump), parameters)
-    sigma, turn = math.hypot(p.unknown_sigma, way), min(math.hypot(p.unknown_rotation_sigma, turn), _MOST_TURN)
-    return np.diag([sigma, sigma, turn]) ** 2
+def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) -> NDArray[np.float64]:
+    """Return the covariance ``(3, 3)`` [m, m, rad] of an unknown motion in an `interval`."""
+    p, time = parameters.prior, interval.elapsed if interval.gap else interval.length
+    distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
+    sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_rotation_sigma, rotation)
+    return np.diag([sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)]) ** 2
 
 
-def _changed(lasted, parameters):
-    """How far [m] and by which turn [rad] a motion may have left its course in a time [s]."""
-    p, half = parameters.prior, 0.5 * lasted ** 2
-    return p.acceleration * half, min(p.angular_acceleration * half, _MOST_TURN)
+def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, float]:
+    """Return the standard deviations [m], [rad] of the displacement by unknown accelerations in a `time` [s]."""
+    p, half = parameters.prior, 0.5 * time ** 2
+    return p.acceleration * half, min(p.angular_acceleration * half, _MAX_ROTATION_SIGMA)
 
 
-def travel(twist, time) -> SE2:
-    """Motion at a steady `twist` [m/s, m/s, rad/s] in a `time` [s]."""
+def integrate(twist: NDArray[np.float64], time: float) -> SE2:
+    """Return the motion of a constant `twist` [m/s, m/s, rad/s] in a `time` [s], to first order."""
     return SE2.from_array(twist * time)
 
 
-_MOST_TURN = 1.0
-"""Spread [rad] of a turn of which nothing is known."""
-_ALIKE = 1.5
-"""Intervals whose ratio is less are the same but for what stamps jitter."""
-_WANDERS = 1.5
-"""A speed that wanders at random has changed by so many times the change of its mean: the gain of a Kalman filter."""
+_MAX_ROTATION_SIGMA = 1.0
+"""Largest standard deviation [rad] of an unknown rotation."""
+_SAME_INTERVAL = 1.5
+"""Intervals with a smaller ratio differ by jitter of the stamps only."""
+_RANDOM_WALK_GAIN = 1.5
+"""Kalman gain for a velocity that is a random walk: its last value has changed by this ratio of the change of its mean."""

@@ -6,7 +6,10 @@ from enum import Enum
 from statistics import median
 from typing import NamedTuple
 
+from ...features.records import Features
 from ...parameters.odometry import TimeParameters
+from ...parameters.tree import Parameters
+from ...scan import Scan
 
 
 class Jump(Enum):
@@ -22,9 +25,9 @@ class ScanTiming(NamedTuple):
     Attributes
     ----------
     duration : float [s]
-        From its first beam to its last, by its `time_increment`; 0 for all beams at once.
+        Time from the first beam to the last by `Scan.time_increment`; 0 for all beams at once.
     ratio : float
-        Ratio of this that it may really take: clocks and drivers can be wrong by it.
+        Ratio of `duration` that the scan may really take: clocks and drivers can be wrong.
     deskews : bool
         Whether the motion within the scan can be removed.
     """
@@ -33,8 +36,8 @@ class ScanTiming(NamedTuple):
     ratio: float
     deskews: bool
 
-    def middle_offset(self, scan, features):
-        """Time [s] from the stamp of a scan to the middle of its returns."""
+    def middle_offset(self, scan: Scan, features: Features) -> float:
+        """Return the time [s] from the stamp of a scan to the middle of its returns."""
         return middle_offset(scan, features, self.ratio) if self.duration else 0.0
 
 
@@ -44,24 +47,22 @@ class ScanInterval:
 
     Attributes
     ----------
-    interval : float [s]
-        The stamps' own difference where it can be believed, else the running median, or whole ones where scans would overlap; 0
-        while nothing is known.
+    length : float [s]
+        Difference of the stamps where it is plausible; else the running median, or a whole multiple of it where scans would
+        overlap. 0 while unknown.
     elapsed : float [s]
-        The stamps' own difference, 0 for stamps that go back.
+        Difference of the stamps; 0 for stamps that go back.
     middle_offset : float [s]
-        From the stamp of the scan to the middle of its beams.
+        Time from the stamp of the scan to the middle of its beams.
     jump : Jump or None
-        Whether the stamp lies more than `time.max_jump` away from the last, and to which side.
+        Direction of a jump of the stamps by more than `time.max_jump`.
     reason : str
         The jump in words; empty without one.
     steady : bool
-        The stamps tell when scans were taken: a long interval comes of scans that were lost.
-    gap : bool
-        So much time seems to have passed that the last motion says little of this one; or else the stamp is wrong.
+        Whether the stamps are regular: then a long interval means dropped scans.
     """
 
-    interval: float = 0.0
+    length: float = 0.0
     elapsed: float = 0.0
     middle_offset: float = 0.0
     jump: Jump | None = None
@@ -69,38 +70,46 @@ class ScanInterval:
     steady: bool = False
 
     @property
-    def gap(self):
-        return self.jump is not None or self.elapsed > _GAP * self.interval
-
-
-# Stamps that jitter leave up to eight intervals between scans that are evenly apart, and then next to none.
-_GAP = 10.0
-# The share of a scan after which the next may seem to begin: stamps of a good clock jitter as well.
-_OVER = 0.9
-# No lidar is faster [s].
-_LEAST = 0.001
-# Where one scan is left out the stamps are two intervals apart, give or take what they jitter.
-_TWICE = 2.05
+    def gap(self) -> bool:
+        """Whether the last velocity does not predict the motion: scans are missing for long, or the stamp is wrong."""
+        return self.jump is not None or self.elapsed > _GAP_RATIO * self.length
 
 
 class StampFilter:
-    """The time from scan to scan, cleaned by its running median."""
+    """Running median of the intervals between stamps.
 
-    def __init__(self):
-        self._last, self.duration = None, 0.0
-        self._recent = deque(maxlen=51)
+    Attributes
+    ----------
+    duration : float [s]
+        Duration of the last scan, as in `ScanTiming`.
+    """
 
-    def timing(self, scan, parameters) -> ScanTiming:
-        """How long a `scan` takes; remembered as `duration`."""
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self.duration = 0.0
+        self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
+
+    def timing(self, scan: Scan, parameters: Parameters) -> ScanTiming:
+        """Determine how long a `scan` takes; this becomes `duration`."""
         duration = abs(scan.time_increment) * scan.geometry.size if parameters.odometry.deskew else 0.0
         self.duration = duration if duration < parameters.time.max_jump else 0.0
         deskews = bool(self.duration) and not self.jumps(scan.stamp, parameters.time)
         return ScanTiming(self.duration, self.ratio(self.duration), deskews)
 
-    def next(self, stamp, middle_offset, parameters: TimeParameters, lasts=0.0) -> ScanInterval:
-        """Take the next scan's stamp [ns], the time from it to its middle [s], and how long it takes [s], 0 for all at once.
+    def next(self, stamp: int, middle_offset: float, parameters: TimeParameters, scan_duration: float = 0.0) -> ScanInterval:
+        """Add a stamp and determine the interval since the last one.
 
-        No scan begins before the last is over: stamps that say so jitter, and what they say is rounded to whole intervals.
+        A scan does not begin before the last one ends. Stamps that contradict this jitter: intervals are then rounded to
+        whole multiples of the median.
+
+        Parameters
+        ----------
+        stamp : int [ns]
+        middle_offset : float [s]
+            Time from the stamp to the middle of the scan.
+        parameters : TimeParameters
+        scan_duration : float [s]
+            0 for all beams at once.
         """
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
@@ -111,39 +120,53 @@ class StampFilter:
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
             return ScanInterval(self._median(), max(elapsed, 0.0), middle_offset, jump, reason)
         self._recent.append(elapsed)
-        usual = self._median()
-        steady = min(self._recent) > max(usual / _GAP, _OVER * lasts)
-        if lasts and not steady:
-            return ScanInterval(self._whole(elapsed, lasts), max(elapsed, 0.0), middle_offset)
-        believed = steady or 0.5 * usual <= elapsed <= _TWICE * usual
-        return ScanInterval(elapsed if believed else usual, max(elapsed, 0.0), middle_offset, steady=steady)
+        typical = self._median()
+        steady = min(self._recent) > max(typical / _GAP_RATIO, _OVERLAP_RATIO * scan_duration)
+        if scan_duration and not steady:
+            return ScanInterval(self._rounded(elapsed, scan_duration), max(elapsed, 0.0), middle_offset)
+        plausible = steady or 0.5 * typical <= elapsed <= _MAX_RATIO * typical
+        return ScanInterval(elapsed if plausible else typical, max(elapsed, 0.0), middle_offset, steady=steady)
 
-    def _whole(self, elapsed, lasts):
-        """`elapsed` rounded to whole intervals, at least one: the median of those in which no scan seems to be lost."""
-        recent = self._possible()
+    def _rounded(self, elapsed: float, scan_duration: float) -> float:
+        """Round `elapsed` [s] to a multiple, at least one, of the median of the intervals without dropped scans."""
+        recent = self._positive()
         if not recent:
             return 0.0
-        usual = median(each for each in recent if each < 2.0 * max(recent[len(recent) // 4], lasts))
-        return usual * max(round(elapsed / usual), 1)
+        limit = 2.0 * max(recent[len(recent) // 4], scan_duration)
+        typical = median(each for each in recent if each < limit)
+        return typical * max(round(elapsed / typical), 1)
 
-    def jumps(self, stamp, parameters: TimeParameters) -> bool:
-        """Whether a scan at `stamp` [ns] would lie more than `time.max_jump` away from the last."""
+    def jumps(self, stamp: int, parameters: TimeParameters) -> bool:
+        """Whether a `stamp` [ns] differs from the last one by more than `time.max_jump`."""
         return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.max_jump
 
-    def ratio(self, lasts):
-        """Ratio of its stated duration [s] that a scan may have taken: a clock or a driver can be wrong by that."""
-        usual = self._median()
-        return usual / lasts if 0.0 < usual < _OVER * lasts else 1.0
+    def ratio(self, scan_duration: float) -> float:
+        """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
+        typical = self._median()
+        return typical / scan_duration if 0.0 < typical < _OVERLAP_RATIO * scan_duration else 1.0
 
-    def _median(self):
-        recent = self._possible()
+    def _median(self) -> float:
+        """Return the median interval [s]; 0 while none is known."""
+        recent = self._positive()
         return median(recent) if recent else 0.0
 
-    def _possible(self):
-        """The last intervals, in ascending order, without those that stamps which repeat or go back leave."""
-        return sorted(elapsed for elapsed in self._recent if elapsed > _LEAST)
+    def _positive(self) -> list[float]:
+        """Return the recent intervals [s] in ascending order, without those of stamps that repeat or go back."""
+        return sorted(elapsed for elapsed in self._recent if elapsed > _MIN_INTERVAL)
 
 
-def middle_offset(scan, features, ratio):
-    """Time [s] from the stamp of a scan to the middle of its returns, if it took a `ratio` of its stated duration."""
+def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
+    """Return the time [s] from the stamp of a scan to the middle of its returns, if it took a `ratio` of its duration."""
     return ratio * scan.time_increment * float(features.beams.mean())
+
+
+_MEDIAN_SIZE = 51
+"""Intervals of the running median."""
+_GAP_RATIO = 10.0
+"""Ratio of the median from which on an interval is a gap: jitter leaves up to eight intervals between regular scans."""
+_OVERLAP_RATIO = 0.9
+"""Ratio of its duration after which a scan may seem to end: stamps of a good clock jitter as well."""
+_MIN_INTERVAL = 0.001
+"""Shorter intervals [s] are no intervals: no lidar is faster."""
+_MAX_RATIO = 2.05
+"""Ratio of the median up to which a single interval is plausible: one dropped scan, and jitter."""

@@ -1,75 +1,81 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that wheels tell: what is wrong with them time and again is learned from what the scans have found."""
+"""Online calibration of systematic wheel-odometry errors."""
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.se2 import SE2
 from ...registration.records import Prior
 
 
 class WheelCalibration:
-    """What a told motion is off by, as a linear function of itself, and how far off it is beyond that.
+    """Linear model of the systematic errors of an external prior, and of the noise that remains.
 
-    Wheels larger than they are thought to be make every way too short, unequal ones turn it, and a sensor that is not where it
-    is said to be is carried sideways by a turn. All nine coefficients come from ridge regression of the errors on the told
-    motions [m, m, rad].
+    Wheels larger than configured make every distance too short, unequal wheels add a rotation, and a sensor that is not
+    where its mounting says moves sideways when the robot rotates. Ridge regression of the errors on the motions of the
+    prior [m, m, rad] estimates all nine coefficients.
 
     Attributes
     ----------
-    matrix : (3, 3) array
-        The error of a told motion is `matrix` times it.
+    matrix : (3, 3) float
+        E of the correction m_true = (I + E) m_prior, in the frame of the sensor.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
+        # Sums over motions m with errors e, fading with distance: m m', e m', squared normalised residuals, distance.
         self._moments, self._products = _RIDGE * np.eye(3), np.zeros((3, 3))
-        self._squares, self._way = np.full(3, _USUAL), _USUAL
-        self._settle()
+        self._squared_residuals, self._distance = np.full(3, _INITIAL_DISTANCE), _INITIAL_DISTANCE
+        self._solve()
 
-    def _settle(self):
-        self.matrix = np.clip(np.linalg.solve(self._moments, self._products).T, -_MOST, _MOST)
-        self._share = np.sqrt(np.clip(self._squares / self._way, _LEAST ** 2, 1.0))
+    def _solve(self) -> None:
+        """Solve the ridge regression."""
+        coefficients = np.linalg.solve(self._moments, self._products).T
+        self.matrix: NDArray[np.float64] = np.clip(coefficients, -_MAX_COEFFICIENT, _MAX_COEFFICIENT)
+        variance_ratio = np.clip(self._squared_residuals / self._distance, _MIN_SIGMA_RATIO ** 2, 1.0)
+        self._sigma_ratio: NDArray[np.float64] = np.sqrt(variance_ratio)
 
-    def corrected(self, told: Prior) -> Prior:
-        """The motion without its systematic error, as sure as it was told."""
-        motion = told.transform
-        return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), told.covariance)
+    def corrected(self, prior: Prior) -> Prior:
+        """Remove the systematic error from a `prior`; its covariance stays."""
+        motion = prior.transform
+        return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), prior.covariance)
 
     def tightened(self, prior: Prior) -> Prior:
-        """The same motion, but as sure as those before have been, and never less sure than it was told."""
-        return Prior(prior.transform, prior.covariance * np.outer(self._share, self._share))
+        """Reduce the covariance of a `prior` to the noise of the motions so far; it never grows."""
+        return Prior(prior.transform, prior.covariance * np.outer(self._sigma_ratio, self._sigma_ratio))
 
-    def learn(self, told: Prior, found: SE2, weights, memory):
+    def learn(self, prior: Prior, observed: SE2, weight: float, memory: float) -> None:
         """Learn from one more motion.
 
         Parameters
         ----------
-        told : Prior
-        found : SE2
-            What the scans say of it.
-        worth : float
-            What that counts, from 0 to 1.
+        prior : Prior
+            Motion by the external source.
+        observed : SE2
+            The same motion by the scans.
+        weight : float
+            Weight of this motion, from 0 to 1.
         memory : float [m]
-            What lies back by so long a way counts for 1 / e, a radian as a metre.
+            Distance after which the weight of a motion has faded to 1 / e; 1 rad counts as 1 m.
         """
-        motion, off = told.transform.as_array(), (told.transform.inverse() @ found).as_array()
-        way = math.sqrt(motion @ motion)
-        keep = math.exp(-way / memory)
-        rest = off - self.matrix @ motion
-        seen = weights * way
-        self._moments = keep * self._moments + weights * motion[:, None] * motion + (1.0 - keep) * _RIDGE * np.eye(3)
-        self._products = keep * self._products + weights * motion[:, None] * off
-        self._squares = keep * self._squares + seen * rest ** 2 / told.covariance.diagonal() + (1.0 - keep) * _USUAL
-        self._way = keep * self._way + seen + (1.0 - keep) * _USUAL
-        self._settle()
+        motion, error = prior.transform.as_array(), (prior.transform.inverse() @ observed).as_array()
+        distance = math.sqrt(motion @ motion)
+        fading = math.exp(-distance / memory)
+        residual = error - self.matrix @ motion
+        added, initial = weight * distance, (1.0 - fading) * _INITIAL_DISTANCE
+        self._moments = fading * self._moments + weight * motion[:, None] * motion + (1.0 - fading) * _RIDGE * np.eye(3)
+        self._products = fading * self._products + weight * motion[:, None] * error
+        squared = added * residual ** 2 / prior.covariance.diagonal()
+        self._squared_residuals = fading * self._squared_residuals + squared + initial
+        self._distance = fading * self._distance + added + initial
+        self._solve()
 
 
 _RIDGE = 0.1
-"""So large a sum of squared motions [m^2, rad^2] says as much as is known beforehand: that steps with errors of 2 cm have coefficients
-of some 6 %."""
-_USUAL = 1.0
-"""For so long a way [m] the motions are taken to have been as sure as they were told."""
-_MOST = 0.2
-"""No coefficient is larger: what is farther off is wrong in another way."""
-_LEAST = 0.15
-"""Nor is a told motion ever taken to be surer than this share of its spread."""
+"""Ridge of the regression [m^2, rad^2]: coefficients of about 6 %, if single steps have errors of 2 cm."""
+_INITIAL_DISTANCE = 1.0
+"""Distance [m] over which the residuals are initially assumed to match the covariance of the prior."""
+_MAX_COEFFICIENT = 0.2
+"""Largest coefficient: larger errors are not systematic ones of wheels."""
+_MIN_SIGMA_RATIO = 0.15
+"""Least ratio by which the standard deviation of a prior is reduced."""

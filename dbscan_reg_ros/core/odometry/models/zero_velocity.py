@@ -1,54 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor that stands: its place is the mean of what the scans say, not the last one's noise."""
+"""Zero-velocity update (ZUPT): the pose of a sensor at rest is the mean over its scans."""
 import math
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.se2 import SE2, wrap
 from ...geometry.symmetric_matrix import mahalanobis
 
 
 class ZeroVelocityUpdate:
-    """Tells rest from motion and averages poses at rest.
+    """Detects rest and averages poses at rest.
 
     Parameters
     ----------
     pose : SE2
-        Where the sensor stands at first.
+        First pose of the sensor, which is at rest there.
     """
 
     def __init__(self, pose: SE2):
-        self._mean, self._count, self._lasted = pose, 1, math.inf
+        self._mean, self._count, self._rest_time = pose, 1, math.inf
 
-    def update(self, pose: SE2, covariance, interval, limit) -> SE2:
-        """The pose to report for a scan.
+    def update(self, pose: SE2, covariance: NDArray[np.float64], interval: float, gate: float) -> SE2:
+        """Average the pose of a scan with those before it, if the sensor is at rest.
 
         Parameters
         ----------
         pose : SE2
-            Where the scan was found.
-        covariance : (3, 3) array
-            Of `pose`, in the sensor's own frame.
-        interval : float
-            Since the scan before [s].
-        limit : float
-            So many standard deviations from the mean the sensor has moved.
+            Pose of the scan.
+        covariance : (3, 3) float
+            Covariance of `pose` in the frame of the sensor [m, m, rad].
+        interval : float [s]
+            Time since the last scan.
+        gate : float
+            Mahalanobis distance from the mean beyond which the sensor has moved.
 
         Returns
         -------
         SE2
-            The mean since the sensor stopped, once it has stood for a second; `pose` until then.
+            The mean since the sensor came to rest, once it has rested for 1 s; before that `pose`.
         """
-        off = (self._mean.inverse() @ pose).as_array()
-        if mahalanobis(off, covariance) > limit ** 2:
-            self._mean, self._count, self._lasted = pose, 1, 0.0
+        offset = (self._mean.inverse() @ pose).as_array()
+        if mahalanobis(offset, covariance) > gate ** 2:
+            self._mean, self._count, self._rest_time = pose, 1, 0.0
             return pose
-        self._count, self._lasted = min(self._count + 1, _MOST), self._lasted + interval
-        mean, share = self._mean, 1.0 / self._count
-        self._mean = SE2(mean.x + share * (pose.x - mean.x), mean.y + share * (pose.y - mean.y),
-                         wrap(mean.theta + share * wrap(pose.theta - mean.theta)))
-        return self._mean if self._lasted > _LONG else pose
+        self._count, self._rest_time = min(self._count + 1, _MAX_COUNT), self._rest_time + interval
+        mean, gain = self._mean, 1.0 / self._count
+        self._mean = SE2(mean.x + gain * (pose.x - mean.x), mean.y + gain * (pose.y - mean.y),
+                         wrap(mean.theta + gain * wrap(pose.theta - mean.theta)))
+        return self._mean if self._rest_time > _MIN_REST_TIME else pose
 
 
-# Of so many scans the mean is taken.
-_MOST = 50
-# Slow motion is no rest: this long within the limit [s].
-_LONG = 1.0
+_MAX_COUNT = 50
+"""Scans of the running mean."""
+_MIN_REST_TIME = 1.0
+"""Time [s] within the gate that proves rest: slow motion leaves it."""
