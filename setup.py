@@ -5,15 +5,16 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'dbscan_reg_ros'
-COMMANDS = ('commands', ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'simulate', 'tune')), \
-           ('node', ('scan_matcher', 'scan_matcher_lifecycle'))
+COMMANDS = ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher', 'scan_matcher_lifecycle',
+            'simulate', 'tune')
+ENTRY_POINT = f'{PACKAGE}.__main__:entry_point'
 
 if {'install', 'develop'} & set(sys.argv):
     # colcon and bloom: the executables of ``ros2 run`` in lib/dbscan_reg_ros, as setup.cfg says.
-    SCRIPTS = [f'{name} = {PACKAGE}.{folder}.{name}:main' for folder, names in COMMANDS for name in names]
+    SCRIPTS = [f'{name} = {ENTRY_POINT}' for name in COMMANDS]
 else:
     # pip: what it installs goes into bin, where names as common as these would hide those of others.
-    SCRIPTS = [f'dbscan-reg-ros = {PACKAGE}.__main__:main']
+    SCRIPTS = [f'dbscan-reg-ros = {ENTRY_POINT}']
 
 setup(
     name=PACKAGE,

@@ -1,15 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """``dbscan-reg-ros COMMAND ...``, ``python -m dbscan_reg_ros COMMAND ...``: as ``ros2 run dbscan_reg_ros COMMAND ...``."""
-import argparse
+import signal
 import sys
-from importlib import import_module
-from pathlib import Path
-
-from .command_lines import COMMANDS, PROGRAM
-from .version import add_version
+from collections.abc import Sequence
 
 
-def main(argv=None) -> int:
+def entry_point() -> int:
+    """Run the command that the executable, or else its first argument, is named after; return its exit status.
+
+    SIGINT and SIGTERM are blocked at once: one that comes while modules are imported waits until the command or the node
+    handles it.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    from pathlib import Path
+
+    from .command_lines import COMMANDS
+    name = Path(sys.argv[0]).name
+    return main([name, *sys.argv[1:]] if name in COMMANDS else sys.argv[1:])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that the first argument names; return its exit status."""
+    import argparse
+    from importlib import import_module
+    from pathlib import Path
+
+    from .command_lines import COMMANDS, PROGRAM
+    from .version import add_version
+
     argv = sys.argv[1:] if argv is None else argv
     prog = PROGRAM if Path(sys.argv[0]).name == PROGRAM else 'python -m dbscan_reg_ros'
     parser = argparse.ArgumentParser(
@@ -21,8 +39,8 @@ def main(argv=None) -> int:
     parser.add_argument('command', metavar='COMMAND', choices=COMMANDS, help='one of the above')
     parser.add_argument('arguments', metavar='...', nargs=argparse.REMAINDER, help='its arguments')
     args = parser.parse_args(argv)
-    return import_module(f'dbscan_reg_ros.{COMMANDS[args.command][0]}').main(args.arguments)
+    return int(import_module(f'dbscan_reg_ros.{COMMANDS[args.command][0]}').main(args.arguments))
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(entry_point())

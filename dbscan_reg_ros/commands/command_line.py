@@ -145,6 +145,8 @@ def run(parser, work, argv=None) -> int:
     args = parser.parse_args(argv)
     keep_freed_memory()
     try:
+        # A signal that came while modules were imported is handled now.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
         check_packages(parser.prog, asked_for(args))
         check_outputs(args)
         code = work(args) or 0

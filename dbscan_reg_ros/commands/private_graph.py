@@ -3,7 +3,7 @@
 import fcntl
 import os
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..core.errors import DbscanRegError
@@ -22,7 +22,10 @@ class ForeignFolder(DbscanRegError):
 
 @contextmanager
 def private_graph():
-    """A ROS domain on this machine alone that no other caller has, for this process and its children.
+    """Use a ROS domain on this machine alone that no other caller has, for this process and its children.
+
+    A child process that gets the descriptors of `domain_locks` keeps the domain taken until it has ended, even if this process
+    is killed before.
 
     Yields
     ------
@@ -47,10 +50,24 @@ def private_graph():
                     os.environ[name] = value
 
 
+def domain_locks() -> tuple[int, ...]:
+    """File descriptors of the domain locks that this process has open, to be passed on to child processes."""
+    folder, descriptors = str(_lock_folder()), []
+    for name in os.listdir('/proc/self/fd'):
+        with suppress(OSError):
+            if os.path.dirname(os.readlink(f'/proc/self/fd/{name}')) == folder:
+                descriptors.append(int(name))
+    return tuple(descriptors)
+
+
+def _lock_folder() -> Path:
+    return Path(tempfile.gettempdir()).resolve() / f'dbscan_reg_ros-domains-{os.getuid()}'
+
+
 @contextmanager
 def _free_domain():
-    """The first domain after the last one taken here that nobody holds the lock of."""
-    folder = Path(tempfile.gettempdir(), f'dbscan_reg_ros-domains-{os.getuid()}')
+    """Lock the first domain after the last one taken that no process has locked."""
+    folder = _lock_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
         raise ForeignFolder(f'{folder}: belongs to somebody else; remove it, or set TMPDIR to a folder of your own')

@@ -89,6 +89,14 @@ def interrupted(process, number=signal.SIGINT, answer=ANSWER):
     return process.returncode, output, errors
 
 
+@pytest.mark.parametrize('command, status', [('replay', 130), ('play', 0)])
+def test_an_interruption_while_modules_are_imported_ends_without_a_traceback(begun, command, status):
+    process = begun(lambda: True, command, 'absent.log', workers=0)
+    wait_until(lambda: process.poll() is not None or 'SigBlk:\t0000000000004002' in Path(f'/proc/{process.pid}/status').read_text(),
+               STARTED)
+    assert interrupted(process) == (status, '', f'{command}: interrupted\n')
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
 def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordings, tmp_path, number):
     short = recordings[0].with_name(f'short{number}.log')
