@@ -2,6 +2,7 @@
 """The command that simulates: what was asked for is measured back from the files."""
 import numpy as np
 import pytest
+from bags import needs_rosbags
 from matplotlib.image import imread
 
 from dbscan_reg_ros.commands.simulate import PRESETS, main
@@ -10,6 +11,8 @@ from dbscan_reg_ros.recordings import interpolate, open_recording
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS, rooms, with_people
 from dbscan_reg_ros.simulation.worlds import clearance
+
+pytestmark = needs_rosbags
 
 SHORT = '--world', 'corridor', '--speed', '2'
 

@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from bags import scan_bag
+from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros import ParameterError, Parameters
 from dbscan_reg_ros.commands.simulate import main as simulate
@@ -28,6 +28,7 @@ SEARCH = ('--parameters', *BAD, '--scans', '40', '--search', 'random')
 
 @pytest.fixture(scope='module')
 def recordings(tmp_path_factory):
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
         assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', str(seed)]) == 0
@@ -199,6 +200,7 @@ def test_what_nothing_is_known_of_is_not_held_out(words, data, tmp_path, capsys)
     assert not (tmp_path / 'out').exists()
 
 
+@needs_rosbags
 def test_a_drive_too_short_to_be_judged_is_refused(data, tmp_path, capsys):
     assert main([str(data / 'ccny_demo' / 'demo.bag'), '--scans', '5', '--search', 'random', '--trials', '2', '--processes', '1',
                  '--out', str(tmp_path)]) == 2

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work for several processes: local ones and those of a Dask cluster do the same."""
 import pytest
+from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
@@ -36,6 +37,7 @@ def test_a_replay_is_the_same_in_one_process_in_two_and_on_a_cluster(recordings,
     assert one == results(recordings, tmp_path / 'cluster', '--scheduler', cluster.scheduler_address)
 
 
+@needs_rosbags
 def test_a_file_that_a_cluster_cannot_read_costs_no_other(recordings, tmp_path, cluster, capsys):
     words = ['absent.log', str(recordings[0]), '--out', str(tmp_path), '--scheduler', cluster.scheduler_address]
     assert replay(words) == 2

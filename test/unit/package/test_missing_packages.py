@@ -16,7 +16,7 @@ def run_tests(root):
     """``run_tests(hidden, *words) -> result`` of pytest in a process of its own in which packages are hidden."""
     def run_tests(hidden, *words):
         variables = os.environ | {
-            'WITHOUT_PACKAGES': ' '.join(hidden), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1',
+            'WITHOUT_PACKAGES': ' '.join(hidden), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': '',
             'PYTHONPATH': os.pathsep.join(filter(None, [str(root / 'test' / 'without'), os.environ.get('PYTHONPATH')]))}
         return subprocess.run([sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-q', *words], cwd=root, env=variables,
                               capture_output=True, text=True, timeout=300, check=False)
