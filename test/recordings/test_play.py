@@ -173,7 +173,7 @@ def test_the_command_takes_remappings(start_command, ros_environment, data):
 
 
 @pytest.mark.parametrize('words, complaint', [
-    (['missing.bag'], 'missing.bag'),
+    pytest.param(['missing.bag'], 'missing.bag', marks=needs_rosbags),
     (['setup.py', '--rate', '0'], "'0': expected a number above 0"),
     (['setup.py', '--rate', 'fast'], "'fast': expected a number above 0"),
     (['setup.py', '--rate', '2', '--lockstep'], 'not allowed with'),

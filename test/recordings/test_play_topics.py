@@ -2,7 +2,7 @@
 """What `play` publishes besides the scans, heard over DDS by a node of the test's or used by scan_matcher."""
 import numpy as np
 import pytest
-from bags import SECOND, write_bag
+from bags import SECOND, needs_rosbags, write_bag
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -122,6 +122,7 @@ def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans,
     assert times[-1] >= scans[COUNT - 1].stamp
 
 
+@needs_rosbags
 def test_the_recorded_mounting_is_enough_for_a_node_that_waits_for_transforms(start_command, tmp_path, tf_type):
     simulate = start_command('simulate', tmp_path / 'drive', '--world', 'corridor', '--speed', '2', '--mounting', '0.2', '0', '90')
     assert simulate.wait(TIMEOUT) == 0, simulate.output()

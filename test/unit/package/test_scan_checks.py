@@ -6,6 +6,7 @@ import timeit
 
 import numpy as np
 import pytest
+from bags import needs_rosbags
 
 from dbscan_reg_ros import Scan
 from dbscan_reg_ros.commands import compare, replay, tune
@@ -178,6 +179,7 @@ def test_nothing_is_said_of_real_recordings(data, path):
     assert kinds_of(data / path) == []
 
 
+@needs_rosbags
 def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_page(cases, tmp_path, capsys):
     assert replay.main(['--out', str(tmp_path), str(cases / 'replay_two_frames')]) == 0
     output = capsys.readouterr().out
@@ -189,6 +191,7 @@ def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_p
     assert (latest / 'report.html').read_text().count("the scans change from the frame 'front' to 'back'") == 1
 
 
+@needs_rosbags
 @pytest.mark.parametrize('name, limit', [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
 def test_millimetres_are_said_by_replay(cases, tmp_path, capsys, name, limit):
     replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
@@ -198,6 +201,7 @@ def test_millimetres_are_said_by_replay(cases, tmp_path, capsys, name, limit):
     assert limit in text
 
 
+@needs_rosbags
 def test_compare_and_tune_say_it_before_they_begin(cases, tmp_path, capsys):
     path = cases / 'replay_two_frames'
     compare.main(['--processes', '1', '--out', str(tmp_path), 'defaults', 'identity', str(path)])
