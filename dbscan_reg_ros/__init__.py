@@ -1,23 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """2D lidar scan registration by DBSCAN clustering, and laser odometry (Liu et al. 2023)."""
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-_HOME = {
-    'DbscanRegError': 'errors', 'ParameterError': 'errors', 'RecordingError': 'errors', 'ScanError': 'errors',
-    'Odometry': 'odometry.pipeline', 'Parameters': 'parameters.tree',
-    'EndKind': 'features.records', 'Features': 'features.records', 'Hypothesis': 'registration.records', 'OdometryUpdate': 'odometry.records',
-    'Prior': 'registration.records', 'Registration': 'registration.records', 'Segments': 'features.records', 'Status': 'registration.records',
-    'register': 'registration.pipeline', 'Scan': 'scan', 'ScanGeometry': 'scan', 'SE2': 'geometry.se2',
-}
-__all__ = list(_HOME)
+__all__ = [
+    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate', 'ParameterError', 'Parameters',
+    'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError', 'ScanGeometry', 'Segments', 'Status', 'extract_features',
+    'open_recording', 'register',
+]
+
+if TYPE_CHECKING:
+    from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError
+    from .core.features.extraction import extract_features
+    from .core.features.records import EndKind, Features, Segments
+    from .core.geometry.se2 import SE2
+    from .core.odometry.pipeline import Odometry
+    from .core.odometry.records import OdometryUpdate
+    from .core.parameters.tree import Parameters
+    from .core.registration.pipeline import register
+    from .core.registration.records import Hypothesis, Prior, Registration, Status
+    from .core.scan import Scan, ScanGeometry
+    from .recordings.opening import open_recording
+else:
+    _MODULES = {
+        'core.errors': ('DbscanRegError', 'ParameterError', 'RecordingError', 'ScanError'),
+        'core.features.extraction': ('extract_features',),
+        'core.features.records': ('EndKind', 'Features', 'Segments'),
+        'core.geometry.se2': ('SE2',),
+        'core.odometry.pipeline': ('Odometry',),
+        'core.odometry.records': ('OdometryUpdate',),
+        'core.parameters.tree': ('Parameters',),
+        'core.registration.pipeline': ('register',),
+        'core.registration.records': ('Hypothesis', 'Prior', 'Registration', 'Status'),
+        'core.scan': ('Scan', 'ScanGeometry'),
+        'recordings.opening': ('open_recording',),
+    }
+    _HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+    def __getattr__(name):
+        """Load the module of a public name when the name is first used: ``--help`` of a command needs no numpy."""
+        if name not in _HOMES:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        value = globals()[name] = getattr(import_module(f'{__name__}.{_HOMES[name]}'), name)
+        return value
 
 
-def __getattr__(name):
-    """Names are fetched when they are first used: a command's ``--help`` needs no numpy."""
-    if name not in _HOME:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(f'{__name__}.core.{_HOME[name]}'), name)
-
-
-def __dir__():
+def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})

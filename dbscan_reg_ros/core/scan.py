@@ -2,10 +2,12 @@
 """Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
 import array
 import math
-from dataclasses import dataclass
+import operator
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from .errors import ScanError
 
@@ -13,6 +15,10 @@ MAX_BEAMS = 100_000
 MAX_RANGE = 100_000.0
 """What is farther [m] is no return, whatever the sensor says of its range."""
 SECOND = 1_000_000_000
+UNIFORM_WITHIN = 0.02
+"""Beams this close to equally spaced ones, as a fraction of their step, are stored as equally spaced."""
+UNEVEN_BEYOND = 0.5
+"""A step between two beams that differs by more than this fraction from the median step is an error."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ class ScanGeometry:
     size: int
     range_min: float = 0.0
     range_max: float = math.inf
-    bearings_given: tuple | None = None
+    bearings_given: tuple | None = field(default=None, repr=False)
 
     def __post_init__(self):
         names = 'angle_min', 'angle_increment', 'range_min', 'range_max'
@@ -60,7 +66,7 @@ class ScanGeometry:
         if not 1 <= self.size <= MAX_BEAMS:
             raise ScanError(f'a scan of {self.size} beams; expected 1 to {MAX_BEAMS}')
         if self.bearings_given is None and abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
-            raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice')
+            raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice; angles are in radians')
         if math.isnan(self.range_min):
             object.__setattr__(self, 'range_min', 0.0)
         if not self.range_max > 0.0:
@@ -123,7 +129,7 @@ class Scan:
     Raises
     ------
     ScanError
-        When the number of ranges is not that of the geometry.
+        When the stamp is no whole number, a range is no number, or the number of ranges is not that of the geometry.
     """
 
     stamp: int
@@ -133,13 +139,21 @@ class Scan:
     frame_id: str = ''
 
     def __post_init__(self):
+        object.__setattr__(self, 'stamp', _nanoseconds(self.stamp))
         with np.errstate(over='ignore'):
-            ranges = np.array(self.ranges, dtype=np.float32)
-        if ranges.ndim != 1 or len(ranges) != self.geometry.size:
-            raise ScanError(f'{ranges.size} ranges for {self.geometry.size} beams')
+            ranges = _numbers('ranges', self.ranges, np.float32)
+        if len(ranges) != self.geometry.size:
+            raise ScanError(f'{len(ranges)} ranges for {self.geometry.size} beams')
         object.__setattr__(self, 'ranges', _frozen(ranges))
         increment, = _single(self.time_increment)
         object.__setattr__(self, 'time_increment', increment if math.isfinite(increment) else 0.0)
+
+    def __repr__(self) -> str:
+        first, last = np.degrees(self.geometry.bearings[[0, -1]])
+        returns = self.ranges[self.valid]
+        reach = f' at {returns.min():.2f} to {returns.max():.2f} m' if len(returns) else ''
+        return (f'Scan({self.geometry.size} beams from {first:.1f} to {last:.1f} deg, {len(returns)} returns{reach}, '
+                f'stamp {self.stamp} ns)')
 
     @cached_property
     def valid(self):
@@ -155,6 +169,39 @@ class Scan:
         """``(N, 2)`` Cartesian points [m] in the sensor's frame (Eq. 2); not finite without a return."""
         ranges = np.where(self.valid, self.ranges.astype(float), np.nan)
         return _frozen(ranges[:, None] * self.geometry.directions)
+
+    @classmethod
+    def from_ranges(cls, ranges: npt.ArrayLike, angles: npt.ArrayLike, *, stamp: int = 0, range_min: float = 0.0,
+                    range_max: float = math.inf, time_increment: float = 0.0) -> 'Scan':
+        """Make a scan from arrays.
+
+        Parameters
+        ----------
+        ranges : array_like (N,)
+            Measured ranges [m], one for each beam; `inf`, `nan` or masked for a beam without a return.
+        angles : array_like (N,)
+            Bearing of each beam [rad], in the order of the beams, counter-clockwise or clockwise. A jump from pi to -pi
+            is allowed.
+        stamp : int
+            Time of the first beam [ns].
+        range_min, range_max : float
+            Ranges outside of these [m] are no returns.
+        time_increment : float
+            Time from one beam to the next [s]; 0 where unknown.
+
+        Raises
+        ------
+        ScanError
+            When the arrays differ in shape or hold anything but numbers, when the angles are not finite, not in order, or
+            not about equally spaced, or when the stamp is no whole number.
+        """
+        if isinstance(ranges, np.ma.MaskedArray):
+            ranges = ranges.astype(float).filled(np.nan)
+        distances, bearings = _numbers('ranges', ranges, float), _numbers('angles', angles, float)
+        if len(distances) != len(bearings):
+            raise ScanError(f'{len(distances)} ranges for {len(bearings)} angles: expected one angle for each range')
+        geometry = _geometry_of(bearings, range_min, range_max)
+        return cls(stamp, distances, geometry, time_increment)
 
     @classmethod
     def from_fields(cls, stamp, ranges, angle_min, angle_increment, range_min=0.0, range_max=math.inf,
@@ -215,9 +262,59 @@ class Scan:
         return cls(stamp, ranges, geometry, 0.0, frame_id)
 
 
+def _nanoseconds(stamp: object) -> int:
+    """A stamp [ns] as an int."""
+    try:
+        return operator.index(stamp)  # type: ignore[arg-type] # whatever is no whole number is an error
+    except TypeError as error:
+        raise ScanError(f'stamp = {stamp!r}: expected whole nanoseconds (int); from seconds: round(seconds * 1e9)') from error
+
+
+def _numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
+    """A copy of `values` as an array ``(N,)`` of the type `kind`."""
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise ScanError(f'{name} in rows of different lengths; expected one number for each beam, shape (N,)') from error
+    if array.dtype.kind not in 'fiu':
+        raise ScanError(f'{name} of type {array.dtype}; expected real numbers')
+    if array.ndim != 1:
+        raise ScanError(f'{name} of shape {array.shape}; expected one number for each beam, shape (N,)')
+    return array.astype(kind, copy=False)
+
+
+def _geometry_of(angles: np.ndarray, range_min: float, range_max: float) -> ScanGeometry:
+    """The geometry of beams at `angles` ``(N,)`` [rad], which are checked."""
+    size = len(angles)
+    if size < 2:
+        raise ScanError(f'{size} angles; expected one for each beam of a scan, at least 2')
+    if not np.isfinite(angles).all():
+        first = int(np.flatnonzero(~np.isfinite(angles))[0])
+        raise ScanError(f'angles[{first}] = {angles[first]}; expected finite angles [rad], also for beams without a return')
+    bearings = np.unwrap(angles)
+    steps = np.diff(bearings)
+    step = float(np.median(steps))
+    odd = np.flatnonzero(steps * step <= 0.0)
+    if len(odd):
+        raise ScanError(f'angles[{odd[0]}] = {angles[odd[0]]:.6g} and angles[{odd[0] + 1}] = {angles[odd[0] + 1]:.6g} are out of '
+                        'order; sort ranges and angles by angle: order = numpy.argsort(angles)')
+    # Checks the number and the span of the beams.
+    uniform = ScanGeometry(float(angles[0]), float(bearings[-1] - bearings[0]) / (size - 1), size, range_min, range_max)
+    odd = np.flatnonzero(np.abs(steps - step) > UNEVEN_BEYOND * abs(step))
+    if len(odd):
+        raise ScanError(f'angles[{odd[0]}] and angles[{odd[0] + 1}] are {steps[odd[0]] / step:.3g} times as far apart as most; '
+                        'expected about equal steps: keep the beams without a return, with the range inf')
+    if np.abs(bearings - bearings[0] - uniform.angle_increment * np.arange(size)).max() <= UNIFORM_WITHIN * abs(step):
+        return uniform
+    return ScanGeometry.from_bearings(bearings, range_min, range_max, step)
+
+
 def _single(*values):
     """The `values` rounded to float32; infinite beyond its range."""
-    return array.array('f', values).tolist()
+    try:
+        return array.array('f', values).tolist()
+    except TypeError as error:
+        raise ScanError(f'{", ".join(map(repr, values))}: expected numbers') from error
 
 
 def _frozen(array):

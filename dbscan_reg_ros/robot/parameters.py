@@ -122,7 +122,7 @@ class SnapshotParameters(ParameterGroup):
         '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ is the home directory.')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NodeParameters(Parameters):
     """All parameters of `scan_matcher`; being `Parameters`, they can be given to the odometry as they are."""
 

@@ -62,6 +62,10 @@ class Segments:
     def __len__(self):
         return len(self.direction)
 
+    def __repr__(self) -> str:
+        lengths = f' of {self.length.min():.2f} to {self.length.max():.2f} m' if len(self) else ''
+        return f'Segments({len(self)}{lengths})'
+
     @property
     def midpoint(self):
         """(M, 2) [m]"""
@@ -122,6 +126,9 @@ class Features:
     poles: OrientedPoints | None = None
     weights: np.ndarray | None = None
     map_points: OrientedPoints | None = None
+
+    def __repr__(self) -> str:
+        return f'Features({len(self.points)} points, {len(self.segments)} segments, noise {self.noise:.4f} m, of {self.scan!r})'
 
     def without(self, left_out):
         """The same, without the normals of those points of `oriented_points` that `left_out`, a mask, picks; posts go as a whole."""

@@ -80,6 +80,10 @@ class SE2:
         c, s = math.cos(self.theta), math.sin(self.theta)
         return np.array([[c, -s, self.y], [s, c, -self.x], [0.0, 0.0, 1.0]])
 
+    def brief(self) -> str:
+        """The motion rounded to 0.1 mm and 0.001 deg, as a text."""
+        return f'x {self.x:.4f} m, y {self.y:.4f} m, theta {math.degrees(self.theta):.3f} deg'
+
     def as_array(self):
         """``(3,)``: x [m], y [m], theta [rad]."""
         return np.array([self.x, self.y, self.theta])

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..features.records import Features
 from ..geometry.se2 import SE2
-from ..registration.records import Registration, Status
+from ..registration.records import Registration, Status, sigma_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +67,9 @@ class OdometryUpdate:
     wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     number: int = 0
     reference_number: int | None = None
+
+    def __repr__(self) -> str:
+        vx, vy, omega = self.twist
+        marks = ', becomes a reference' * self.reference_changed + f', restarted: {self.restarted}' * bool(self.restarted)
+        return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, {sigma_text(self.covariance)}, '
+                f'twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, {self.status.name}{marks})')

@@ -103,6 +103,12 @@ class ParameterGroup:
 class ParameterTree:
     """A frozen dataclass of parameters and groups of parameters, read and made by full names."""
 
+    def __repr__(self) -> str:
+        """What differs from the defaults."""
+        values = self.flatten()
+        changed = {each.name: values[each.name] for each in self.describe() if values[each.name] != each.default}
+        return f'{type(self).__name__}()' + (f'.replace({changed})' if changed else '')
+
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if not _is_group(field):

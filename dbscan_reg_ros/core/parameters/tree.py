@@ -24,7 +24,7 @@ _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translat
 """Group and name of quantities with a lower and an upper limit, each a parameter; an upper limit of 0 is none."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Parameters(ParameterTree):
     """All parameters of the registration and the odometry."""
 

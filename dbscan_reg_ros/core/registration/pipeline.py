@@ -6,9 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import ScanError
+from ..features.extraction import extract_features
 from ..features.oriented_points import sample
 from ..features.records import Features
 from ..parameters.tree import Parameters
+from ..scan import Scan
 from .clustering import choose_clustering
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .landmarks import landmark_motions
@@ -21,14 +24,15 @@ from .status import decide, failed
 from .translation import estimate_translations
 
 
-def register(reference: Features, current: Features, parameters: Parameters = Parameters(),
+def register(reference: Scan | Features, current: Scan | Features, parameters: Parameters = Parameters(),
              prior: Prior | None = None, near: bool = True) -> Registration:
     """Find the motion that lays the current scan onto the reference; no initial guess is needed.
 
     Parameters
     ----------
-    reference, current : Features
-        Of the earlier and the later scan, from `extract_features`.
+    reference, current : Scan or Features
+        The earlier and the later scan, or what `extract_features` made of them. Features made once serve several
+        registrations.
     parameters : Parameters
     prior : Prior, optional
         One more hypothesis, in the reference's frame.
@@ -39,7 +43,13 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
     -------
     Registration
         ``p_R = transform.apply(p_O)`` (Eq. 8): the pose of the sensor at the current scan in the reference's frame.
+
+    Raises
+    ------
+    ScanError
+        When a scan holds too few returns, or is neither a `Scan` nor `Features`.
     """
+    reference, current = (_features(each, parameters) for each in (reference, current))
     p = parameters
     if current.oriented_points.inverse_noise is not None and not reference.noise_ratio:
         # Of the same sensor: noise of far ranges that one scan alone shows is chance, or outliers.
@@ -66,6 +76,15 @@ def register(reference: Features, current: Features, parameters: Parameters = Pa
         if wide.score > found.score + p.selection.wide_search_gain:
             return wide
     return found
+
+
+def _features(scan: Scan | Features, parameters: Parameters) -> Features:
+    """The features of a scan that may have been made already."""
+    if isinstance(scan, Features):
+        return scan
+    if isinstance(scan, Scan):
+        return extract_features(scan, parameters)
+    raise ScanError(f'a {type(scan).__name__} cannot be registered; expected Scan or Features: Scan.from_ranges(ranges, angles)')
 
 
 def register_within_gate(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:

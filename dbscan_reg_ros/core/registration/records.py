@@ -32,6 +32,12 @@ class Hypothesis:
     score: float
 
 
+def sigma_text(covariance: np.ndarray) -> str:
+    """The standard deviations of a covariance ``(3, 3)`` of (x, y, theta) as a text."""
+    x, y, theta = np.sqrt(np.diag(covariance))
+    return f'sigma {x:.2g} m, {y:.2g} m, {math.degrees(theta):.2g} deg'
+
+
 def no_matches():
     """Where nothing was found."""
     return np.empty((0, 2), dtype=int)
@@ -81,6 +87,11 @@ class Registration:
     weakest_information: float | None = None
     rotation_unobservable: bool = False
 
+    def __repr__(self) -> str:
+        reason = f': {self.reason}' if self.reason else ''
+        return (f'Registration({self.transform.brief()}, {sigma_text(self.covariance)}, score {self.score:.3f}, '
+                f'overlap {self.overlap:.3f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
+
     @cached_property
     def matches(self):
         return self.find_matches()
@@ -104,6 +115,9 @@ class Prior:
     transform: SE2
     covariance: np.ndarray
     velocity_change: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f'Prior({self.transform.brief()}, {sigma_text(self.covariance)})'
 
     @property
     def translation_sigma(self):
