@@ -2,13 +2,13 @@
 """Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
 import array
 import math
-import operator
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from .beams import check_angles, check_numbers, check_stamp
 from .errors import ScanError
 
 MAX_BEAMS = 100_000
@@ -17,8 +17,6 @@ MAX_RANGE = 100_000.0
 SECOND = 1_000_000_000
 UNIFORM_WITHIN = 0.02
 """Beams this close to equally spaced ones, as a fraction of their step, are stored as equally spaced."""
-UNEVEN_BEYOND = 0.5
-"""A step between two beams that differs by more than this fraction from the median step is an error."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +89,23 @@ class ScanGeometry:
         return cls(float(bearings[0]), angle_increment, len(bearings), range_min, range_max,
                    tuple(bearings.tolist()))
 
+    @classmethod
+    def from_angles(cls, angles: np.ndarray, range_min: float = 0.0, range_max: float = math.inf) -> 'ScanGeometry':
+        """Geometry of a scan with about equally spaced beams at `angles` ``(N,)`` [rad], in beam order.
+
+        Raises
+        ------
+        ScanError
+            When the angles are not finite, not in order, or not about equally spaced.
+        """
+        bearings, step = check_angles(angles)
+        size = len(bearings)
+        uniform = cls(float(bearings[0]), float(bearings[-1] - bearings[0]) / (size - 1), size, range_min, range_max)
+        error = bearings - bearings[0] - uniform.angle_increment * np.arange(size)
+        if np.abs(error).max() <= UNIFORM_WITHIN * abs(step):
+            return uniform
+        return cls.from_bearings(bearings, range_min, range_max, step)
+
     @cached_property
     def bearings(self):
         """``(N,)`` bearing of each beam [rad] (Eq. 1)."""
@@ -139,9 +154,9 @@ class Scan:
     frame_id: str = ''
 
     def __post_init__(self):
-        object.__setattr__(self, 'stamp', _nanoseconds(self.stamp))
+        object.__setattr__(self, 'stamp', check_stamp(self.stamp))
         with np.errstate(over='ignore'):
-            ranges = _numbers('ranges', self.ranges, np.float32)
+            ranges = check_numbers('ranges', self.ranges, np.float32)
         if len(ranges) != self.geometry.size:
             raise ScanError(f'{len(ranges)} ranges for {self.geometry.size} beams')
         object.__setattr__(self, 'ranges', _frozen(ranges))
@@ -197,11 +212,10 @@ class Scan:
         """
         if isinstance(ranges, np.ma.MaskedArray):
             ranges = ranges.astype(float).filled(np.nan)
-        distances, bearings = _numbers('ranges', ranges, float), _numbers('angles', angles, float)
+        distances, bearings = check_numbers('ranges', ranges, float), check_numbers('angles', angles, float)
         if len(distances) != len(bearings):
             raise ScanError(f'{len(distances)} ranges for {len(bearings)} angles: expected one angle for each range')
-        geometry = _geometry_of(bearings, range_min, range_max)
-        return cls(stamp, distances, geometry, time_increment)
+        return cls(stamp, distances, ScanGeometry.from_angles(bearings, range_min, range_max), time_increment)
 
     @classmethod
     def from_fields(cls, stamp, ranges, angle_min, angle_increment, range_min=0.0, range_max=math.inf,
@@ -260,53 +274,6 @@ class Scan:
         ranges[missing] = np.inf
         geometry = ScanGeometry.from_bearings(bearings, range_min, range_max, angle_increment)
         return cls(stamp, ranges, geometry, 0.0, frame_id)
-
-
-def _nanoseconds(stamp: object) -> int:
-    """A stamp [ns] as an int."""
-    try:
-        return operator.index(stamp)  # type: ignore[arg-type] # whatever is no whole number is an error
-    except TypeError as error:
-        raise ScanError(f'stamp = {stamp!r}: expected whole nanoseconds (int); from seconds: round(seconds * 1e9)') from error
-
-
-def _numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
-    """A copy of `values` as an array ``(N,)`` of the type `kind`."""
-    try:
-        array = np.array(values)
-    except ValueError as error:
-        raise ScanError(f'{name} in rows of different lengths; expected one number for each beam, shape (N,)') from error
-    if array.dtype.kind not in 'fiu':
-        raise ScanError(f'{name} of type {array.dtype}; expected real numbers')
-    if array.ndim != 1:
-        raise ScanError(f'{name} of shape {array.shape}; expected one number for each beam, shape (N,)')
-    return array.astype(kind, copy=False)
-
-
-def _geometry_of(angles: np.ndarray, range_min: float, range_max: float) -> ScanGeometry:
-    """The geometry of beams at `angles` ``(N,)`` [rad], which are checked."""
-    size = len(angles)
-    if size < 2:
-        raise ScanError(f'{size} angles; expected one for each beam of a scan, at least 2')
-    if not np.isfinite(angles).all():
-        first = int(np.flatnonzero(~np.isfinite(angles))[0])
-        raise ScanError(f'angles[{first}] = {angles[first]}; expected finite angles [rad], also for beams without a return')
-    bearings = np.unwrap(angles)
-    steps = np.diff(bearings)
-    step = float(np.median(steps))
-    odd = np.flatnonzero(steps * step <= 0.0)
-    if len(odd):
-        raise ScanError(f'angles[{odd[0]}] = {angles[odd[0]]:.6g} and angles[{odd[0] + 1}] = {angles[odd[0] + 1]:.6g} are out of '
-                        'order; sort ranges and angles by angle: order = numpy.argsort(angles)')
-    # Checks the number and the span of the beams.
-    uniform = ScanGeometry(float(angles[0]), float(bearings[-1] - bearings[0]) / (size - 1), size, range_min, range_max)
-    odd = np.flatnonzero(np.abs(steps - step) > UNEVEN_BEYOND * abs(step))
-    if len(odd):
-        raise ScanError(f'angles[{odd[0]}] and angles[{odd[0] + 1}] are {steps[odd[0]] / step:.3g} times as far apart as most; '
-                        'expected about equal steps: keep the beams without a return, with the range inf')
-    if np.abs(bearings - bearings[0] - uniform.angle_increment * np.arange(size)).max() <= UNIFORM_WITHIN * abs(step):
-        return uniform
-    return ScanGeometry.from_bearings(bearings, range_min, range_max, step)
 
 
 def _single(*values):
