@@ -36,10 +36,10 @@ def main(argv=None) -> int:
 
 
 def compare(args):
-    """Track every recording twice, print and write the comparison; the exit status says whether B is worse."""
+    """Follow every recording twice, print and write the comparison; the exit status says whether B is worse."""
     from ..evaluation.comparison import known_motion, paired
     from ..recordings import find_recording, open_recording
-    from ..replays.folder import new_folder, point_latest
+    from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameters import METHOD
     from .workers import processors, workers
 
@@ -55,11 +55,11 @@ def compare(args):
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:
-        futures = [[executor.submit(track_one, path, args.topic, competitor) for competitor in competitors]
+        futures = [[executor.submit(follow_one, path, args.topic, competitor) for competitor in competitors]
                    for path in paths]
-        tracks = [[future.result() for future in pair] for pair in futures]
+        trajectories = [[future.result() for future in pair] for pair in futures]
     names = unique([path.name for path in paths])
-    pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, tracks, strict=True)}
+    pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, trajectories, strict=True)}
     table = differences(pairs, args.seed)
     text = describe(table, args.a, args.b)
     print(text, flush=True)
@@ -103,16 +103,16 @@ class Competitor:
         return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
 
 
-def track_one(path, topic, competitor):
-    """The `Track` of the recording at `path`."""
+def follow_one(path, topic, competitor):
+    """The `Trajectory` of the recording at `path`."""
     from ..recordings import open_recording
-    from ..replays.track import Track
+    from ..replays.trajectory import Trajectory
     from .workers import watched
 
-    recording, track = open_recording(path, topic), Track()
-    for _ in track.follow(watched(recording.scans(), recording.name, recording.count), competitor.tracker()):
+    recording, trajectory = open_recording(path, topic), Trajectory()
+    for _ in trajectory.follow(watched(recording.scans(), recording.name, recording.count), competitor.tracker()):
         pass
-    return track
+    return trajectory
 
 
 def unique(names):

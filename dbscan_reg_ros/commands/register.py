@@ -43,7 +43,7 @@ def register(args):
     from ..figures.sheet import draw_figures
     from ..figures.steps import Steps
     from ..recordings import find_recording
-    from ..replays.folder import new_folder, point_latest
+    from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import METHOD
 

@@ -85,55 +85,55 @@ def replay_one(job) -> Replayed:
     """
     from ..recordings import open_recording, write_tum
     from ..replays.faults import Faults
-    from ..replays.folder import new_folder, point_latest
     from ..replays.loops import Loops
-    from ..replays.mounted import mounting_of
+    from ..replays.pairs_to_review import PairsToReview
+    from ..replays.result_folder import new_folder, point_latest
     from ..replays.results import Results
-    from ..replays.spots import Spots
-    from ..replays.track import Track
+    from ..replays.sensor_mounting import mounting_of
+    from ..replays.trajectory import Trajectory
     from ..robot.parameter_files import write_parameters
 
     mounting = mounting_of(job.parameters)
     recording = open_recording(job.path, job.topic)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
-    results = Results(folder, recording, job.parameters, Track(yaw=mounting.pose.theta), Spots(),
+    results = Results(folder, recording, job.parameters, Trajectory(yaw=mounting.pose.theta), PairsToReview(),
                       Loops() if job.close_loops else None, faults)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
-    track, broken = results.track, None
+    trajectory, broken = results.trajectory, None
     try:
         _follow(results, mounting)
     except Exception as error:  # noqa: BLE001 - what was found until then is written
         broken = error
     finally:
-        write_tum(folder / 'trajectory.tum', track.stamps, track.poses)
-    if len(track.poses) < 2:
-        raise broken or _too_few(recording, track)
+        write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
+    if len(trajectory.poses) < 2:
+        raise broken or _too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
     code, reason = explain(broken) if broken else (0, '')
-    lines = [f'results     {folder}', *shortened(recording.problems), *shortened(track.problems),
+    lines = [f'results     {folder}', *shortened(recording.problems), *shortened(trajectory.problems),
              *(f'{name:11} {value}' for name, value in summary)]
-    ends = [f'the results end before scan {len(track.used)}: {reason}'] if broken else []
+    ends = [f'the results end before scan {len(trajectory.used)}: {reason}'] if broken else []
     return Replayed(lines, [f'{recording.path}: {line}' for line in (*ends, *faults.lines)], code)
 
 
 def _follow(results, mounting):
-    """Feed the scans to an `Odometry`, and what it says to the track, the bag and what is reported later."""
+    """Feed the scans to an `Odometry`, and what it says to the trajectory, the bag and what is reported later."""
     from ..core.odometry.pipeline import Odometry
     from ..replays.bag import odometry_bag
-    from ..replays.mounted import turned
+    from ..replays.sensor_mounting import turned
     from .workers import watched
 
-    recording, parameters, track, faults = results.recording, results.parameters, results.track, results.faults
+    recording, parameters, trajectory, faults = results.recording, results.parameters, results.trajectory, results.faults
     stack = ExitStack()
     bag = odometry_bag(results.folder / 'bag', parameters, mounting)
-    reports = {'bag': faults.attempt('bag', stack.enter_context, bag), 'pairs to review': results.spots.add,
+    reports = {'bag': faults.attempt('bag', stack.enter_context, bag), 'pairs to review': results.to_review.add,
                'closed.tum': results.loops and results.loops.add}
     try:
-        scans = turned(watched(recording.scans(), recording.name, recording.count), track.yaw)
-        for update in track.follow(scans, Odometry(parameters.for_odometry())):
+        scans = turned(watched(recording.scans(), recording.name, recording.count), trajectory.yaw)
+        for update in trajectory.follow(scans, Odometry(parameters.for_odometry())):
             for part, add in reports.items():
                 if add:
                     faults.attempt(part, add, update)
@@ -142,15 +142,15 @@ def _follow(results, mounting):
             stack.close()
 
 
-def _too_few(recording, track):
+def _too_few(recording, trajectory):
     """The error of a recording of which fewer than two scans can be used."""
     from ..core.errors import DbscanRegError
 
-    count = len(track.used)
-    if count == 1 and track.poses:
+    count = len(trajectory.used)
+    if count == 1 and trajectory.poses:
         return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a motion')
-    usable = 'only one' if track.poses else 'not one'
-    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used', *track.problems[:1],
+    usable = 'only one' if trajectory.poses else 'not one'
+    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used', *trajectory.problems[:1],
                                      *recording.watch.lines()]))
 
 

@@ -76,7 +76,7 @@ def known_motion(recording) -> KnownMotion:
     return known
 
 
-def paired(known, track_a, track_b) -> Paired:
+def paired(known, trajectory_a, trajectory_b) -> Paired:
     """The errors of two tracks of a recording: over a metre of the truth, else between related scans.
 
     Raises
@@ -84,10 +84,10 @@ def paired(known, track_a, track_b) -> Paired:
     RecordingError
         When nothing is known of the true motion; `TooShort` when too little of it.
     """
-    both = np.array(track_a.used) & np.array(track_b.used)
-    rows = [both[np.array(track.used)] for track in (track_a, track_b)]
-    stamps = np.array(track_a.stamps, dtype=np.int64)[rows[0]]
-    poses = [track.pose_array()[row] for track, row in zip((track_a, track_b), rows, strict=True)]
+    both = np.array(trajectory_a.used) & np.array(trajectory_b.used)
+    rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
+    stamps = np.array(trajectory_a.stamps, dtype=np.int64)[rows[0]]
+    poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
     if known.truth:
         truth = interpolate(*known.truth, stamps)
         there = np.isfinite(truth).all(axis=1)

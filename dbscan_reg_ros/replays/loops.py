@@ -75,7 +75,7 @@ class Loops:
         parameters : Parameters
             Of the registration.
         yaw : float
-            The scans are turned by so much [rad] against the poses, as `mounted.turned` makes them.
+            The scans are turned by so much [rad] against the poses, as `sensor_mounting.turned` makes them.
 
         Returns
         -------

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A replay as one page that opens in any browser, without a network."""
+"""Report of a replay: one page that opens in any browser, without a network."""
 import base64
 import io
 import json
+from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 
+from ..core.parameters.tree import Parameters
 from ..core.registration.records import Status
 from ..evaluation.known_motion import KnownMotion
 from ..evaluation.metrics import align, apart, errors, path_lengths, related
@@ -14,64 +17,88 @@ from ..figures.plots import DensityMap
 from ..recordings import interpolate
 from ..recordings.files import replacing
 from ..recordings.poses import compose, relative
+from .trajectory import Trajectory
 
 BARS = 40
 DRIVE = 1.0
-"""Where the sensor moved less than this [m] all is shown over the scans instead of the distance."""
+"""Below this distance [m] the charts have the scan number on their axis instead of the distance."""
 LEVELS = [status.value for status in Status]
 
 
-def write_report(path, title, summary, known: KnownMotion, track, density: DensityMap, spots, parameters, register=''):
-    """Write the page.
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What the page of a replay shows.
 
-    Parameters
+    Attributes
     ----------
-    path : Path
     title : str
     summary : list of (str, str)
-        What stands at the top.
+        Name and text of each line at the top.
     known : KnownMotion
-        What the track is set against.
-    track : Track
+        Truth, relations and wheel odometry that the trajectory is compared with.
+    trajectory : Trajectory
     density : DensityMap
-        Of the track.
-    spots : list of Spot
+        Map along the trajectory.
+    pairs : list of PairToReview
     parameters : Parameters
     register : str
-        The command that shows a pair once the numbers of its scans are added.
+        Command that shows a pair of scans once their numbers are appended.
     """
-    poses = track.pose_array()
-    distance = path_lengths(poses) if len(poses) else np.zeros(0)
-    scans = np.flatnonzero(track.used)
-    moved = not len(distance) or distance[-1] >= DRIVE
-    along = distance if moved else scans.astype(float)
-    data = {
-        'title': title, 'summary': summary,
-        'along': {'label': 'distance driven [m]' if moved else 'scan', 'end': max(along.max(initial=0.0), 1.0), 'at': _rounded(along)},
-        'map': {'image': _picture(density.ink), 'extent': _rounded(density.extent)},
-        'track': {'x': _rounded(poses[:, 0]), 'y': _rounded(poses[:, 1]), 'distance': _rounded(distance),
-                  'status': [LEVELS.index(status.value) for status in track.statuses]},
-        'statusNames': LEVELS,
-        'others': list(_others(known, track.stamps, poses)),
-        'errors': _errors(known, track.stamps, poses, along),
-        'nothing': _nothing(known),
-        'spots': [{'number': spot.number, 'scan': int(scans[spot.number]), 'on': int(scans[spot.reference_number]),
-                   'status': spot.status.value, 'reason': spot.reason, 'overlap': round(float(spot.overlap), 3),
-                   'reference': _rounded(spot.reference.T), 'current': _rounded(spot.current.T),
-                   'lines': [_rounded(lines.reshape(-1, 4)) for lines in (spot.reference_lines, spot.current_lines)]}
-                  for spot in spots],
-        'register': register,
-        'times': _times(np.array(track.milliseconds)),
-        'parameters': list(_parameters(parameters)),
-    }
-    page = resources.files(__package__).joinpath('report.html').read_text(encoding='utf-8')
-    text = json.dumps(data, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
+
+    title: str
+    summary: list
+    known: KnownMotion
+    trajectory: Trajectory
+    density: DensityMap
+    pairs: list
+    parameters: Parameters
+    register: str = ''
+
+
+def write_report(path: Path, report: Report) -> None:
+    """Write the page of a replay to `path`."""
     with replacing(path) as file:
+        page = resources.files(__package__).joinpath('report.html').read_text(encoding='utf-8')
+        text = json.dumps(_page_data(report), separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
         file.write(page.replace('{{data}}', text))
 
 
+def _page_data(report):
+    """Collect what the script of the page reads, as plain numbers and texts."""
+    trajectory, known = report.trajectory, report.known
+    poses = trajectory.pose_array()
+    distance = path_lengths(poses) if len(poses) else np.zeros(0)
+    scans = np.flatnonzero(trajectory.used)
+    moved = not len(distance) or distance[-1] >= DRIVE
+    along = distance if moved else scans.astype(float)
+    return {
+        'title': report.title, 'summary': report.summary,
+        'along': {'label': 'distance driven [m]' if moved else 'scan', 'end': max(along.max(initial=0.0), 1.0),
+                  'at': _rounded(along)},
+        'map': {'image': _picture(report.density.ink), 'extent': _rounded(report.density.extent)},
+        'trajectory': {'x': _rounded(poses[:, 0]), 'y': _rounded(poses[:, 1]), 'distance': _rounded(distance),
+                       'status': [LEVELS.index(status.value) for status in trajectory.statuses]},
+        'statusNames': LEVELS,
+        'others': list(_others(known, trajectory.stamps, poses)),
+        'errors': _errors(known, trajectory.stamps, poses, along),
+        'nothing': _nothing(known),
+        'pairs': [_pair_data(pair, scans) for pair in report.pairs],
+        'register': report.register,
+        'times': _times(np.array(trajectory.milliseconds)),
+        'parameters': list(_parameters(report.parameters)),
+    }
+
+
+def _pair_data(pair, scans):
+    """Describe a pair to review; `scans` are the numbers, in the recording, of the scans that were used."""
+    return {'number': pair.number, 'scan': int(scans[pair.number]), 'on': int(scans[pair.reference_number]),
+            'status': pair.status.value, 'reason': pair.reason, 'overlap': round(float(pair.overlap), 3),
+            'reference': _rounded(pair.reference.T), 'current': _rounded(pair.current.T),
+            'lines': [_rounded(lines.reshape(-1, 4)) for lines in (pair.reference_lines, pair.current_lines)]}
+
+
 def _picture(ink):
-    """A grey picture of ``(rows, columns)`` shares of ink, as an address that holds it."""
+    """Encode a ``(rows, columns)`` array of grey levels, 0..1, as a data URL."""
     from matplotlib.image import imsave
 
     file = io.BytesIO()
@@ -84,31 +111,31 @@ def _rounded(values):
 
 
 def _others(known, stamps, poses):
-    """The other ways of the sensor or robot that are known, where they lie in the frame of the track."""
-    for kind, name, trajectory in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
-        if trajectory is None:
+    """Yield the known trajectories of the sensor or robot, moved into the frame of the odometry's trajectory."""
+    for kind, name, other in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
+        if other is None:
             continue
-        way = interpolate(*trajectory, stamps)
-        there = np.isfinite(way).all(axis=1)
-        if there.sum() < 2:
+        path = interpolate(*other, stamps)
+        there = np.isfinite(path).all(axis=1)
+        if np.count_nonzero(there) <= 1:
             continue
-        way, track = way[there], poses[there]
+        path, ours = path[there], poses[there]
         if kind == 'truth':
-            way = align(way, track)
+            path = align(path, ours)
         else:
-            way = compose(np.broadcast_to(track[0], way.shape), relative(np.broadcast_to(way[0], way.shape), way))
-        yield {'kind': kind, 'name': name, 'x': _rounded(way[:, 0]), 'y': _rounded(way[:, 1])}
+            path = compose(np.broadcast_to(ours[0], path.shape), relative(np.broadcast_to(path[0], path.shape), path))
+        yield {'kind': kind, 'name': name, 'x': _rounded(path[:, 0]), 'y': _rounded(path[:, 1])}
 
 
 def _nothing(known):
-    """Why there are no errors, where there are none."""
+    """Say why the page shows no errors."""
     if known.truth or known.relations or known.wheels:
-        return 'No part of the way is long enough to be set against what is known of it.'
+        return 'No part of the trajectory is long enough for a comparison with what is known of the motion.'
     return 'Nothing is known of the true motion.'
 
 
 def _errors(known, stamps, poses, along):
-    """Errors along the way: by the truth, else by relations, else as the difference from the wheels."""
+    """Compute the errors along the trajectory: by the truth, else by relations, else as the difference from the wheels."""
     if known.truth:
         return _over_a_metre(known.truth, stamps, poses, along,
                              'Error of the motion over the next metre, against the truth', 'error')
@@ -148,7 +175,7 @@ def _times(milliseconds):
     beyond = len(milliseconds) - len(shown)
     return {'edges': _rounded(edges), 'counts': counts.tolist(),
             'note': f'Median {median:.2f} ms, 95 % below {p95:.2f} ms, longest {milliseconds.max():.1f} ms'
-                    + (f'; {beyond} beyond the picture.' if beyond else '.'),
+                    + (f'; {beyond} beyond the chart.' if beyond else '.'),
             'marks': [['median', round(float(median), 3)], ['95 %', round(float(p95), 3)]]}
 
 

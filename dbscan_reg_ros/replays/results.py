@@ -13,10 +13,10 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .faults import Faults
 from .loops import Loops
-from .report import write_report
-from .spots import Spots
+from .pairs_to_review import PairsToReview
+from .report import Report, write_report
 from .summary import summarise, write_metrics
-from .track import Track
+from .trajectory import Trajectory
 
 NOTHING_KNOWN = KnownMotion(None, None, None)
 
@@ -30,8 +30,8 @@ class Results:
     folder : Path
     recording : Recording
     parameters : NodeParameters
-    track : Track
-    spots : Spots
+    trajectory : Trajectory
+    to_review : PairsToReview
     loops : Loops or None
         None: loops are not closed.
     faults : Faults
@@ -41,8 +41,8 @@ class Results:
     folder: Path
     recording: Recording
     parameters: NodeParameters
-    track: Track
-    spots: Spots
+    trajectory: Trajectory
+    to_review: PairsToReview
     loops: Loops | None
     faults: Faults
 
@@ -51,8 +51,8 @@ class Results:
 
         `register` is the command that shows a pair of scans once their numbers are added.
         """
-        stamps, poses, name = self.track.stamps, self.track.pose_array(), self.recording.name
-        known, measures = self._known(), self.track.measures(self.parameters.time.max_jump)
+        stamps, poses, name = self.trajectory.stamps, self.trajectory.pose_array(), self.recording.name
+        known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
         measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
         write_metrics(self.folder / 'metrics.json', self.recording, measures)
@@ -65,8 +65,9 @@ class Results:
                    *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
         if density:
             with self.faults.noted('report.html'):
-                write_report(self.folder / 'report.html', title, [('recording', str(self.recording.path)), *summary], known,
-                             self.track, density, self._pairs(), self.parameters, register)
+                report = Report(title, [('recording', str(self.recording.path)), *summary], known, self.trajectory, density,
+                                pairs=self._pairs(), parameters=self.parameters, register=register)
+                write_report(self.folder / 'report.html', report)
         return summary
 
     def _known(self):
@@ -76,28 +77,28 @@ class Results:
         """True poses ``(N, 3)`` of the scans, not a number where unknown, or None."""
         if known.truth is None:
             return None
-        truth = interpolate(*known.truth, self.track.stamps)
+        truth = interpolate(*known.truth, self.trajectory.stamps)
         there = np.isfinite(truth).all(axis=1)
-        write_tum(self.folder / 'truth.tum', np.array(self.track.stamps, dtype=np.int64)[there], truth[there])
+        write_tum(self.folder / 'truth.tum', np.array(self.trajectory.stamps, dtype=np.int64)[there], truth[there])
         return truth
 
     def _close(self, known, measures):
         """Close the loops and add to the measures; the closed poses and the pairs of scans."""
-        closed, pairs = self.loops.close(self.track.pose_array(), self.parameters.for_odometry(), self.track.yaw)
-        errors = self.faults.attempt('errors against the truth', known.measures, self.track.stamps, closed) or {}
+        closed, pairs = self.loops.close(self.trajectory.pose_array(), self.parameters.for_odometry(), self.trajectory.yaw)
+        errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
-        write_tum(self.folder / 'closed.tum', self.track.stamps, closed)
+        write_tum(self.folder / 'closed.tum', self.trajectory.stamps, closed)
         return closed, pairs
 
     def _draw(self, file, poses, title, truth):
         """Draw the map along the poses; its `DensityMap`, or None."""
-        density = self.faults.attempt(file, density_map, self.track.usable(self.recording.scans()), poses)
+        density = self.faults.attempt(file, density_map, self.trajectory.usable(self.recording.scans()), poses)
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
         return density
 
     def _pairs(self):
-        return self.faults.attempt('pairs to review', self.spots.found) or []
+        return self.faults.attempt('pairs to review', self.to_review.found) or []
 
 
 def _aligned(truth, poses):

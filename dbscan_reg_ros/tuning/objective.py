@@ -16,7 +16,7 @@ from ..evaluation.known_motion import KnownMotion
 from ..evaluation.metrics import apart, errors, path_lengths
 from ..recordings import open_recording
 from ..recordings.poses import relative
-from ..replays.track import Track, track_of
+from ..replays.trajectory import Trajectory, trajectory_of
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
 HOPELESS = 1e3
@@ -40,9 +40,9 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
     known, parameters = _known(path, topic), parameters.for_odometry()
     scans = list(itertools.islice(open_recording(path, topic).scans(), limit))
     if objective == 'truth' or objective == 'auto' and (known.truth or known.relations):
-        track = track_of(scans, parameters)
+        trajectory = trajectory_of(scans, parameters)
         try:
-            return float(paired(known, track, track).a[0].mean())
+            return float(paired(known, trajectory, trajectory).a[0].mean())
         except TooShort:
             return HOPELESS
     return _inconsistency(scans, parameters)
@@ -55,9 +55,9 @@ def _known(path, topic):
 
 
 def _inconsistency(scans, parameters):
-    forward = Track()
+    forward = Trajectory()
     features = [update.features for update in forward.follow(scans, Odometry(parameters))]
-    backward = track_of(_backward(scans), parameters)
+    backward = trajectory_of(_backward(scans), parameters)
     there, back = forward.pose_array(), backward.pose_array()[::-1]
     if len(there) != len(back) or len(there) < 2:
         return HOPELESS

@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.poses import compose, relative
-from dbscan_reg_ros.replays.track import track_of
+from dbscan_reg_ros.replays.trajectory import trajectory_of
 
 FILES = ['corrected_poses_taken_for_wheels.log', 'equal_stamps.log', 'leap_behind_a_passer_at_288.log.gz',
          'lost_for_six_scans.log', 'negative_stamps.log', 'no_return_32.767_and_zero_stamps.log', 'zero_stamps_nan.log']
@@ -234,9 +234,9 @@ def test_at_the_steady_guess_nearly_all_scans_of_logs_without_usable_stamps_regi
         'stamps are of no use (fewer than half are later than the one before): scans are taken to be 1 s apart']
     assert recording.stamps() == [(first + k) * 10**9 for k in range(recording.count)]
     assert recording.stamps() == [scan.stamp for scan in recording.scans()]
-    track = track_of(recording.scans(), Parameters())
-    registered = sum(status in (Status.OK, Status.DEGENERATE) for status in track.statuses)
-    assert registered >= fewest, track.statuses
+    trajectory = trajectory_of(recording.scans(), Parameters())
+    registered = sum(status in (Status.OK, Status.DEGENERATE) for status in trajectory.statuses)
+    assert registered >= fewest, trajectory.statuses
     assert recording.problems == [] and recording.watch.lines() == []
 
 

@@ -11,7 +11,7 @@ from dbscan_reg_ros.commands.compare import Competitor, main
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.evaluation.comparison import Paired, difference, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
-from dbscan_reg_ros.replays.track import Track
+from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 
@@ -78,7 +78,9 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
 
 
 def test_a_worse_set_is_found_and_the_exit_status_says_so(compare, tmp_path):
-    (tmp_path / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement:\n      coarse: 0\n      fine: 0\n      polish: 0\n      window: 0\n')
+    names = ('coarse_iterations', 'fine_iterations', 'polish_iterations', 'map_iterations')
+    lines = ['/**:', '  ros__parameters:', '    refinement:', *(f'      {name}: 0' for name in names)]
+    (tmp_path / 'bad.yaml').write_text('\n'.join(lines) + '\n')
     code, printed, content = compare('defaults', tmp_path / 'bad.yaml')
     assert code == 1 and 'B is worse in translation' in printed.out
     assert content['differences']['all']['m']['low'] > 0.0
@@ -103,21 +105,21 @@ def test_a_baseline_is_compared_like_a_parameter_set(compare):
 def test_scans_that_only_one_could_use_are_left_out():
     stamps = np.arange(400) * 10**8
     truth = np.column_stack((0.05 * np.arange(400), np.zeros((400, 2))))
-    full, lossy = Track(), Track()
+    full, lossy = Trajectory(), Trajectory()
     for number, (stamp, pose) in enumerate(zip(stamps, truth, strict=True)):
-        for track, lost in ((full, False), (lossy, number % 7 == 3)):
-            track.used.append(not lost)
+        for trajectory, lost in ((full, False), (lossy, number % 7 == 3)):
+            trajectory.used.append(not lost)
             if not lost:
-                track.stamps.append(stamp)
-                track.poses.append(pose)
+                trajectory.stamps.append(stamp)
+                trajectory.poses.append(pose)
     pair = paired(KnownMotion((stamps, truth), None, None), full, lossy)
     assert pair.a.shape == pair.b.shape and np.abs(pair.a - pair.b).max() < 1e-12 and pair.block > 20
 
 
 def test_without_truth_there_is_nothing_to_compare():
-    track = Track(stamps=[1, 2], poses=[(0.0, 0.0, 0.0)] * 2, used=[True, True])
+    trajectory = Trajectory(stamps=[1, 2], poses=[(0.0, 0.0, 0.0)] * 2, used=[True, True])
     with pytest.raises(RecordingError, match='nothing is known of the true motion'):
-        paired(KnownMotion(None, None, None), track, track)
+        paired(KnownMotion(None, None, None), trajectory, trajectory)
 
 
 def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):

@@ -163,14 +163,14 @@ def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path):
     assert replay([str(log), '--out', str(tmp_path)]) == 0
     page = (tmp_path / "the robot's" / 'latest' / 'report.html').read_text()
     found = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
-    spot = found['spots'][-1]
-    assert spot['on'] < spot['scan']
+    pair = found['pairs'][-1]
+    assert pair['on'] < pair['scan']
     elsewhere = tmp_path / 'elsewhere'
     elsewhere.mkdir()
     environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
-    subprocess.run(f'{found["register"]} {spot["on"]} {spot["scan"]}', shell=True, cwd=elsewhere, env=environment, check=True,
+    subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]}', shell=True, cwd=elsewhere, env=environment, check=True,
                    timeout=120)
-    assert (elsewhere / 'results' / f"the robot's_{spot['on']}_{spot['scan']}" / 'latest' / 'sheet.png').exists()
+    assert (elsewhere / 'results' / f"the robot's_{pair['on']}_{pair['scan']}" / 'latest' / 'sheet.png').exists()
 
 
 def unpacked(path):

@@ -15,7 +15,7 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry as CoreOdometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
 from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.replays.loops import Loops
-from dbscan_reg_ros.replays.spots import Spots
+from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 pytest.importorskip('rosbags')
@@ -63,11 +63,11 @@ CLOCKS = {
 def test_pairs_to_review_name_scans_whatever_becomes_of_the_clock(rotating, clock):
     """A scan whose features are made anew, once the motion is known, keeps its number."""
     scans = CLOCKS[clock](rotating)
-    odometry, spots, loops, references = Odometry(), Spots(), Loops(), {}
+    odometry, pairs, loops, references = Odometry(), PairsToReview(), Loops(), {}
     made_anew = 0
     for number, scan in enumerate(scans):
         update = odometry.process(scan)
-        spots.add(update)
+        pairs.add(update)
         loops.add(update)
         assert update.number == number
         if update.reference is None:
@@ -77,7 +77,7 @@ def test_pairs_to_review_name_scans_whatever_becomes_of_the_clock(rotating, cloc
             made_anew += update.reference is not references.setdefault(update.reference_number, update.reference)
         references[number] = update.features
     assert made_anew >= 1
-    assert spots.found() and all(spot.reference_number < spot.number for spot in spots.found())
+    assert pairs.found() and all(pair.reference_number < pair.number for pair in pairs.found())
 
 
 def test_numbers_go_on_after_a_reset(rotating):
@@ -103,14 +103,14 @@ def whole(folder, count):
 
 
 PARTS = {
-    'pairs to review': ('dbscan_reg_ros.replays.spots.Spots.add', {'report.html', 'map.png', 'bag'}),
+    'pairs to review': ('dbscan_reg_ros.replays.pairs_to_review.PairsToReview.add', {'report.html', 'map.png', 'bag'}),
     'bag': ('dbscan_reg_ros.replays.bag.odometry_fields', {'report.html', 'map.png'}),
     'map.png': ('dbscan_reg_ros.replays.results.draw_map', {'report.html', 'bag'}),
     'report.html': ('dbscan_reg_ros.replays.results.write_report', {'map.png', 'bag'}),
     'parameters.yaml': ('dbscan_reg_ros.robot.parameter_files.write_parameters', {'report.html', 'map.png', 'bag'}),
-    'errors against the truth': ('dbscan_reg_ros.recordings.truth.KnownMotion.measures', {'report.html', 'map.png', 'bag'}),
+    'errors against the truth': ('dbscan_reg_ros.evaluation.known_motion.KnownMotion.measures', {'report.html', 'map.png', 'bag'}),
     'closed.tum': ('dbscan_reg_ros.replays.loops.Loops.close', {'report.html', 'map.png', 'bag'}),
-    'latest': ('dbscan_reg_ros.replays.folder.point_latest', {'report.html', 'map.png', 'bag'}),
+    'latest': ('dbscan_reg_ros.replays.result_folder.point_latest', {'report.html', 'map.png', 'bag'}),
 }
 
 

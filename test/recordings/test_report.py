@@ -12,9 +12,9 @@ from dbscan_reg_ros import Odometry, Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
-from dbscan_reg_ros.replays.report import write_report
-from dbscan_reg_ros.replays.spots import Spot, Spots
-from dbscan_reg_ros.replays.track import Track
+from dbscan_reg_ros.replays.pairs_to_review import PairsToReview, PairToReview
+from dbscan_reg_ros.replays.report import Report, write_report
+from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.simulation import demo
 
 STATUSES = {30: Status.DEGENERATE, 31: Status.DEGENERATE, 60: Status.AMBIGUOUS, 90: Status.FAILED}
@@ -27,22 +27,22 @@ def simulation():
 
 @pytest.fixture(scope='module')
 def replayed(simulation):
-    """A track of 100 scans of which some are given bad statuses, and its spots."""
-    track, spots = Track(), Spots()
-    for number, update in enumerate(track.follow(simulation.scans[20:120], Odometry())):
-        update.__dict__['status'] = track.statuses[number] = STATUSES.get(number, Status.OK)
-        spots.add(update)
-    return track, spots.found()
+    """A trajectory of 100 scans of which some are given bad statuses, and its pairs."""
+    trajectory, pairs = Trajectory(), PairsToReview()
+    for number, update in enumerate(trajectory.follow(simulation.scans[20:120], Odometry())):
+        update.__dict__['status'] = trajectory.statuses[number] = STATUSES.get(number, Status.OK)
+        pairs.add(update)
+    return trajectory, pairs.found()
 
 
 @pytest.fixture
 def page(replayed, simulation, tmp_path):
     """``page(known, parameters) -> path`` of a report."""
     def page(known=KnownMotion(None, None, None), parameters=Parameters()):  # noqa: B008
-        track, spots = replayed
+        trajectory, pairs = replayed
         path = tmp_path / 'report.html'
-        write_report(path, 'a </script> <b>name</b>', [('scans', '100')], known, track,
-                     density_map(simulation.scans[20:120], track.poses), spots, parameters, 'show a.log')
+        write_report(path, Report('a </script> <b>name</b>', [('scans', '100')], known, trajectory,
+                                  density_map(simulation.scans[20:120], trajectory.poses), pairs, parameters, 'show a.log'))
         return path
     return page
 
@@ -56,36 +56,36 @@ def browser(tmp_path):
     browser.close()
 
 
-def test_bad_stretches_begin_a_spot_each_and_the_least_sure_scans_are_others(replayed):
-    _, spots = replayed
-    bad = [(spot.number, spot.status) for spot in spots if spot.status is not Status.OK]
+def test_bad_stretches_begin_a_pair_each_and_the_least_sure_scans_are_others(replayed):
+    _, pairs = replayed
+    bad = [(pair.number, pair.status) for pair in pairs if pair.status is not Status.OK]
     assert bad == [(30, Status.DEGENERATE), (60, Status.AMBIGUOUS), (90, Status.FAILED)]
-    sure = [spot for spot in spots if spot.status is Status.OK]
-    assert sorted(spot.number // 50 for spot in sure) == [0, 1]
-    assert [spot.number for spot in spots] == sorted(spot.number for spot in spots)
+    sure = [pair for pair in pairs if pair.status is Status.OK]
+    assert sorted(pair.number // 50 for pair in sure) == [0, 1]
+    assert [pair.number for pair in pairs] == sorted(pair.number for pair in pairs)
 
 
-def test_a_spot_shows_the_scan_where_the_odometry_lays_it(simulation):
-    odometry, spots = Odometry(), Spots()
+def test_a_pair_to_review_shows_the_scan_where_the_odometry_lays_it(simulation):
+    odometry, pairs = Odometry(), PairsToReview()
     for scan in simulation.scans[20:40]:
         update = odometry.process(scan)
-        spots.add(update)
-    for spot in spots.found():
-        gaps = np.linalg.norm(spot.current[:, None] - spot.reference, axis=-1).min(axis=1)
-        assert isinstance(spot, Spot) and np.median(gaps) < 0.05
-        current, reference = (lines[:, 1] - lines[:, 0] for lines in (spot.current_lines, spot.reference_lines))
+        pairs.add(update)
+    for pair in pairs.found():
+        gaps = np.linalg.norm(pair.current[:, None] - pair.reference, axis=-1).min(axis=1)
+        assert isinstance(pair, PairToReview) and np.median(gaps) < 0.05
+        current, reference = (lines[:, 1] - lines[:, 0] for lines in (pair.current_lines, pair.reference_lines))
         cosines = (current * reference).sum(axis=1) / np.hypot(*current.T) / np.hypot(*reference.T)
         assert len(cosines) > 3 and np.abs(cosines).min() > 0.99
 
 
-def test_a_spot_knows_the_scan_that_was_its_reference(simulation):
-    odometry, spots, numbers = Odometry(), Spots(), {}
+def test_a_pair_knows_the_scan_that_was_its_reference(simulation):
+    odometry, pairs, numbers = Odometry(), PairsToReview(), {}
     for number, scan in enumerate(simulation.scans[20:80]):
         update = odometry.process(scan)
-        spots.add(update)
+        pairs.add(update)
         numbers[number] = update.reference and simulation.scans[20:80].index(update.reference.scan)
-    assert len({spot.reference_number for spot in spots.found()}) > 1
-    assert all(numbers[spot.number] == spot.reference_number for spot in spots.found())
+    assert len({pair.reference_number for pair in pairs.found()}) > 1
+    assert all(numbers[pair.number] == pair.reference_number for pair in pairs.found())
 
 
 def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page, simulation):
@@ -113,17 +113,18 @@ def test_the_page_opens_without_a_network_and_without_a_complaint(browser, page,
 
 
 def test_where_nothing_moves_all_is_shown_over_the_scans(browser, simulation, tmp_path):
-    path, track, scan = tmp_path / 'rest.html', Track(), simulation.scans[20]
+    path, trajectory, scan = tmp_path / 'rest.html', Trajectory(), simulation.scans[20]
     scans = [dataclasses.replace(scan, stamp=scan.stamp + k * 100_000_000) for k in range(20)]
-    for _ in track.follow(scans, Odometry()):
+    for _ in trajectory.follow(scans, Odometry()):
         pass
-    truth = np.array(track.stamps), np.zeros((20, 3))
-    write_report(path, 'rest', [], KnownMotion(truth, None, None), track, density_map(scans, track.poses), [], Parameters())
+    truth = np.array(trajectory.stamps), np.zeros((20, 3))
+    density = density_map(scans, trajectory.poses)
+    write_report(path, Report('rest', [], KnownMotion(truth, None, None), trajectory, density, [], Parameters()))
     browser.open(path.as_uri())
     assert browser.value('document.querySelector("#statuses svg[role=img]").textContent').endswith('scan')
     box = browser.value('document.querySelector("#statuses [clip-path] path").getBBox().width')
     assert box == pytest.approx(932.0, abs=5.0)
-    assert 'No part of the way is long enough to be set against what is known of it.' in browser.value('document.body.innerText')
+    assert 'No part of the trajectory is long enough for a comparison with what is known of the motion.' in browser.value('document.body.innerText')
     assert browser.complaints == []
 
 
@@ -136,17 +137,17 @@ def test_the_page_is_no_wider_than_a_narrow_screen_and_its_words_keep_their_size
     assert len(scales) == 6 and min(scales) > 0.99
 
 
-def test_a_click_on_a_spot_shows_its_pair(browser, page):
+def test_a_click_on_a_pair_shows_its_pair(browser, page):
     browser.open(page().as_uri())
-    spots = json.loads(browser.value('JSON.stringify(data.spots.map(spot => [spot.scan, spot.on, spot.status]))'))
+    pairs = json.loads(browser.value('JSON.stringify(data.pairs.map(pair => [pair.scan, pair.on, pair.status]))'))
     for section in ('#statuses', '#map'):
-        for index, (scan, reference, status) in enumerate(spots):
-            browser.click(f'{section} .spot[data-spot="{index}"]')
-            chosen = browser.value('[...document.querySelectorAll(".chosen")].map(x => x.dataset.spot)')
+        for index, (scan, reference, status) in enumerate(pairs):
+            browser.click(f'{section} .pair[data-pair="{index}"]')
+            chosen = browser.value('[...document.querySelectorAll(".chosen")].map(x => x.dataset.pair)')
             if section == '#statuses':
                 assert chosen == [str(index)] * 2
                 assert browser.value('document.getElementById("which").textContent').startswith(
-                    f'{index + 1} of {len(spots)}: scan {scan} on scan {reference}, after ')
+                    f'{index + 1} of {len(pairs)}: scan {scan} on scan {reference}, after ')
                 assert browser.value('document.getElementById("register").textContent') == f'show a.log {reference} {scan}'
                 assert status in browser.value('document.getElementById("which").textContent')
             else:
@@ -163,7 +164,7 @@ def test_a_click_on_a_spot_shows_its_pair(browser, page):
 def test_circles_that_lie_on_each_other_are_reached_with_the_buttons(browser, page):
     browser.open(page().as_uri())
     seen = []
-    for _ in range(browser.value('data.spots.length')):
+    for _ in range(browser.value('data.pairs.length')):
         seen.append(browser.value('document.getElementById("which").textContent').split()[0])
         browser.click('#next')
     assert seen == [str(number + 1) for number in range(len(seen))] and len(seen) == 5
@@ -180,7 +181,8 @@ def test_changed_parameters_stand_out(browser, page):
 
 def test_a_page_of_nothing_says_so(browser, tmp_path):
     path = tmp_path / 'empty.html'
-    write_report(path, 'nothing', [], KnownMotion(None, None, None), Track(), density_map([], []), [], Parameters())
+    unknown = KnownMotion(None, None, None)
+    write_report(path, Report('nothing', [], unknown, Trajectory(), density_map([], []), [], Parameters()))
     browser.open(path.as_uri())
     assert browser.complaints == [] and browser.value('document.body.dataset.ready') == 'yes'
     words = browser.value('document.body.innerText')

@@ -14,13 +14,13 @@ from ..evaluation.metrics import duration, errors, path_lengths
 
 
 @dataclass(eq=False)
-class Track:
+class Trajectory:
     """What the odometry says of the scans of a recording that it can use, in the order of the file.
 
     Attributes
     ----------
     yaw : float
-        The odometry sees scans that are turned by so much [rad], as `mounted.turned` makes them.
+        The odometry sees scans that are turned by so much [rad], as `sensor_mounting.turned` makes them.
     stamps : list of int [ns]
     poses : list of (x, y, theta) [m, m, rad]
         Of the sensor, in the frame of the first scan.
@@ -93,9 +93,9 @@ class Track:
         return measures
 
 
-def track_of(scans, parameters) -> Track:
+def trajectory_of(scans, parameters) -> Trajectory:
     """The whole way of the sensor that saw `scans`."""
-    track = Track()
-    for _ in track.follow(scans, Odometry(parameters)):
+    trajectory = Trajectory()
+    for _ in trajectory.follow(scans, Odometry(parameters)):
         pass
-    return track
+    return trajectory

@@ -15,7 +15,7 @@ MOST_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
+class PairToReview:
     """A scan and its reference.
 
     Attributes
@@ -43,7 +43,7 @@ class Spot:
     current_lines: np.ndarray
 
 
-class Spots:
+class PairsToReview:
     """Collects the first scan of every stretch that is not ``OK``, and the least sure ones of those that are."""
 
     def __init__(self):
@@ -56,23 +56,23 @@ class Spots:
             return
         if update.status is not Status.OK:
             if changed and len(self._bad) < MOST_BAD:
-                self._bad.append(_spot(update))
+                self._bad.append(_pair_to_review(update))
             return
         block = update.number // BLOCK
         if block not in self._least_sure or update.registration.overlap < self._least_sure[block].overlap:
-            self._least_sure[block] = _spot(update)
+            self._least_sure[block] = _pair_to_review(update)
 
     def found(self) -> list:
-        """Every `Spot`, in the order of the scans."""
-        least = sorted(self._least_sure.values(), key=lambda spot: spot.overlap)[:LEAST_SURE]
-        return sorted([*self._bad, *least], key=lambda spot: spot.number)
+        """Every `PairToReview`, in the order of the scans."""
+        least = sorted(self._least_sure.values(), key=lambda pair: pair.overlap)[:LEAST_SURE]
+        return sorted([*self._bad, *least], key=lambda pair: pair.number)
 
 
-def _spot(update):
+def _pair_to_review(update):
     moved = update.reference_pose.inverse() @ update.pose
     registration, reference, current = update.registration, update.reference, update.features
     matched, matching = registration.matches.T
-    return Spot(update.number, update.reference_number, update.status, registration.overlap, registration.reason,
+    return PairToReview(update.number, update.reference_number, update.status, registration.overlap, registration.reason,
                 _thinned(reference.points), moved.apply(_thinned(current.points)),
                 _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
 
