@@ -112,7 +112,7 @@ def test_the_stand_in_has_the_published_signatures(root, stand_ins):
 
 
 def test_all_that_is_called_of_rosbag2_is_in_the_list_of_published_signatures(root):
-    source = (root / 'dbscan_reg_ros' / 'recordings' / 'with_rosbag2_py.py').read_text()
+    source = (root / 'dbscan_reg_ros' / 'recordings' / 'bags' / 'with_rosbag2_py.py').read_text()
     called = {word.split('(')[0] for word in source.split('rosbag2_py.')[1:] if '(' in word.split()[0]}
     assert called and called <= {name.partition('.')[0] for name in PUBLISHED}
 
