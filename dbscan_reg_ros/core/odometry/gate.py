@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gate: the only place that decides whether the result of a registration is believed."""
+"""Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
 import math
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.se2 import SE2
 from ..geometry.symmetric_matrix import inverse, mahalanobis
@@ -18,31 +19,38 @@ from .state import Tracking
 
 
 class Decision(Enum):
-    """What becomes of a result."""
+    """Decision about a result."""
 
     ACCEPT = 'accept'
-    """It is believed."""
+    """The result is believed; no further reference is tried."""
     TENTATIVE = 'tentative'
-    """It is believed unless a further reference gives one that is accepted."""
+    """The result is believed unless a further reference gives one that is accepted."""
     REJECT = 'reject'
-    """It is not believed."""
+    """The result is not believed."""
+
+
+class Reason(Enum):
+    """Reason for a decision."""
+
+    FAILED = 'the registration failed'
+    WITHIN_GATE = 'within the gate of a prediction'
+    INCONCLUSIVE = 'within the gate, but a direction is degenerate or another result is tentative'
+    UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
+    UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
+    CONFIRMED = 'outside every gate, but the scan before was found at the same place'
+    UNCONFIRMED = 'outside every gate; the next scan may confirm it'
 
 
 class Verdict(NamedTuple):
-    """A decision of the gate.
-
-    Attributes
-    ----------
-    decision : Decision
-    reason : str
-        Why, in a few words.
-    outlier : bool
-        The result lies outside every gate. Accepted, it is a jump; rejected, the next scan may confirm it.
-    """
+    """A decision of the gate and the reason for it."""
 
     decision: Decision
-    reason: str
-    outlier: bool = False
+    reason: Reason
+
+    @property
+    def outlier(self) -> bool:
+        """Whether the result is a reliable one outside the gates of the predictions: a jump if accepted."""
+        return self.reason in (Reason.UNKNOWN_MOTION, Reason.CONFIRMED, Reason.UNCONFIRMED)
 
 
 class Gate:
@@ -54,112 +62,120 @@ class Gate:
     tracking : Tracking
         The state after the last scan.
     parameters : Parameters
+
+    Attributes
+    ----------
+    predictions : Predictions
     """
 
     def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters):
-        self._predictions, self._tracking, self._parameters = predictions, tracking, parameters
+        self.predictions, self._tracking, self._parameters = predictions, tracking, parameters
         best, motion, p = predictions.best, predictions.motion, parameters
         self._weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
                             or p.prior.gate * best.prior.rotation_sigma > _QUARTER_TURN)
-        self._wheels_slip = predictions.external is not None and not self._within(best.pose, motion.pose, motion.prior.covariance)
+        self._wheels_slip = (predictions.external is not None
+                             and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
-    def check(self, pose: SE2, registration: Registration, has_tentative: bool) -> Verdict:
-        """Decide whether a scan lies at `pose` (odometry frame), as a `registration` says.
+    def check(self, pose: SE2, registration: Registration, has_tentative: bool = False) -> Verdict:
+        """Decide whether a result is believed.
 
         Parameters
         ----------
         pose : SE2
+            Pose of the scan by the result, in the odometry frame.
         registration : Registration
+            The result.
         has_tentative : bool
-            Whether the result for another reference is tentative already.
+            Whether the result of another reference is tentative.
         """
         ok = registration.status is Status.OK
         if registration.status is Status.FAILED:
-            return Verdict(Decision.REJECT, registration.reason)
+            return Verdict(Decision.REJECT, Reason.FAILED)
         if self._near_prediction(pose, registration):
             if registration.degenerate_direction is None and (ok or not has_tentative):
-                return Verdict(Decision.ACCEPT, 'within the gate')
-            return Verdict(Decision.TENTATIVE, 'within the gate, but a direction is degenerate or a rival is near')
-        if not (ok and self._is_trusted(registration)) or has_tentative:
-            return Verdict(Decision.REJECT, 'outside the gate and not OK, or contradicted by another reference')
-        motion, unconfirmed = self._predictions.motion, self._tracking.unconfirmed
-        if self._within(pose, motion.pose, unknown_motion_covariance(self._predictions.interval, self._parameters)):
-            return Verdict(Decision.ACCEPT, 'outside the gate, but within what an unknown motion allows', outlier=True)
+                return Verdict(Decision.ACCEPT, Reason.WITHIN_GATE)
+            return Verdict(Decision.TENTATIVE, Reason.INCONCLUSIVE)
+        if not ok or has_tentative or not self._is_reliable(registration):
+            return Verdict(Decision.REJECT, Reason.UNRELIABLE)
+        motion, unconfirmed = self.predictions.motion, self._tracking.unconfirmed
+        unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
+        if self._within(pose, motion.pose, unknown):
+            return Verdict(Decision.ACCEPT, Reason.UNKNOWN_MOTION)
         if unconfirmed is not None and self._within(pose, unconfirmed @ motion.prior.transform, motion.prior.covariance):
-            return Verdict(Decision.ACCEPT, 'outside the gate, confirmed by two scans', outlier=True)
-        return Verdict(Decision.REJECT, 'outside every gate; the next scan may confirm it', outlier=True)
+            return Verdict(Decision.ACCEPT, Reason.CONFIRMED)
+        return Verdict(Decision.REJECT, Reason.UNCONFIRMED)
 
     def asks_for_search_within(self, pose: SE2, registration: Registration) -> bool:
-        """Whether an ambiguous or degenerate result outside the gates calls for the best one inside: corridors are symmetric."""
-        best, motion = self._predictions.best, self._predictions.motion
+        """Whether to search for the best result inside the gate, as this one is not OK and lies outside: corridors are symmetric."""
+        best, motion = self.predictions.best, self.predictions.motion
         return (registration.status not in (Status.OK, Status.FAILED)
                 and best.prior.translation_sigma < self._parameters.odometry.dynamic_margin and not self._tracking.lost_time
                 and not self._within(pose, best.pose, best.gate_covariance)
                 and not self._within(pose, motion.pose, motion.gate_covariance))
 
     def used_prior(self, pose: SE2, wheels: WheelCalibration) -> Prior:
-        """The best prior, as precise as the wheels have proved where a match at `pose` agrees with that."""
-        best = self._predictions.best
-        if self._predictions.external is None:
+        """Return the best prior; with the covariance learned by the calibration where a match at `pose` agrees with that."""
+        best = self.predictions.best
+        if self.predictions.external is None:
             return best.prior
         tightened = wheels.tightened(best.prior)
         return tightened if self._within(pose, best.pose, tightened.covariance) else best.prior
 
-    def prior_information(self, pose: SE2, prior: Prior):
-        """``(3, 3)`` information of a `prior` in the frame of the scan; zero where a match at `pose` contradicts it."""
-        if self._within(pose, self._predictions.best.pose, prior.covariance):
+    def prior_information(self, pose: SE2, prior: Prior) -> NDArray[np.float64]:
+        """Return the information ``(3, 3)`` of a `prior` in the frame of the scan; zero where a match at `pose` contradicts it."""
+        if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
         return np.zeros((3, 3))
 
     def supports_external(self, pose: SE2) -> bool:
         """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be learned."""
-        external = self._predictions.external
-        return (external is not None and not self._predictions.interval.gap
-                and self._within(pose, self._predictions.best.pose, external.covariance))
+        external = self.predictions.external
+        return (external is not None and not self.predictions.interval.gap
+                and self._within(pose, self.predictions.best.pose, external.covariance))
 
     def starts_in_motion(self, pose: SE2, registration: Registration, start: SE2) -> bool:
         """Whether the second scan of a track, found at `pose`, proves a motion since the `start`."""
-        interval = self._predictions.interval
+        interval = self.predictions.interval
         if registration.status is not Status.OK or interval.gap or interval.length <= 0.0:
             return False
         return _squared_distance(pose, start, registration.covariance) > self._parameters.odometry.zero_velocity_gate ** 2
 
     def demoted(self, registration: Registration) -> Registration:
-        """The registration, no longer ``OK`` where few points constrain a motion of which nothing was known before."""
-        return demoted_if_weak(registration, self._predictions.best.prior, self._parameters.decision)
+        """Return the registration, no longer ``OK`` where few points constrain a motion that was not predicted well."""
+        return demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
 
-    def _near_prediction(self, pose, registration):
-        """Whether `pose` is within the gate of the best prediction, or of the motion model.
+    def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
+        """Whether `pose` is within the gate of the best prediction or of the motion model.
 
-        Corridors are symmetric: after a weak prediction a result that is not ``OK`` has to lie within 0.7 of the gate. Few
-        points do not override wheels, unless these seem to slip.
+        Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate. Results by
+        few points do not override the wheels, unless these seem to slip.
         """
-        best, motion = self._predictions.best, self._predictions.motion
-        ratio = _WEAK_PRIOR_GATE if self._weak_prior and registration.status is not Status.OK else 1.0
+        best, motion = self.predictions.best, self.predictions.motion
+        ratio = _WEAK_PRIOR_RATIO if self._weak_prior and registration.status is not Status.OK else 1.0
         if self._within(pose, best.pose, best.gate_covariance, ratio):
             return True
-        trusted = self._is_trusted(registration)
-        if not (trusted or self._wheels_slip):
+        reliable = self._is_reliable(registration)
+        if not (reliable or self._wheels_slip):
             return False
-        return self._within(pose, motion.pose, motion.gate_covariance if trusted else motion.prior.covariance, ratio)
+        return self._within(pose, motion.pose, motion.gate_covariance if reliable else motion.prior.covariance, ratio)
 
-    def _is_trusted(self, registration):
-        """Whether a result may override the external prior: nobody has given one, or many points constrain the motion."""
+    def _is_reliable(self, registration: Registration) -> bool:
+        """Whether a result may override the prediction: without an external prior, after coasting, or if many points constrain it."""
         p = self._parameters
-        return (self._predictions.external is None or observability_ratio(registration, p.decision) == 1.0
+        return (self.predictions.external is None or observability_ratio(registration, p.decision) == 1.0
                 or self._tracking.lost_time > p.odometry.coast_time)
 
-    def _within(self, pose, predicted, covariance, ratio=1.0):
-        """Whether `pose` lies within a `ratio` of `prior.gate` of a `predicted` pose."""
+    def _within(self, pose: SE2, predicted: SE2, covariance: NDArray[np.float64], ratio: float = 1.0) -> bool:
+        """Whether the Mahalanobis distance of `pose` from a `predicted` pose is at most a `ratio` of `prior.gate`."""
         return _squared_distance(pose, predicted, covariance) <= (ratio * self._parameters.prior.gate) ** 2
 
 
-def _squared_distance(pose, reference, covariance):
-    """Squared Mahalanobis distance of `pose` from a `reference` pose, in the frame of the reference."""
-    return mahalanobis((reference.inverse() @ pose).as_array(), covariance)
+def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]) -> float:
+    """Return the squared Mahalanobis distance of `pose` from a `reference` pose, in the frame of the reference."""
+    return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
 _QUARTER_TURN = 0.5 * math.pi
-"""A prior that allows for a rotation this large [rad] is weak."""
-_WEAK_PRIOR_GATE = 0.7
+"""A prior is weak if its gate allows this rotation [rad]."""
+_WEAK_PRIOR_RATIO = 0.7
 """Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior."""

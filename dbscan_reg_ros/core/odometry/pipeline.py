@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laser odometry: from scans to poses."""
+"""Laser odometry: estimates the pose of a moving sensor from its scans."""
 import copy
 import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..features.extraction import extract_features, scan_noise_ratio
 from ..features.records import Features
@@ -15,19 +18,19 @@ from . import update
 from .deskew import deskew
 from .gate import Gate
 from .models.stamps import Jump, middle_offset
-from .prediction import Predictions, predict
+from .prediction import predict
 from .records import OdometryUpdate
 from .references import Outcome, ReferenceSearch
 from .state import Mode
 
 
 class Odometry:
-    """Poses of a moving sensor from a stream of its scans.
+    """Estimates the poses of a moving sensor, scan by scan.
 
     Parameters
     ----------
     parameters : Parameters
-        May be replaced at any time; a new value counts from the next scan on, and key frames stay as they are.
+        They can be replaced at any time. New values apply from the next scan on; key frames stay as they are.
     """
 
     def __init__(self, parameters: Parameters = Parameters()):
@@ -36,6 +39,7 @@ class Odometry:
 
     @property
     def parameters(self) -> Parameters:
+        """The parameters that apply from the next scan on."""
         return self._parameters
 
     @parameters.setter
@@ -44,7 +48,7 @@ class Odometry:
         self._parameters, self._search_parameters = parameters, search_parameters(parameters)
 
     def reset(self, pose: SE2 = SE2()) -> None:
-        """Forget everything; the next scan is the first one, at `pose`."""
+        """Forget everything except the number of scans; the next scan starts a track at `pose`."""
         self._state = update.initial_state(pose, self._state.output.number)
 
     def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
@@ -65,41 +69,50 @@ class Odometry:
         Raises
         ------
         ScanError
-            When the scan holds too few returns to be used; the state is unchanged.
+            When the scan has too few returns to be used; the state is unchanged.
         """
         state, p = self._state, self._parameters
         # Stamp: how long the scan took, and whether its motion can be removed.
         timing = state.stamps.timing(scan, p)
-        # Features, of the scan without the motion within it.
+        # Features of the deskewed scan.
         features = self._extract(scan, timing.ratio * state.motion.twist if timing.deskews else None)
         interval = state.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
         if state.window is None or interval.jump is Jump.BACKWARD:
             return update.start(state, features, interval.reason)
-        # Predict: by the external prior and by the motion model.
+        # Predict by the external prior and by the motion model.
         if interval.jump:
             update.reset_velocity(state)
         state.motion.elapse(interval.length)
-        predictions = predict(state, prior, interval, p)
-        # Register to the local map, else to other references; the gate decides what is believed.
-        outcome = self._search(features, predictions)
-        if timing.deskews and self._starts_in_motion(outcome, predictions):
-            features, predictions = self._start_in_motion(scan, outcome, predictions)
-            outcome = self._search(features, predictions)
+        gate = Gate(predict(state, prior, interval, p), state.tracking, p)
+        # Register to the local map, else to other references; the gate decides which result is believed.
+        outcome = self._search(features, gate)
+        if timing.deskews and self._starts_in_motion(outcome, gate):
+            features, gate = self._start_in_motion(scan, outcome, gate)
+            outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
         if outcome.match is None:
-            return update.coast(state, features, outcome.registration, predictions, p)
-        # Found: align with the map, update motion, covariances, key frames and heading, and report.
-        return update.follow(state, outcome.match, predictions, Gate(predictions, state.tracking, p), p)
+            return update.coast(state, features, outcome.registration, gate.predictions, p)
+        # Found: align with the map; update motion, covariances, key frames and heading; report.
+        return update.follow(state, outcome.match, gate, p)
 
     def predict_motion(self, stamp: int) -> Prior | None:
-        """The motion to a scan at `stamp` [ns] by the motion model alone; None before the first scan."""
+        """Predict the motion to a scan at `stamp` [ns] by the motion model alone; None before the first scan."""
         state, p = self._state, self._parameters
         if state.window is None:
             return None
         return state.motion.predict(copy.deepcopy(state.stamps).next(stamp, 0.0, p.time, state.stamps.duration), p)
 
-    def _extract(self, scan: Scan, twist, again: bool = False) -> Features:
-        """Features of a scan; a `twist` [m/s, m/s, rad/s] is removed from it. A scan seen `again` adds nothing to the noise ratio."""
+    def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, again: bool = False) -> Features:
+        """Extract the features of a scan.
+
+        Parameters
+        ----------
+        scan : Scan
+        twist : (3,) float or None
+            Velocity of the sensor [m/s, m/s, rad/s], by which the scan is deskewed.
+        again : bool
+            Whether the scan was extracted before: then it is not counted again in the estimate of the range noise.
+        """
         state, p = self._state, self._parameters
         if twist is not None:
             scan = deskew(scan, twist)
@@ -108,33 +121,36 @@ class Odometry:
         state.noise = noise
         return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
 
-    def _search(self, features: Features, predictions: Predictions) -> Outcome:
-        outcome = ReferenceSearch(features, self._state, predictions, self._parameters, self._search_parameters).run()
-        update.searched(self._state, outcome)
+    def _search(self, features: Features, gate: Gate) -> Outcome:
+        """Register the scan to the references."""
+        outcome = ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
+        update.remember_search(self._state, outcome)
         return outcome
 
-    def _starts_in_motion(self, outcome: Outcome, predictions: Predictions) -> bool:
+    def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:
         """Whether the second scan of a track proves that the sensor moved during the first."""
-        state = self._state
-        return (state.tracking.mode is Mode.STARTING and outcome.match is not None and Gate(predictions, state.tracking, self._parameters)
-                .starts_in_motion(outcome.match.pose, outcome.registration, state.pose))
+        state, match = self._state, outcome.match
+        return (state.tracking.mode is Mode.STARTING and match is not None
+                and gate.starts_in_motion(match.pose, match.registration, state.pose))
 
-    def _start_in_motion(self, scan: Scan, outcome: Outcome, predictions: Predictions) -> tuple[Features, Predictions]:
-        """Remove the motion from the first scan of a track and from the second, now that it is known."""
-        state, interval = self._state, predictions.interval
+    def _start_in_motion(self, scan: Scan, outcome: Outcome, gate: Gate) -> tuple[Features, Gate]:
+        """Deskew the first two scans of a track, now that the motion is known; return the second's features and its gate."""
+        state, predictions = self._state, gate.predictions
+        assert outcome.match is not None
         ratio = state.stamps.ratio(state.stamps.duration)
-        twist = (state.pose.inverse() @ outcome.match.pose).as_array() / interval.length
-        first, features = (self._extract(each, ratio * twist, again=True) for each in (state.window.latest.features.scan, scan))
-        interval = dataclasses.replace(interval, middle_offset=middle_offset(scan, features, ratio))
+        twist = (state.pose.inverse() @ outcome.match.pose).as_array() / predictions.interval.length
+        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, again=True)
+        features = self._extract(scan, ratio * twist, again=True)
+        interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, twist, interval.middle_offset)
-        return features, dataclasses.replace(predictions, interval=interval)
+        return features, Gate(dataclasses.replace(predictions, interval=interval), state.tracking, self._parameters)
 
 
 def search_parameters(parameters: Parameters) -> Parameters:
-    """Parameters of the registrations to single references.
+    """Return the parameters of registrations to single references.
 
-    Where a window follows, its alignment is final: the registration is not polished, and walls count as parallel as they
-    do in the window.
+    Where the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and walls
+    count as parallel as in the window.
     """
     if parameters.odometry.reference != 'window':
         return parameters

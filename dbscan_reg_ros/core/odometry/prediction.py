@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a scan is expected, before it is registered."""
+"""Prediction of the pose of a scan before it is registered."""
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
@@ -13,7 +14,7 @@ from .state import TrackState
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where one source expects a scan.
+    """Pose of a scan as predicted by one source.
 
     Attributes
     ----------
@@ -22,12 +23,12 @@ class Prediction:
     prior : Prior
         Predicted motion since the last scan.
     gate_covariance : (3, 3) float
-        Covariance of `pose` in the sensor's frame [m, m, rad], widened for the time in which scans were not found.
+        Covariance of `pose` in the frame of the sensor [m, m, rad], widened for the time in which scans were not found.
     """
 
     pose: SE2
     prior: Prior
-    gate_covariance: np.ndarray
+    gate_covariance: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +38,25 @@ class Predictions:
     Attributes
     ----------
     best : Prediction
-        By the external prior, corrected by what was learned of it; by the motion model where there is none.
+        By the external prior, corrected by the wheel calibration; by the motion model where there is none.
     motion : Prediction
         By the motion model.
     external : Prior or None
-        A whole motion from an external source, as it was given; None where the motion model alone predicts, or an external
-        source has given the rotation only.
+        A whole motion from an external source, without correction. None where there is no external prior, or one of the
+        rotation only.
     interval : ScanInterval
-        The time since the last scan.
+        Time since the last scan.
     """
 
     best: Prediction
     motion: Prediction
     external: Prior | None
     interval: ScanInterval
+
+    @property
+    def by_motion_model(self) -> bool:
+        """Whether there is no external prior, neither of the motion nor of the rotation."""
+        return self.best is self.motion
 
 
 def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, parameters: Parameters) -> Predictions:
@@ -60,18 +66,20 @@ def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, para
     ----------
     state : TrackState
     prior : Prior or None
-        From an external source.
+        Motion since the last scan from an external source. One with a `Prior.velocity_change` is the prediction of the motion
+        model with an external rotation.
     interval : ScanInterval
     parameters : Parameters
     """
-    own = state.motion.predict(interval, parameters)
-    external = None if prior is None or prior.velocity_change is not None else prior
-    used = prior or own
-    if external is not None:
-        used = state.wheels.corrected(external)
+    motion = _prediction(state, state.motion.predict(interval, parameters), parameters)
+    if prior is None:
+        return Predictions(motion, motion, None, interval)
+    external = prior if prior.velocity_change is None else None
+    best = _prediction(state, prior if external is None else state.wheels.corrected(external), parameters)
+    return Predictions(best, motion, external, interval)
 
-    def prediction(of: Prior) -> Prediction:
-        pose = state.pose @ of.transform
-        return Prediction(pose, of, state.motion.gate_covariance(of, pose, state.tracking.lost_time, parameters))
-    motion = prediction(own)
-    return Predictions(motion if used is own else prediction(used), motion, external, interval)
+
+def _prediction(state: TrackState, prior: Prior, parameters: Parameters) -> Prediction:
+    """Apply a `prior` to the last pose."""
+    pose = state.pose @ prior.transform
+    return Prediction(pose, prior, state.motion.gate_covariance(prior, pose, state.tracking.lost_time, parameters))

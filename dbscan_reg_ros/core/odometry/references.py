@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan is registered to, in order, and the results."""
+"""References that a scan is registered to, in order, until the gate accepts a result."""
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -12,9 +12,8 @@ from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from .gate import Decision, Gate, Verdict
 from .mapping.dynamic_points import without_dynamic_points
-from .mapping.key_frame_window import KeyFrame
-from .mapping.scan_to_map import facing
-from .prediction import Predictions
+from .mapping.key_frame import KeyFrame
+from .mapping.scan_to_map import information_along
 from .state import TrackState
 
 
@@ -27,16 +26,16 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """The result of registering a scan to one reference.
+    """Result of registering a scan to one reference.
 
     Attributes
     ----------
     key_frame : KeyFrame
-        The reference's.
+        That of the reference.
     pose : SE2
-        Of the scan, in the odometry frame; along a degenerate direction it is level with the prediction.
-    direction : float or None [rad]
-        In the odometry frame, the degenerate direction.
+        Pose of the scan in the odometry frame; along a degenerate direction it is the predicted one.
+    unresolved_direction : float or None [rad]
+        `degenerate_direction`; without one, that of the tentative match before.
     registration : Registration
     features : Features
         The scan without its dynamic points.
@@ -45,50 +44,58 @@ class Match:
 
     key_frame: KeyFrame
     pose: SE2
-    direction: float | None
+    unresolved_direction: float | None
     registration: Registration
     features: Features
     verdict: Verdict
 
     @property
     def degenerate_direction(self) -> float | None:
-        """``float`` [rad]: the direction in the odometry frame that this registration leaves open, if any."""
-        free = self.registration.degenerate_direction
-        return None if free is None else self.key_frame.pose.theta + free
+        """Degenerate direction [rad] of this registration in the odometry frame; None without one."""
+        return degenerate_direction(self.key_frame, self.registration)
 
 
 class Outcome(NamedTuple):
-    """What came of all references.
+    """Result of the search over all references.
 
     Attributes
     ----------
     match : Match or None
-        The one that is believed.
+        The match that is believed.
     registration : Registration
-        Of the match, or of the local map where there is none.
+        That of the match; without one, that of the local map.
     unconfirmed : SE2 or None
-        The first pose outside every gate.
+        The first pose that the next scan may confirm.
     search_near : bool
         As in `Tracking`.
     """
 
     match: Match | None
     registration: Registration
-    unconfirmed: SE2 | None
-    search_near: bool
+    unconfirmed: SE2 | None = None
+    search_near: bool = True
+
+    def joined(self, match: Match) -> 'Outcome':
+        """Add a match: an accepted one replaces the match, a tentative one only if there is none."""
+        verdict = match.verdict
+        if verdict.decision is Decision.ACCEPT or (verdict.decision is Decision.TENTATIVE and self.match is None):
+            return self._replace(match=match, registration=match.registration)
+        if verdict.decision is Decision.REJECT and verdict.outlier and self.unconfirmed is None:
+            return self._replace(unconfirmed=match.pose)
+        return self
 
 
 def fallback_references(state: TrackState, predicted: SE2, first: Registration, parameters: Parameters) -> list[Reference]:
-    """References to try after the local map, in order, each with its condition.
+    """List the references to try after the local map, in order.
 
     ==================== ====================================================================================
     reference            condition
     ==================== ====================================================================================
-    latest key frame     the score of the local map is recoverable, and the map holds more than this key frame
-    last scan            it was found and is no key frame, the prediction has turned beyond
-                         `odometry.key_frame_angle`, and the local map failed
-    older key frames     the nearest `odometry.older_key_frames`; closer to the prediction than the latest where the
-                         score of the local map is not recoverable
+    latest key frame     the score of the local map is recoverable, and the map has more than this key frame
+    last scan            it was found and is no key frame, the prediction is rotated from the latest key frame by
+                         more than `odometry.key_frame_angle`, and the local map failed
+    older key frames     the nearest `odometry.older_key_frames`; only those closer to the prediction than the
+                         latest where the score of the local map is not recoverable
     ==================== ====================================================================================
 
     Parameters
@@ -97,17 +104,17 @@ def fallback_references(state: TrackState, predicted: SE2, first: Registration, 
     predicted : SE2
         Predicted pose of the scan in the odometry frame.
     first : Registration
-        To the local map.
+        Registration to the local map.
     parameters : Parameters
     """
-    p, window, references = parameters.odometry, state.window, []
+    p, window, references = parameters.odometry, state.key_frames, []
     *older, latest = window.frames
     recoverable = is_recoverable(first, parameters)
     if recoverable and window.local_map is not latest.features:
         references.append(Reference(latest, latest.features))
-    rotation = abs((latest.pose.inverse() @ predicted).theta)
-    if state.tracking.last_scan is not None and rotation > p.key_frame_angle and first.status is Status.FAILED:
-        references.append(Reference(state.tracking.last_scan, state.tracking.last_scan.features))
+    rotation, last_scan = abs((latest.pose.inverse() @ predicted).theta), state.tracking.last_scan
+    if last_scan is not None and rotation > p.key_frame_angle and first.status is Status.FAILED:
+        references.append(Reference(last_scan, last_scan.features))
 
     def distance(frame: KeyFrame) -> float:
         return math.hypot(frame.pose.x - predicted.x, frame.pose.y - predicted.y)
@@ -116,8 +123,8 @@ def fallback_references(state: TrackState, predicted: SE2, first: Registration, 
 
 
 def is_recoverable(registration: Registration, parameters: Parameters) -> bool:
-    """Whether the score of a failed registration is high enough for another try."""
-    return registration.score >= _RECOVERABLE * parameters.decision.min_score
+    """Whether the score of a registration is high enough for a retry, should it fail."""
+    return registration.score >= _RECOVERABLE_RATIO * parameters.decision.min_score
 
 
 class ReferenceSearch:
@@ -128,72 +135,64 @@ class ReferenceSearch:
     features : Features
         Of the scan.
     state : TrackState
-    predictions : Predictions
+    gate : Gate
     parameters : Parameters
         Of the odometry.
     search_parameters : Parameters
         Of the registrations to single references.
     """
 
-    def __init__(self, features: Features, state: TrackState, predictions: Predictions, parameters: Parameters,
-                 search_parameters: Parameters):
-        self._features, self._state, self._predictions = features, state, predictions
+    def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters, search_parameters: Parameters):
+        self._features, self._state, self._gate = features, state, gate
         self._parameters, self._search_parameters = parameters, search_parameters
-        self._gate = Gate(predictions, state.tracking, parameters)
         self._search_near = state.tracking.search_near
 
     def run(self) -> Outcome:
-        """Register to the local map, and where that is not final to `fallback_references`."""
-        state, predicted = self._state, self._predictions.best.pose
-        precise = self._predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin
-        static = without_dynamic_points(self._features, predicted, state.window, self._parameters) if precise else self._features
-        match = self._match(Reference(state.window.latest, state.window.local_map), static, None)
-        first, outcome = match.registration, Outcome(None, match.registration, None, True)
-        outcome = self._joined(outcome, match)
+        """Register to the local map, and unless its match is final to `fallback_references`."""
+        window, best = self._state.key_frames, self._gate.predictions.best
+        static = self._features
+        if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
+            static = without_dynamic_points(static, best.pose, window, self._parameters)
+        match = self._match(Reference(window.latest, window.local_map), static, None)
+        outcome = Outcome(None, match.registration).joined(match)
         if not self._is_final(match):
-            for reference in fallback_references(state, predicted, first, self._parameters):
+            for reference in fallback_references(self._state, best.pose, match.registration, self._parameters):
                 match = self._match(reference, static, outcome.match)
-                outcome = self._joined(outcome, match)
+                outcome = outcome.joined(match)
                 if self._is_final(match):
                     break
         return outcome._replace(search_near=self._search_near)
 
-    @staticmethod
-    def _joined(outcome: Outcome, match: Match) -> Outcome:
-        """The outcome with one more match: an accepted one is the result, a tentative one unless there is one already."""
-        verdict = match.verdict
-        if verdict.decision is Decision.ACCEPT or (verdict.decision is Decision.TENTATIVE and outcome.match is None):
-            return outcome._replace(match=match, registration=match.registration)
-        if verdict.decision is Decision.REJECT and verdict.outlier and outcome.unconfirmed is None:
-            return outcome._replace(unconfirmed=match.pose)
-        return outcome
-
     def _is_final(self, match: Match) -> bool:
-        """Whether no further reference can say more: the match is accepted, or the scan itself leaves its direction open."""
+        """Whether no further reference can improve the match: it is accepted, or the scan itself does not constrain its direction."""
         if match.verdict.decision is not Decision.TENTATIVE:
             return match.verdict.decision is Decision.ACCEPT
-        facing_information = facing(match.features, match.pose, match.direction, self._parameters).sum()
-        return match.registration.rotation_unobservable or facing_information < self._parameters.decision.min_information
+        if match.registration.rotation_unobservable or match.unresolved_direction is None:
+            return True
+        information = information_along(match.features, match.pose, match.unresolved_direction, self._parameters).sum()
+        return bool(information < self._parameters.decision.min_information)
 
     def _match(self, reference: Reference, static: Features, tentative: Match | None) -> Match:
-        """Register the scan to one reference and have the gate decide on the result."""
-        frame, predicted = reference.key_frame, self._predictions.best.pose
-        prior = Prior(frame.pose.inverse() @ predicted, self._predictions.best.prior.covariance)
-        registration, used = self._register(reference, static, prior)
-        direction = tentative and tentative.direction
-        pose, direction = level(frame, registration, predicted, direction)
+        """Register the `static` points to one reference, and let the gate decide on the result."""
+        frame, best = reference.key_frame, self._gate.predictions.best
+        prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
+        registration, features = self._register(reference, static, prior)
+        pose = predicted_along_degenerate(frame, registration, best.pose)
+        direction = _unresolved_direction(frame, registration, None if tentative is None else tentative.unresolved_direction)
         if self._gate.asks_for_search_within(pose, registration):
-            inside = register_within_gate(reference.features, used, self._search_parameters, prior)
+            inside = register_within_gate(reference.features, features, self._search_parameters, prior)
             if inside.status is not Status.FAILED:
                 registration = dataclasses.replace(inside, status=registration.status, reason=registration.reason)
-                pose, direction = level(frame, registration, predicted, direction)
-        return Match(frame, pose, direction, registration, used, self._gate.check(pose, registration, tentative is not None))
+                pose = predicted_along_degenerate(frame, registration, best.pose)
+                direction = _unresolved_direction(frame, registration, direction)
+        verdict = self._gate.check(pose, registration, tentative is not None)
+        return Match(frame, pose, direction, registration, features, verdict)
 
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
-        """Register the `static` points; the features that were used are returned as well.
+        """Register the `static` points; also return the features that were used.
 
-        Dynamic points are told by the predicted pose. Where a result fails but is recoverable, they are told again by
-        the pose that it gives.
+        The predicted pose determines the dynamic points. Where the registration fails but is recoverable, its result
+        determines them again, and the registration is retried.
         """
         p = self._parameters
         registration = register(reference.features, static, self._search_parameters, prior, self._search_near)
@@ -201,25 +200,33 @@ class ReferenceSearch:
         if registration.status is not Status.FAILED or not is_recoverable(registration, p):
             return registration, static
         pose = reference.key_frame.pose @ registration.transform
-        again = without_dynamic_points(self._features, pose, self._state.window, p)
-        if again.normals is static.normals:
+        retried = without_dynamic_points(self._features, pose, self._state.key_frames, p)
+        if retried.normals is static.normals:
             return registration, static
-        return register(reference.features, again, self._search_parameters, prior), again
+        return register(reference.features, retried, self._search_parameters, prior), retried
 
 
-def level(frame: KeyFrame, registration: Registration, predicted: SE2, direction: float | None) -> tuple[SE2, float | None]:
-    """The pose of a registered scan in the odometry frame, and its degenerate direction [rad]: `direction` where it has none.
+def degenerate_direction(frame: KeyFrame, registration: Registration) -> float | None:
+    """Return the degenerate direction [rad] of a registration to a key frame in the odometry frame; None without one."""
+    direction = registration.degenerate_direction
+    return None if direction is None else frame.pose.theta + direction
 
-    Along a degenerate direction the pose is level with the `predicted` one.
-    """
-    pose = frame.pose @ registration.transform
-    if registration.degenerate_direction is None:
-        return pose, direction
-    direction = frame.pose.theta + registration.degenerate_direction
+
+def _unresolved_direction(frame: KeyFrame, registration: Registration, before: float | None) -> float | None:
+    """Return the `degenerate_direction` of a registration; without one, that of results `before`."""
+    direction = degenerate_direction(frame, registration)
+    return before if direction is None else direction
+
+
+def predicted_along_degenerate(frame: KeyFrame, registration: Registration, predicted: SE2) -> SE2:
+    """Return the pose of a registered scan in the odometry frame, along a degenerate direction moved to the `predicted` one."""
+    pose, direction = frame.pose @ registration.transform, degenerate_direction(frame, registration)
+    if direction is None:
+        return pose
     c, s = math.cos(direction), math.sin(direction)
     distance = c * (predicted.x - pose.x) + s * (predicted.y - pose.y)
-    return SE2(pose.x + distance * c, pose.y + distance * s, pose.theta), direction
+    return SE2(pose.x + distance * c, pose.y + distance * s, pose.theta)
 
 
-_RECOVERABLE = 0.3
-"""Ratio of `decision.min_score` from which on a failed result is worth another try."""
+_RECOVERABLE_RATIO = 0.3
+"""Ratio of `decision.min_score` from which on a failed result is retried."""

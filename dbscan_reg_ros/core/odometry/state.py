@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the odometry remembers from scan to scan."""
+"""State of the odometry: all that is remembered from scan to scan."""
 from dataclasses import dataclass, field
 from enum import Enum
 
 from ..features.range_noise import NoiseRatioHistory
 from ..geometry.se2 import SE2
-from .mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from .mapping.key_frame import KeyFrame
+from .mapping.key_frame_window import KeyFrameWindow
 from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
@@ -17,14 +18,14 @@ from .models.wheel_calibration import WheelCalibration
 class Mode(Enum):
     """How the last scan was located.
 
-    ============ ============================================ ========================================
-    mode         meaning                                      left when
-    ============ ============================================ ========================================
-    ``STARTING`` the last scan is the first of a track        the next scan is processed
-    ``TRACKING`` the last scan was registered                 a scan is not found
-    ``COASTING`` scans are not found; dead reckoning          one is found; after `odometry.coast_time`
-    ``LOST``     not found for longer; the velocity is reset  one is found; after `odometry.restart_time`
-    ============ ============================================ ========================================
+    ============ ============================================= ===============================================
+    mode         meaning                                       ends when
+    ============ ============================================= ===============================================
+    ``STARTING`` the last scan is the first of a track         the next scan is processed
+    ``TRACKING`` the last scan was found                       a scan is not found
+    ``COASTING`` scans are not found: dead reckoning           one is found; after `odometry.coast_time`
+    ``LOST``     not found for longer: the velocity is reset   one is found; after `odometry.restart_time`
+    ============ ============================================= ===============================================
     """
 
     STARTING = 'starting'
@@ -35,13 +36,13 @@ class Mode(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """How well the track is known after a scan.
+    """How well the pose is known after a scan.
 
     Attributes
     ----------
     mode : Mode
     lost_time : float [s]
-        Since the last scan that was found; 0 while tracking.
+        Time since the last scan that was found; 0 while tracking.
     unconfirmed : SE2 or None
         Pose of the last scan where it lay outside every gate; the next scan may confirm it.
     search_near : bool
@@ -49,7 +50,7 @@ class Tracking:
     observability : float
         How well the last scan constrained the motion, from 0 to 1.
     last_scan : KeyFrame or None
-        The last scan, where it was found and is no key frame.
+        The last scan, where it was found and did not become a key frame.
     """
 
     mode: Mode = Mode.STARTING
@@ -62,15 +63,17 @@ class Tracking:
 
 @dataclass
 class TrackState:
-    """All that is remembered from scan to scan. `update` writes it; all other modules read it.
+    """All that is remembered from scan to scan.
+
+    Each field is assigned in one module only: `noise` in `pipeline`, all others in `update`.
 
     Attributes
     ----------
     pose : SE2
-        Of the sensor at the last scan in the odometry frame.
+        Pose of the sensor at the last scan in the odometry frame, without heading correction.
     motion : ConstantVelocityModel
     output : PoseOutput
-        What poses are published.
+        Makes the published poses.
     covariance : CovariancePropagation
     heading : ManhattanHeading
     wheels : WheelCalibration
@@ -91,3 +94,9 @@ class TrackState:
     noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
     window: KeyFrameWindow | None = None
     tracking: Tracking = field(default_factory=Tracking)
+
+    @property
+    def key_frames(self) -> KeyFrameWindow:
+        """The window, after the first scan."""
+        assert self.window is not None, 'a track has a key frame from its first scan on'
+        return self.window

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan changes: the only place that writes the state of the track.
+"""Update of the track by a scan.
 
 =============================== ======================== =========================================
-event                           mode after it            by
+event                           mode after it            function
 =============================== ======================== =========================================
 first scan, jump of the stamps  ``STARTING``             `start`
 scan found                      ``TRACKING``             `follow`
@@ -15,16 +15,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..features.records import Features
 from ..geometry.se2 import SE2, turned
 from ..geometry.symmetric_matrix import inverse
+from ..parameters.odometry import OdometryParameters
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import observability_ratio
 from .gate import Gate
-from .mapping.key_frame_window import Correspondences, KeyFrame, KeyFrameWindow
-from .mapping.scan_to_map import align_to_map, alignment_uncertainty, sees_new_surface
+from .mapping.correspondences import Correspondences, PosePrior
+from .mapping.key_frame import KeyFrame
+from .mapping.key_frame_window import KeyFrameWindow
+from .mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty, sees_new_surface
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel, MotionConstraints
@@ -38,12 +42,12 @@ from .state import Mode, Tracking, TrackState
 
 
 def initial_state(pose: SE2, number: int = 0) -> TrackState:
-    """The state before the first scan, which will lie at `pose` and have this `number`."""
+    """Create the state before the first scan, which will be at `pose` and have this `number`."""
     return TrackState(pose, ConstantVelocityModel(pose), PoseOutput(pose, number))
 
 
 def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
-    """Start a track at the pose reached so far: the first scan, or one before which tracking was lost for a `reason`."""
+    """Start a track at the last pose, with a `reason` where another one ended."""
     state.motion = ConstantVelocityModel(state.pose)
     state.output.restart(state.pose)
     state.covariance.reset_twist()
@@ -53,28 +57,33 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
         state.covariance.add_unknown_motion()
     state.window = KeyFrameWindow((KeyFrame(features, state.pose, number=state.output.number),))
     status = Status.FAILED if reason else Status.OK
-    return _report(state, features, Step(state.pose, ScanInterval(reason=reason), status, None, None, True))
+    return _report(state, features, _Step(state.pose, ScanInterval(reason=reason), status, None, None, True))
 
 
-def start_in_motion(state: TrackState, first: Features, twist, middle_offset: float) -> None:
-    """Replace the `first` scan of a track by the one without the motion within it, now that the `twist` is known."""
-    state.window = KeyFrameWindow((KeyFrame(first, state.pose, number=state.window.latest.number),))
+def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], middle_offset: float) -> None:
+    """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s] that deskewed it."""
+    state.window = KeyFrameWindow((KeyFrame(first, state.pose, number=state.key_frames.latest.number),))
     state.motion.start_moving(state.pose, twist, middle_offset)
 
 
 def reset_velocity(state: TrackState) -> None:
-    """Predict no motion, with a twist of which nothing is known."""
+    """Reset the velocity to 0, with the covariance of an unknown one."""
     state.motion.reset_velocity()
     state.covariance.reset_twist()
 
 
-def searched(state: TrackState, outcome: Outcome) -> None:
-    """Keep what the next search needs of an `outcome`."""
+def remember_search(state: TrackState, outcome: Outcome) -> None:
+    """Store what the next search needs of an `outcome`."""
     state.tracking = dataclasses.replace(state.tracking, unconfirmed=outcome.unconfirmed, search_near=outcome.search_near)
 
 
-def coast(state: TrackState, features: Features, registration: Registration, predictions: Predictions, p: Parameters) -> OdometryUpdate:
-    """The scan is not found: dead reckoning, then standstill or the external prior, then a restart."""
+def coast(state: TrackState, features: Features, registration: Registration, predictions: Predictions,
+          p: Parameters) -> OdometryUpdate:
+    """Update by a scan that was not found.
+
+    The prediction is followed for `odometry.coast_time`. After that the velocity is reset, and only external priors move the
+    pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
+    """
     best, interval = predictions.best, predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
@@ -86,139 +95,162 @@ def coast(state: TrackState, features: Features, registration: Registration, pre
         mode = Mode.LOST
         if state.motion.has_velocity:
             reset_velocity(state)
-        if best is predictions.motion:
+        if predictions.by_motion_model:
             pose = state.pose
     _propagate(state, pose, best.prior, interval)
     state.pose = pose
     state.motion.coast(pose, interval.middle_offset)
     state.tracking = dataclasses.replace(state.tracking, mode=mode, lost_time=lost_time, observability=0.0)
     status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
-    return _report(state, features, Step(pose, interval, status, registration, state.window.latest, False))
+    return _report(state, features, _Step(pose, interval, status, registration, state.key_frames.latest, False))
 
 
-def follow(state: TrackState, match: Match, predictions: Predictions, gate: Gate, p: Parameters) -> OdometryUpdate:
-    """The scan is found: align it with the map, and update motion, covariances, key frames and heading."""
-    before, interval = state.pose, predictions.interval
+def follow(state: TrackState, match: Match, gate: Gate, p: Parameters) -> OdometryUpdate:
+    """Update by a scan that was found: align it with the map; update motion, covariances, key frames and heading."""
+    before, interval = state.pose, gate.predictions.interval
     if match.verdict.outlier and state.tracking.lost_time:
         # The last pose was only predicted: the difference is a correction, not a motion.
         state.motion.forget_position()
     registration = gate.demoted(match.registration)
+    # Align with the map, with the prior where the match does not contradict it.
     prior = gate.used_prior(match.pose, state.wheels)
-    information = gate.prior_information(match.pose, prior)
-    aligned = _align(state, match, predictions, information, p)
-    covariance = inverse(inverse(aligned.covariance) + information)
-    _propagate(state, aligned.pose, prior, interval, PoseMeasurement(np.eye(3) - covariance @ information, aligned.covariance))
+    map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
+    aligned = _align(state, match, gate.predictions, map_prior, p)
+    # Update covariances, motion and key frames.
+    covariance = inverse(inverse(aligned.covariance) + map_prior.information)
+    gain = np.eye(3) - covariance @ map_prior.information
+    _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
     if state.motion.position_unknown:
         state.covariance.reset_twist()
-    constraints = MotionConstraints(aligned.direction if aligned.constrained < 1.0 else None,
-                                    1.0 if prior.velocity_change is None else aligned.constrained,
-                                    registration.rotation_unobservable)
+    constraints = _motion_constraints(aligned, prior, registration)
     state.pose = state.motion.update(aligned.pose, interval, constraints, p)
     is_key_frame = _update_key_frames(state, match, aligned, registration, p)
+    # Report, and learn from the motion.
     pose = state.output.averaged(state.pose, covariance, interval.length, p.odometry.zero_velocity_gate)
-    update = _report(state, match.features, Step(pose, interval, registration.status, registration, match.key_frame, is_key_frame))
+    step = _Step(pose, interval, registration.status, registration, match.key_frame, is_key_frame)
+    update = _report(state, match.features, step)
     observability = observability_ratio(registration, p.decision) if registration.status is Status.OK else 0.0
-    if predictions.external is not None and gate.supports_external(state.pose):
-        _learn(state, predictions.external, before.inverse() @ state.pose, min(state.tracking.observability, observability), p)
+    if gate.predictions.external is not None and gate.supports_external(state.pose):
+        weight = min(state.tracking.observability, observability)
+        _calibrate(state, gate.predictions.external, before.inverse() @ state.pose, weight, p)
     state.tracking = dataclasses.replace(state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability)
     return update
 
 
-class Aligned(NamedTuple):
+class _Aligned(NamedTuple):
     """A scan aligned with the map.
 
     Attributes
     ----------
     pose : SE2
-        In the odometry frame.
+        Pose of the scan in the odometry frame.
     covariance : (3, 3) float
-        By the map alone, in the frame of the scan.
+        Covariance by the map alone, in the frame of the scan [m, m, rad].
     direction : float or None [rad]
-        The direction of the translation that the map constrains least, in the odometry frame.
+        Direction of the translation that the map constrains least, in the odometry frame.
     constrained : float
-        From 0 to 1: how well the map constrains that direction, where the match leaves one degenerate; else 1.
+        From 0 to 1: how well the map constrains a direction that is degenerate for the match; else 1.
     correspondences : Correspondences or None
-        With the key frames; None where the odometry has no window.
+        Correspondences with the key frames; None without a window.
     """
 
     pose: SE2
-    covariance: np.ndarray
+    covariance: NDArray[np.float64]
     direction: float | None
     constrained: float
     correspondences: Correspondences | None
 
 
-def _align(state, match, predictions, information, p) -> Aligned:
+def _align(state: TrackState, match: Match, predictions: Predictions, prior: PosePrior, p: Parameters) -> _Aligned:
+    """Align the scan with the key frames of the window; without a window the match is the result."""
     registration, direction = match.registration, match.degenerate_direction
     if p.odometry.reference != 'window':
-        return Aligned(match.pose, registration.covariance, direction, _constrained(direction, registration.weakest_information, p), None)
-    by_prior = registration.rotation_unobservable and predictions.best is not predictions.motion and information.any()
+        constrained = _constrained(direction, registration.weakest_information, p)
+        return _Aligned(match.pose, registration.covariance, direction, constrained, None)
+    initial = InitialAlignment(match.pose, direction, registration.rotation_unobservable)
+    # An unobservable rotation is left to an external prior; the motion model does not know it better than the match.
+    rotation_by_prior = (registration.rotation_unobservable and not predictions.by_motion_model
+                         and bool(prior.information.any()))
     pose, correspondences = align_to_map(
-        state.window, match.features, match.pose, predictions.best.pose, information, direction, by_prior, p)
-    covariance, observed = alignment_uncertainty(
-        match.features, pose, correspondences, p, direction is not None, registration.rotation_unobservable)
-    return Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
+        state.key_frames, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
+    covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
+    return _Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
 
 
-def _constrained(direction, information, p):
-    return 1.0 if direction is None else min(information / p.decision.min_information, 1.0)
+def _constrained(direction: float | None, information: float | None, p: Parameters) -> float:
+    """Return how well a degenerate `direction` is constrained, from 0 to 1, by its `information` [points]."""
+    return 1.0 if direction is None or information is None else min(information / p.decision.min_information, 1.0)
 
 
-def _propagate(state, pose, prior: Prior, interval: ScanInterval, measurement=NO_MEASUREMENT):
+def _motion_constraints(aligned: _Aligned, prior: Prior, registration: Registration) -> MotionConstraints:
+    """Return the constraints for the motion model; along a degenerate direction an external prior observes the velocity."""
+    return MotionConstraints(aligned.direction if aligned.constrained < 1.0 else None,
+                             1.0 if prior.velocity_change is None else aligned.constrained,
+                             registration.rotation_unobservable)
+
+
+def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterval,
+               measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
     """Propagate heading and covariances to `pose`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
     state.covariance.propagate(step, interval.length, prior, measurement)
     if interval.gap:
-        # Mostly the stamp is wrong and the motion goes on, but its velocity is unknown.
+        # Mostly the stamp is wrong and the motion continues, but its velocity is unknown.
         state.covariance.reset_twist()
 
 
-def _update_key_frames(state, match, aligned, registration, p) -> bool:
-    """Whether the scan becomes a key frame; then the window has it, and the heading follows the walls."""
+def _update_key_frames(state: TrackState, match: Match, aligned: _Aligned, registration: Registration, p: Parameters) -> bool:
+    """Add the scan to the key frames if it is due or sees new surfaces, and then correct the heading.
+
+    Returns
+    -------
+    bool
+        Whether the scan became a key frame. Only one that is due becomes the latest.
+    """
     due = _is_due(state, match, aligned.pose, registration, p.odometry)
-    adds = (not due and match.degenerate_direction is not None and aligned.correspondences is not None
-            and sees_new_surface(match.features, aligned.pose, aligned.correspondences, match.degenerate_direction, p))
-    observable = aligned.constrained >= _OBSERVABLE and not registration.rotation_unobservable
-    here = KeyFrame(match.features, aligned.pose, observable, state.output.number)
-    if due or adds:
+    added = (due or (match.degenerate_direction is not None and aligned.correspondences is not None and sees_new_surface(
+        match.features, aligned.pose, aligned.correspondences, match.degenerate_direction, p)))
+    constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
+    frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
+    if added:
         size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-        state.window = state.window.with_frame(here, size, latest=due)
-    state.tracking = dataclasses.replace(state.tracking, last_scan=None if due or adds else here)
-    if (due or adds) and registration.status is Status.OK and p.manhattan.heading_drift:
+        state.window = state.key_frames.with_frame(frame, size, latest=due)
+    state.tracking = dataclasses.replace(state.tracking, last_scan=None if added else frame)
+    if added and registration.status is Status.OK and p.manhattan.heading_drift:
         _correct_heading(state, match.features, p)
     if due:
         state.covariance.start_key_frame()
-    return due or adds
+    return added
 
 
-def _is_due(state, match, pose, registration, p):
-    """Whether the scan becomes the latest key frame: it has moved, turned, or shares too little with it."""
-    moved = match.key_frame.pose.inverse() @ pose
-    return (p.reference == 'previous' or match.key_frame is not state.window.latest
-            or math.hypot(moved.x, moved.y) > p.key_frame_distance or abs(moved.theta) > p.key_frame_angle
+def _is_due(state: TrackState, match: Match, pose: SE2, registration: Registration, p: OdometryParameters) -> bool:
+    """Whether the scan becomes the latest key frame: it has moved, rotated, or overlaps too little with the latest."""
+    motion = match.key_frame.pose.inverse() @ pose
+    return (p.reference == 'previous' or match.key_frame is not state.key_frames.latest
+            or math.hypot(motion.x, motion.y) > p.key_frame_distance or abs(motion.theta) > p.key_frame_angle
             or registration.overlap < p.key_frame_overlap)
 
 
-def _correct_heading(state, features, p):
-    """Correct the heading by the directions that most walls share."""
+def _correct_heading(state: TrackState, features: Features, p: Parameters) -> None:
+    """Apply the Manhattan heading correction to the published poses."""
     heading = state.output.corrected(state.pose).theta
     rotation, ratio = state.heading.observe(features.segments, heading, p.manhattan)
     state.output.rotate_heading(state.pose, rotation)
     state.covariance.reduce_heading(ratio)
 
 
-def _learn(state, external, found, weight, p):
-    """Learn the systematic error of an `external` prior, now that the motion is `found`."""
+def _calibrate(state: TrackState, external: Prior, observed: SE2, weight: float, p: Parameters) -> None:
+    """Learn the systematic errors of the `external` prior from the motion as `observed` by the scans."""
     distance = p.prior.calibration_distance
     if distance:
-        state.wheels.learn(external, found, weight, distance)
+        state.wheels.learn(external, observed, weight, distance)
     else:
         state.wheels = WheelCalibration()
 
 
-class Step(NamedTuple):
-    """What is reported of one scan, with poses before the heading correction."""
+class _Step(NamedTuple):
+    """What is reported of one scan; `pose` is without heading correction."""
 
     pose: SE2
     interval: ScanInterval
@@ -228,19 +260,21 @@ class Step(NamedTuple):
     is_key_frame: bool
 
 
-def _report(state, features: Features, step: Step) -> OdometryUpdate:
+def _report(state: TrackState, features: Features, step: _Step) -> OdometryUpdate:
+    """Publish the pose of a scan."""
     number, frame = state.output.number, step.key_frame
     pose, increment = state.output.publish(step.pose)
     return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _LEAST_COVARIANCE,
-        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _LEAST_COVARIANCE,
-        interval=step.interval.length, increment=increment, status=step.status, registration=step.registration, features=features,
-        reference=frame and frame.features, reference_pose=state.output.corrected(frame.pose) if frame else pose,
+        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _MIN_COVARIANCE,
+        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _MIN_COVARIANCE,
+        interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
+        features=features, reference=None if frame is None else frame.features,
+        reference_pose=pose if frame is None else state.output.corrected(frame.pose),
         reference_changed=step.is_key_frame, restarted=step.interval.reason, wheel_correction=state.wheels.matrix.copy(),
-        number=number, reference_number=frame.number if frame else None)
+        number=number, reference_number=None if frame is None else frame.number)
 
 
-_OBSERVABLE = 0.2
-"""Ratio of `decision.min_information` that has to constrain every direction of a key frame for the local map."""
-_LEAST_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
-"""No pose is published as known better than 1 mm, 0.06 deg."""
+_MIN_CONSTRAINED = 0.2
+"""Least `_Aligned.constrained` of a key frame from which the local map takes points."""
+_MIN_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+"""Covariance added to published ones: none is below 1 mm, 0.06 deg."""

@@ -11,7 +11,8 @@ from rooms import FULL, look, outline
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import relative
 
@@ -20,8 +21,8 @@ BOX = outline([(1.0, -0.5), (1.0, 0.5), (1.4, 0.5), (1.4, -0.5)])
 HERE, BEFORE = SE2(), SE2(-0.5, 0.4, 0.3)
 
 
-def key_frame(pose, *things, known=True):
-    return KeyFrame(extract_features(look(np.concatenate((ROOM, *things)), pose, FULL, noise=0.0)), pose, known)
+def key_frame(pose, *things, constrained=True):
+    return KeyFrame(extract_features(look(np.concatenate((ROOM, *things)), pose, FULL, noise=0.0)), pose, constrained)
 
 
 def around(*frames):
@@ -59,7 +60,7 @@ def test_what_lies_farther_off_than_any_saw_is_out_of_sight():
 
 
 def test_a_key_frame_whose_place_is_not_known_has_no_part():
-    old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, known=False), key_frame(HERE, BOX)
+    old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, constrained=False), key_frame(HERE, BOX)
     assert len(around(old, last)) > 0
     assert KeyFrameWindow([unknown, last]).local_map is last.features
 

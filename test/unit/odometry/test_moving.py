@@ -18,10 +18,12 @@ from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
     beside,
     detached_points,
+    dynamic_points,
     information_ratio,
     movable_weights,
 )
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, Person, World, corridor, follow, rooms, simulate
@@ -45,7 +47,7 @@ def seen_from(pose, scan=None):
 
 def moving_beams(scan, frames, pose=THERE, margin=0.2):
     features = extract_features(scan)
-    moving = KeyFrameWindow(frames).free_space_profiles(len(frames)).dynamic_points(features.oriented_points, pose, margin)
+    moving = dynamic_points(features.oriented_points, pose, KeyFrameWindow(frames).free_space(len(frames)), margin)
     return set(features.beams[features.normals.any(axis=1)][moving].tolist())
 
 

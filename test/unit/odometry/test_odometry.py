@@ -13,7 +13,8 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.odometry.deskew import deskew
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.models.stamps import StampFilter
 from dbscan_reg_ros.core.parameters.odometry import TimeParameters
 from dbscan_reg_ros.recordings import open_recording

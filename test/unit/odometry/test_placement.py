@@ -9,8 +9,10 @@ from rooms import HALF, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow
-from dbscan_reg_ros.core.odometry.mapping.scan_to_map import align_to_map
+from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior
+from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.scan_to_map import InitialAlignment, align_to_map
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.pipeline import register
@@ -37,7 +39,8 @@ def along_a_funnel(degrees, slant):
     features = extract_features(dataclasses.replace(scan, ranges=scan.ranges + 0.015), p)
     spread = np.diag((0.02, 0.02, 0.01)) ** 2
     registration = register(frames[-1].features, features, p, Prior(SE2(0.05, 0.0, 0.0), spread))
-    pose, _ = align_to_map(KeyFrameWindow(frames), features, here, here, np.linalg.inv(spread), registration.degenerate_direction, False, p)
+    initial, prior = InitialAlignment(here, registration.degenerate_direction), PosePrior(here, np.linalg.inv(spread))
+    pose, _ = align_to_map(KeyFrameWindow(frames), features, initial, prior, p)
     return registration, pose.x - here.x
 
 

@@ -12,7 +12,9 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage
 from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrame, KeyFrameWindow, align
+from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
+from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import (
     NO_STEP,
     fit,
@@ -26,6 +28,7 @@ from dbscan_reg_ros.core.registration.point_to_line import (
 
 PARAMETERS = Parameters()
 DENSITY = PARAMETERS.density
+NO_PRIOR = PosePrior(SE2(), np.zeros((3, 3)))
 START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
 MOTION = START.inverse() @ END
 NEAR = MOTION @ SE2(0.03, -0.02, 0.015)
@@ -237,7 +240,7 @@ def test_key_frames_are_looked_up_each_in_its_own_surface():
     poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
     near = END @ SE2(0.04, -0.03, 0.03)
     correspondences = window(*poses).correspondences(near, features(END).oriented_points, DENSITY)
-    found = align(correspondences, near, SE2(), np.zeros((3, 3)), [0.2, 0.1, 0.05, 0.05], 1e-6)
+    found = align(correspondences, near, NO_PRIOR, [0.2, 0.1, 0.05, 0.05], 1e-6)
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
 
 
@@ -260,14 +263,14 @@ def test_where_no_point_has_a_partner_the_prior_has_its_way():
     """The turn wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
     pose, expected = SE2(29.0, 1.0, 3.1), SE2(30.0, -1.0, -3.1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
-    found = align(partners_of_nothing(pose), pose, expected, root @ root.T, [0.1], 0.0)
+    found = align(partners_of_nothing(pose), pose, PosePrior(expected, root @ root.T), [0.1], 0.0)
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
 def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
     """A quarter of 2 + 2 is added to 2, 2 and 4."""
     pose = SE2(0.3, 0.0, 0.0)
-    found = align(partners_of_nothing(pose), pose, SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0]), [0.1], 0.25)
+    found = align(partners_of_nothing(pose), pose, PosePrior(SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0])), [0.1], 0.25)
     assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
 
 
@@ -291,18 +294,18 @@ def test_iterations_may_go_on_where_others_ended():
     """Two and two more are four."""
     scales, near = [0.2, 0.1, 0.05, 0.05], END @ SE2(0.04, -0.03, 0.03)
     correspondences = window(START).correspondences(near, features(END).oriented_points, DENSITY)
-    half = align(correspondences, near, SE2(), np.zeros((3, 3)), scales[:2], 1e-6)
-    both, whole = (align(correspondences, start, SE2(), np.zeros((3, 3)), left, 1e-6) for start, left in ((half, scales[2:]), (near, scales)))
+    half = align(correspondences, near, NO_PRIOR, scales[:2], 1e-6)
+    both, whole = (align(correspondences, start, NO_PRIOR, left, 1e-6) for start, left in ((half, scales[2:]), (near, scales)))
     assert both.as_array() == pytest.approx(whole.as_array(), abs=1e-12)
 
 
 def test_points_move_with_the_scan_and_the_more_the_farther_they_are_when_it_turns():
     correspondences = window(START).correspondences(END, features(END).oriented_points, DENSITY)
-    assert correspondences.moved(END) == 0.0
-    assert correspondences.moved(SE2(END.x + 0.03, END.y - 0.04, END.theta)) == pytest.approx(0.05)
+    assert correspondences.mean_displacement(END) == 0.0
+    assert correspondences.mean_displacement(SE2(END.x + 0.03, END.y - 0.04, END.theta)) == pytest.approx(0.05)
     reach = np.abs(correspondences.rotated_points).mean()
-    assert correspondences.moved(SE2(END.x, END.y, END.theta + 0.01)) == pytest.approx(0.01 * reach, rel=1e-4)
-    assert partners_of_nothing(END).moved(START) == 0.0
+    assert correspondences.mean_displacement(SE2(END.x, END.y, END.theta + 0.01)) == pytest.approx(0.01 * reach, rel=1e-4)
+    assert partners_of_nothing(END).mean_displacement(START) == 0.0
 
 
 def test_a_window_drops_its_oldest_key_frames():

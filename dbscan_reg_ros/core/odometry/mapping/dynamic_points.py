@@ -1,216 +1,224 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What moves: points of a scan in space that key frames saw to be free (people, doors, other robots); and what may move."""
-import cmath
+"""Dynamic points, which lie in free space of key frames (people, doors, robots), and movable objects, which may be dynamic."""
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...features.free_space import bins
 from ...features.oriented_points import OrientedPoints, stride
 from ...features.records import Features
 from ...geometry.se2 import SE2
 from ...parameters.tree import Parameters
+from .key_frame_window import KeyFrameWindow
+from .stacked_lookup import FreeSpaceStack
 
 
-class FreeSpaceProfiles:
-    """The free space that key frames saw.
+def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters) -> Features:
+    """Remove the dynamic points of a scan, and reduce the weights of movable objects.
 
-    Parameters
-    ----------
-    views : sequence of View
-    origins, turns : (K, 1) complex arrays
-        Where each was seen from in the odometry frame [m], and what turns places into its own.
-    """
-
-    def __init__(self, views, origins, turns):
-        nearby = [view.nearby for view in views]
-        self._origins, self._turns = origins, turns
-        self._near = np.concatenate(nearby)
-        self._size = np.array([[len(near)] for near in nearby])
-        self._first = self._size.cumsum(axis=0) - self._size
-
-    def dynamic_points(self, cloud: OrientedPoints, pose: SE2, margin):
-        """Which points of a scan stand well in front of what a key frame saw in their direction.
-
-        Of a run of neighbours of which a good part does, all move. Where that were most of the scan the pose is wrong, unless it is
-        few points that do, as of somebody who stands by a long wall: then they move alone.
-
-        Parameters
-        ----------
-        cloud : Cloud
-            P points in beam order.
-        pose : SE2
-            Where the scan is expected, in the odometry frame.
-        margin : float [m]
-            So far in front, farther where points are noisy, and so far apart are neighbours of two runs.
-
-        Returns
-        -------
-        (P,) bool array
-        """
-        places = cmath.exp(1j * pose.theta) * cloud.points + complex(pose.x, pose.y) - self._origins
-        places *= self._turns
-        near = self._near.take(self._first + bins(places, self._size))
-        near -= np.abs(places)
-        moving = (near > cloud.tolerance(margin)).any(axis=0)
-        if not moving.any():
-            return moving
-        run = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
-        share = np.bincount(run, moving) / np.bincount(run)
-        whole = moving | (share[run] > _GOOD_PART)
-        if whole.mean() < _MOST:
-            return whole
-        return moving if moving.mean() < _FEW else np.zeros_like(moving)
-
-
-def without_dynamic_points(features: Features, pose: SE2, window, parameters: Parameters) -> Features:
-    """The scan without what moves, and with little of what may move, if it was taken from `pose`.
+    Movable objects and poles keep their weight where a key frame saw them in the same position from elsewhere.
 
     Parameters
     ----------
     features : Features
     pose : SE2
-        In the odometry frame.
-    window : Window
-        What key frames saw.
+        Pose of the scan in the odometry frame.
+    window : KeyFrameWindow
+    parameters : Parameters
     """
     p = parameters.odometry
+    features, detached = _remove_dynamic(features, pose, window, parameters)
     walls = features.wall_points
-    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
-    if p.dynamic_key_frames:
-        moving = window.free_space_profiles(p.dynamic_key_frames).dynamic_points(features.oriented_points, pose, p.dynamic_margin)
-        if moving.any():
-            gone = moving[:len(walls)]
-            movable = (movable | beside(walls, gone, p.dynamic_margin))[~gone]
-            features = features.without(moving)
-            walls = features.wall_points
-    movable = movable.nonzero()[0]
+    movable = detached.nonzero()[0]
     if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
         movable = movable[:0]
     if features.poles:
         movable = np.concatenate((movable, np.arange(len(walls), len(features.oriented_points))))
     if not len(movable):
         return features
-    things = features.oriented_points.select(movable)
-    seen = window.confirmed(pose, things, p.static_baseline, parameters.refinement.score_scale, parameters.density.min_normal_cosine)
-    return features.downweighted(movable, np.maximum(seen, movable_weights(things, p.movable_size, p.dynamic_margin, p.movable_weight)))
+    points = features.oriented_points.select(movable)
+    confirmed = window.confirmed(
+        pose, points, p.static_baseline, parameters.refinement.score_scale, parameters.density.min_normal_cosine)
+    weights = movable_weights(points, p.movable_size, p.dynamic_margin, p.movable_weight)
+    return features.downweighted(movable, np.maximum(confirmed, weights))
 
 
-def beside(cloud: OrientedPoints, moving, margin):
-    """Which points lie close to what moves: the rest of it, most likely, where it leans against a wall.
+def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
+                    parameters: Parameters) -> tuple[Features, NDArray[np.bool_]]:
+    """Remove the dynamic points; also return which of the remaining wall points may move."""
+    p, walls = parameters.odometry, features.wall_points
+    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
+    if not p.dynamic_key_frames:
+        return features, movable
+    dynamic = dynamic_points(features.oriented_points, pose, window.free_space(p.dynamic_key_frames), p.dynamic_margin)
+    if not dynamic.any():
+        return features, movable
+    removed = dynamic[:len(walls)]
+    movable = (movable | beside(walls, removed, p.dynamic_margin))[~removed]
+    return features.without(dynamic), movable
+
+
+def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float) -> NDArray[np.bool_]:
+    """Determine which points of a scan are dynamic.
+
+    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to be
+    dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a long wall:
+    then these alone are dynamic.
 
     Parameters
     ----------
-    cloud : Cloud
+    points : OrientedPoints
         P points in beam order.
-    moving : (P,) bool array
+    pose : SE2
+        Predicted pose of the scan in the odometry frame.
+    free_space : FreeSpaceStack
     margin : float [m]
-        No farther than this from the last point that moves, or from the next one.
+        Least distance in front of what a key frame saw; and between neighbours of two runs.
 
     Returns
     -------
-    (P,) bool array
+    (P,) bool
     """
-    size, order = len(cloud), np.arange(len(cloud))
-    last = np.maximum.accumulate(np.where(moving, order, -1))
-    following = np.minimum.accumulate(np.where(moving, order, size)[::-1])[::-1]
-    points = np.append(cloud.points, np.inf)
-    return np.minimum(np.abs(points[last] - cloud.points), np.abs(points[following] - cloud.points)) <= margin
+    in_free_space = free_space.contains(points, pose, margin)
+    if not in_free_space.any():
+        return in_free_space
+    run = _run_of_point(points, margin)
+    ratio = np.bincount(run, in_free_space) / np.bincount(run)
+    dynamic = in_free_space | (ratio[run] > _MIN_RUN_RATIO)
+    if dynamic.mean() < _MAX_SCAN_RATIO:
+        return dynamic
+    return in_free_space if in_free_space.mean() < _MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
 
 
-def detached_points(cloud: OrientedPoints, size, margin, closed):
-    """Which points belong to small things that stand free: with deeper space on both sides, or the end of the scan.
+def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
+    """Determine which points lie close to dynamic points: most likely the rest of an object that touches a wall.
 
     Parameters
     ----------
-    cloud : Cloud
+    points : OrientedPoints
+        P points in beam order.
+    dynamic : (P,) bool
+    margin : float [m]
+        Largest distance from the last dynamic point before a point, or from the first after it.
+
+    Returns
+    -------
+    (P,) bool
+    """
+    size, order = len(points), np.arange(len(points))
+    last = np.maximum.accumulate(np.where(dynamic, order, -1))
+    following = np.minimum.accumulate(np.where(dynamic, order, size)[::-1])[::-1]
+    padded = np.append(points.points, np.inf)
+    before, after = np.abs(padded[last] - points.points), np.abs(padded[following] - points.points)
+    return np.minimum(before, after) <= margin
+
+
+def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> NDArray[np.bool_]:
+    """Determine which points belong to small detached objects: deeper space, or the end of the scan, is on both sides.
+
+    Parameters
+    ----------
+    points : OrientedPoints
         P points in beam order.
     size : float [m]
-        Things are smaller than this.
+        Objects are smaller than this.
     margin : float [m]
-        So much deeper, and so far apart are neighbours of two things.
+        Least difference in depth on both sides; and least distance between neighbours of two objects.
     closed : bool
-        The beams go all the way round: the first follows the last.
+        Whether the beams cover the full circle, so that the first follows the last.
 
     Returns
     -------
-    (P,) bool array
+    (P,) bool
     """
-    points = cloud.points
-    if not len(points):
+    position = points.points
+    if not len(position):
         return np.zeros(0, dtype=bool)
-    cut, shift = _cuts(cloud, margin).nonzero()[0] + 1, 0
-    if closed and len(cut) and abs(points[0] - points[-1]) <= margin:
+    cut, shift = _cuts(points, margin).nonzero()[0] + 1, 0
+    if closed and len(cut) and abs(position[0] - position[-1]) <= margin:
         shift = cut[0]
-        points, cut = np.roll(points, -shift), cut[1:] - shift
-    edge = np.concatenate(([0], cut, [len(points)]))
-    first, radius = edge[:-1], np.abs(points)
+        position, cut = np.roll(position, -shift), cut[1:] - shift
+    edge = np.concatenate(([0], cut, [len(position)]))
+    first, radius = edge[:-1], np.abs(position)
     start, end = radius[first], radius[edge[1:] - 1]
     before, after = np.concatenate((end[-1:], end[:-1])), np.concatenate((start[1:], start[:1]))
     if not closed:
         before[0] = after[-1] = np.inf
-    x, y = (np.maximum.reduceat(part, first) - np.minimum.reduceat(part, first) for part in (points.real, points.imag))
-    free = (np.hypot(x, y) < size) & (before > start + margin) & (after > end + margin)
-    found = free.repeat(edge[1:] - first)
-    return np.roll(found, shift) if shift else found
+    width, height = (np.maximum.reduceat(part, first) - np.minimum.reduceat(part, first)
+                     for part in (position.real, position.imag))
+    detached = (np.hypot(width, height) < size) & (before > start + margin) & (after > end + margin)
+    mask = detached.repeat(edge[1:] - first)
+    return np.roll(mask, shift) if shift else mask
 
 
-def movable_weights(cloud: OrientedPoints, size, margin, least):
-    """What the points of things that may move count, as there are more of them elsewhere.
+def movable_weights(points: OrientedPoints, size: float, margin: float, min_weight: float) -> NDArray[np.float64]:
+    """Return the weights of points of movable objects: the more objects elsewhere, the higher.
 
-    One thing that goes along with the sensor makes it seem to stand; several, each in a place of its own, do not move as one.
-    A thing counts in full where those that are not beside it weigh four times as much, and the `least` below twice as much.
+    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has the full
+    weight where the objects elsewhere have four times its own sum of weights, and `min_weight` below twice.
 
     Parameters
     ----------
-    cloud : Cloud
-        P points of such things.
+    points : OrientedPoints
+        P points of movable objects.
     size : float [m]
-        Things no farther apart than this may be one.
+        Objects no farther apart than this may be parts of one.
     margin : float [m]
-        As in `detached_points`.
-    least : float
+        As for `detached_points`.
+    min_weight : float
 
     Returns
     -------
-    (P,) array
-        From `least` to 1.
+    (P,) float
+        From `min_weight` to 1.
     """
-    thing = np.concatenate(([0], _cuts(cloud, margin).cumsum()))
-    each = cloud.weighted(np.ones(len(cloud)))
-    weight, centre = np.bincount(thing, each), np.bincount(thing, cloud.points.real) + 1j * np.bincount(thing, cloud.points.imag)
-    centre /= np.bincount(thing)
-    some = slice(None, None, stride(len(centre), _THINGS))
-    party = (np.abs(centre[:, None] - centre[some]) <= size) @ weight[some]
-    return np.clip(0.5 * (weight[some].sum() - party) / np.maximum(party, 1e-9) - 1.0, least, 1.0)[thing]
+    label = _run_of_point(points, margin)
+    each = points.weighted(np.ones(len(points)))
+    weight = np.bincount(label, each)
+    centre = np.bincount(label, points.points.real) + 1j * np.bincount(label, points.points.imag)
+    centre /= np.bincount(label)
+    sample = slice(None, None, stride(len(centre), _MAX_OBJECTS))
+    nearby_weight = (np.abs(centre[:, None] - centre[sample]) <= size) @ weight[sample]
+    ratio = (weight[sample].sum() - nearby_weight) / np.maximum(nearby_weight, 1e-9)
+    return np.clip(0.5 * ratio - 1.0, min_weight, 1.0)[label]
 
 
-def information_ratio(cloud: OrientedPoints, chosen):
-    """What share of all that holds the translation those points have that `chosen`, indices, picks: that of the direction in
-    which it is greatest, from 0 to 1.
+def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float:
+    """Return which part of the information about the translation the `chosen` points (indices) have.
+
+    Returns
+    -------
+    float
+        From 0 to 1: the ratio along the direction in which it is greatest, the largest generalised eigenvalue.
     """
-    (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(cloud.normals), _information(cloud.normals.take(chosen))
+    (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(points.normals), _information(points.normals.take(chosen))
     determinant = max(xx * yy - xy * xy, 1e-9)
-    both = (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
+    trace = (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
     product = (part_xx * part_yy - part_xy * part_xy) / determinant
-    return 0.5 * (both + math.sqrt(max(both * both - 4.0 * product, 0.0)))
+    return 0.5 * (trace + math.sqrt(max(trace * trace - 4.0 * product, 0.0)))
 
 
-def _information(normals):
+def _information(normals: NDArray[np.complex128]) -> tuple[float, float, float]:
+    """Return the information xx, xy, yy that points with these `normals` have about the translation."""
     x, y = normals.real, normals.imag
     return float(x @ x), float(x @ y), float(y @ y)
 
 
-def _cuts(cloud, margin):
-    """``(P - 1,)`` bool: where a point and the next belong to two things."""
-    return np.abs(cloud.points[1:] - cloud.points[:-1]) > margin
+def _cuts(points: OrientedPoints, margin: float) -> NDArray[np.bool_]:
+    """Return ``(P - 1,)``: where a point and the next are more than the `margin` [m] apart."""
+    return np.abs(points.points[1:] - points.points[:-1]) > margin
 
 
-_THINGS = 100
-"""Where there are more things that may move, every so-manieth stands for all."""
-_GOOD_PART = 0.3
-"""Of a run, so that all of it moves."""
-_MOST = 0.4
-"""Of a scan: where as much seems to move, the pose is wrong."""
-_FEW = 0.2
-"""Of a scan: so few may be all that moves of a longer run."""
+def _run_of_point(points: OrientedPoints, margin: float) -> NDArray[np.intp]:
+    """Return ``(P,)``: the number of the run of neighbours, no more than the `margin` [m] apart, of each point."""
+    return np.concatenate(([0], _cuts(points, margin).cumsum()))
+
+
+_MAX_OBJECTS = 100
+"""Movable objects that each one is compared with: a sample, where there are more."""
+_MIN_RUN_RATIO = 0.3
+"""Ratio of a run in free space beyond which the whole run is dynamic."""
+_MAX_SCAN_RATIO = 0.4
+"""Ratio of dynamic points in a scan from which on the pose is wrong."""
+_MAX_FREE_SPACE_RATIO = 0.2
+"""Ratio of points in free space below which these alone are dynamic, where their runs are too long."""

@@ -1,295 +1,188 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The window: the last key frames, each with its own surface, and the alignment of a scan with all of them at once."""
+"""Key-frame window: the latest key frames, their lookup tables and the local map."""
 import cmath
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...features.oriented_points import high_leverage
+from ...features.oriented_points import OrientedPoints, high_leverage
 from ...features.records import Features
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import SE2, wrap
-from ...geometry.symmetric_matrix import solve_one
-from ...registration.point_to_line import linear_residuals, normal_equations, origins
-from .dynamic_points import FreeSpaceProfiles
-from .local_map import seen_around
-
-
-@dataclass(frozen=True, eq=False)
-class KeyFrame:
-    """A scan that others are registered to.
-
-    Attributes
-    ----------
-    features : Features
-    pose : SE2
-        In the odometry frame.
-    known : bool
-        Whether it is known in every direction where it lies among the others.
-    number : int
-        `OdometryUpdate.number` of its scan: the same when the features of the scan are made anew.
-    """
-
-    features: Features
-    pose: SE2
-    known: bool = True
-    number: int = 0
-
-
-class LikelihoodFieldStack:
-    """Several surfaces behind one another: row k of a table of places is looked up in surface k.
-
-    Parameters
-    ----------
-    surfaces : sequence of Surface
-    origins, turns : (K, 1) complex arrays
-        Where each lies in the odometry frame [m], and what turns places into its own.
-
-    Attributes
-    ----------
-    normals, offsets, along, extents : (N,) arrays
-        Of all surfaces, as in `LikelihoodField`.
-    """
-
-    def __init__(self, surfaces, origins, turns):
-        self._scale = turns / np.array([[s.cell] for s in surfaces])
-        self._corner = origins * self._scale + np.array([[s.origin / s.cell] for s in surfaces])
-        self._last = np.array([s.shape for s in surfaces]).T[:, :, None] - 1
-        # The tables are large: they stay where they are.
-        self._tables = [s.index for s in surfaces]
-        size = np.array([len(s.normals) for s in surfaces])
-        self._none, self._first = size[:, None] - 1, np.cumsum(size) - size
-        self.normals, self.offsets, self.along, self.extents = (
-            np.concatenate([getattr(s, name) for s in surfaces]) for name in ('normals', 'offsets', 'along', 'extents'))
-
-    def nearest(self, places):
-        """The points nearest to those of the `places` ``(K, P)`` (complex, [m], odometry frame) that have one, M of them.
-
-        Returns
-        -------
-        at, row : (M,) int arrays
-            Index of the place in the flattened table, and its row.
-        nearest : (M,) int array
-            Index of the point.
-        """
-        cells = places * self._scale
-        cells -= self._corner
-        cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
-        for part, last in zip((cells, column), self._last):
-            np.maximum(part, 0, out=part)
-            np.minimum(part, last, out=part)
-        cells *= self._last[1] + 1
-        cells += column
-        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells)]).reshape(cells.shape)
-        at = (found != self._none).ravel().nonzero()[0]
-        row = at // found.shape[1]
-        return at, row, found.take(at) + self._first.take(row)
-
-
-@dataclass(frozen=True, eq=False)
-class Correspondences:
-    """Points of a scan and the lines of the key frames that they lie on, M pairs of them.
-
-    Attributes
-    ----------
-    pose : SE2
-        Where the scan was when they were looked for, in the odometry frame.
-    size : int
-        Points of the scan.
-    index : (M,) int
-        The point of each pair.
-    arms : (M,) complex [m]
-        Turned points.
-    rows : (4, M) float
-        `alignment.linear_residuals` at the pose, the rotation about the sensor.
-    worth : (M,) float or None
-        What each point counts, from 0 to 1; None: all the same.
-    """
-
-    pose: SE2
-    size: int
-    index: np.ndarray
-    rotated_points: np.ndarray
-    rows: np.ndarray
-    weights: np.ndarray | None = None
-
-    def match(self, step, scale):
-        """Errors [m] and weights ``(M,)`` after a `step` ``(4,)`` from the pose, as for `alignment.linear_residuals`.
-
-        Every point counts at most once, however many lines it lies on.
-        """
-        error = step @ self.rows
-        weight = kernel(error, scale)
-        weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
-        return error, weight if self.weights is None else weight * self.weights
-
-    def equations(self, step, scale):
-        """``(4, 4)``, as `alignment.normal_equations`, at the pose, with the weights after a `step`."""
-        return normal_equations(self.rows, self.match(step, scale)[1])
-
-    def moved(self, other: SE2):
-        """How far [m] the points have come, on average, when the scan is at another pose."""
-        x, y, theta = _apart(self.pose, other)
-        ways = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.rotated_points)
-        return float(ways.sum()) / max(len(ways), 1)
-
-    def step(self, other: SE2):
-        """The step ``(4,)`` from the pose to another [m, m, rad, 1]."""
-        return np.array((*_apart(self.pose, other), 1.0))
-
-
-def _apart(one, other):
-    return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
+from ...geometry.se2 import SE2
+from ...parameters.registration import DensityParameters
+from ...registration.point_to_line import linear_residuals, origins
+from .correspondences import Correspondences
+from .key_frame import KeyFrame
+from .local_map import older_map_points
+from .stacked_lookup import FreeSpaceStack, LikelihoodFieldStack
 
 
 class KeyFrameWindow:
-    """Key frames, latest last, and their surfaces; immutable.
+    """The latest key frames, the latest last; immutable.
 
     Parameters
     ----------
     frames : sequence of KeyFrame
+        At least one.
     """
 
-    def __init__(self, frames):
+    def __init__(self, frames: Sequence[KeyFrame]):
         self.frames = tuple(frames)
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
-        self._origins, self._turns = origins(poses), np.exp(-1j * poses[:, 2:])
-        self._stack = LikelihoodFieldStack([frame.features.likelihood_field for frame in self.frames], self._origins, self._turns)
-        self._sights = {}
+        self._origins, self._rotations = origins(poses), np.exp(-1j * poses[:, 2:])
+        fields = [frame.features.likelihood_field for frame in self.frames]
+        self._fields = LikelihoodFieldStack(fields, self._origins, self._rotations)
+        self._free_space: dict[int, FreeSpaceStack] = {}
 
     @property
-    def latest(self):
+    def latest(self) -> KeyFrame:
+        """The latest key frame."""
         return self.frames[-1]
 
     @cached_property
     def local_map(self) -> Features:
-        """What the latest saw, and what older ones whose places are known did around it."""
+        """Features of the latest key frame, with the points around it that older constrained key frames saw."""
         latest = self.latest
-        older = [frame for frame in self.frames[:-1] if frame.known]
+        older = [frame for frame in self.frames[:-1] if frame.constrained]
         if not older:
             return latest.features
-        return replace(latest.features, map_points=seen_around(older, latest, latest.features.density))
+        return replace(latest.features, map_points=older_map_points(older, latest, latest.features.density))
 
-    def with_frame(self, frame, size, latest=True):
-        """A window of at most `size` key frames with one more, the `latest` or the one before it."""
+    def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
+        """Return a window of at most `size` key frames with one more, which becomes the `latest` or the one before it."""
         at = len(self.frames) - (not latest)
         return KeyFrameWindow((*self.frames[:at], frame, *self.frames[at:])[-size:])
 
-    def free_space_profiles(self, count) -> FreeSpaceProfiles:
-        """Of the latest so many key frames."""
-        if count not in self._sights:
-            views = [frame.features.free_space for frame in self.frames[-count:]]
-            self._sights = {count: FreeSpaceProfiles(views, self._origins[-count:], self._turns[-count:])}
-        return self._sights[count]
+    def free_space(self, count: int) -> FreeSpaceStack:
+        """Return the free-space profiles of the latest `count` key frames."""
+        if count not in self._free_space:
+            profiles = [frame.features.free_space for frame in self.frames[-count:]]
+            self._free_space = {count: FreeSpaceStack(profiles, self._origins[-count:], self._rotations[-count:])}
+        return self._free_space[count]
 
-    def correspondences(self, pose: SE2, cloud, density) -> Correspondences:
-        """The lines of all key frames that the points of a scan at `pose` lie on.
+    def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
+        """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
 
-        Points of high leverage are looked up in every key frame. The others, where a scan has many, are dealt to the key
-        frames in turn, each of them to several.
+        Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into subsets;
+        each subset is looked up in several key frames, and each key frame looks up one.
         """
-        dealt = _dealt(high_leverage(cloud.normals), cloud.beams, len(self.frames), density.max_points // _HANDS)
-        _, index, rotated_points, normals, error = self._lines(pose, cloud, dealt, density.min_normal_cosine)
-        weights = None if cloud.weights is None else cloud.weights.take(index)
-        return Correspondences(pose, len(cloud), index, rotated_points, linear_residuals(error, normals, rotated_points), weights)
+        lookup = _points_by_frame(high_leverage(points.normals), points.beams, len(self.frames), density.max_points // _SUBSETS)
+        pairs = self._pairs(pose, points, lookup, density.min_normal_cosine)
+        weights = None if points.weights is None else points.weights.take(pairs.point)
+        rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
+        return Correspondences(pose, len(points), pairs.point, pairs.rotated_points, rows, weights)
 
-    def confirmed(self, pose: SE2, cloud, distance, scale, facing):
-        """How well points of a scan at `pose` stand where a key frame saw them from more than `distance` [m] away.
+    def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
+                  min_cosine: float) -> NDArray[np.float64]:
+        """Compare points with the lines of those key frames that saw them from elsewhere: points on such a line are static.
 
         Parameters
         ----------
+        pose : SE2
+            Pose of the scan in the odometry frame.
+        points : OrientedPoints
+            P points of the scan.
+        distance : float [m]
+            Least distance between the sensor and the key frame.
         scale : float [m]
-            Of the kernel of their distances from its lines.
-        facing : float
-            As in `alignment.fit`.
+            Scale of the kernel of the distances between points and lines.
+        min_cosine : float
+            Least cosine of the angle between the normals of a pair.
 
         Returns
         -------
-        (P,) array
-            From 0 to 1.
+        (P,) float
+            From 0 to 1: the largest kernel value of each point.
         """
-        found = np.zeros(len(cloud))
-        away = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
-        if away.any():
-            everywhere = np.tile(np.arange(len(cloud)), (len(self.frames), 1))
-            row, index, _, _, error = self._lines(pose, cloud, everywhere, facing)
-            np.maximum.at(found, index, kernel(error, scale) * away.take(row))
-        return found
+        confirmed = np.zeros(len(points))
+        elsewhere = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
+        if elsewhere.any():
+            lookup = np.tile(np.arange(len(points)), (len(self.frames), 1))
+            pairs = self._pairs(pose, points, lookup, min_cosine)
+            np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
+        return confirmed
 
-    def _lines(self, pose, cloud, dealt, facing):
-        """Lines of the key frames that the points ``dealt[k]`` of a scan at `pose` may lie on, M pairs of them.
-
-        Returns
-        -------
-        row, index : (M,) int arrays
-            Key frame and point.
-        arms, normals : (M,) complex arrays
-            Turned points [m], and conjugated normals of the lines, times the cloud's `inverse_noise`.
-        error : (M,) array
-            Signed distance [m], times the same.
-        """
-        turn, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
-        rotated_points = turn * cloud.points
-        at, row, nearest = self._stack.nearest((rotated_points + origin).take(dealt))
-        index = dealt.take(at)
-        normals = self._stack.normals.take(nearest) * self._turns.take(row)
+    def _pairs(self, pose: SE2, points: OrientedPoints, lookup: NDArray[np.intp], min_cosine: float) -> '_Pairs':
+        """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on."""
+        rotation, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
+        rotated_points = rotation * points.points
+        at, row, nearest = self._fields.nearest((rotated_points + origin).take(lookup))
+        index = lookup.take(at)
+        normals = self._fields.normals.take(nearest) * self._rotations.take(row)
         rotated_points = rotated_points.take(index)
-        apart = normals * (rotated_points + (origin - self._origins.take(row)))
-        error, beside = apart.real - self._stack.offsets.take(nearest), apart.imag - self._stack.along.take(nearest)
-        kept = (normals * (turn * cloud.normals).take(index)).real > facing
-        kept &= np.abs(beside) <= self._stack.extents.take(nearest)
-        row, index, rotated_points, normals, error = row[kept], index[kept], rotated_points[kept], normals[kept], error[kept]
-        if cloud.inverse_noise is not None:
-            inverse_noise = cloud.inverse_noise.take(index)
-            normals, error = normals * inverse_noise, error * inverse_noise
-        return row, index, rotated_points, normals, error
+        offset = normals * (rotated_points + (origin - self._origins.take(row)))
+        error, along = offset.real - self._fields.offsets.take(nearest), offset.imag - self._fields.along.take(nearest)
+        kept = (normals * (rotation * points.normals).take(index)).real > min_cosine
+        kept &= np.abs(along) <= self._fields.extents.take(nearest)
+        pairs = _Pairs(row[kept], index[kept], rotated_points[kept], normals[kept], error[kept])
+        if points.inverse_noise is None:
+            return pairs
+        inverse_noise = points.inverse_noise.take(pairs.point)
+        return pairs._replace(normals=pairs.normals * inverse_noise, error=pairs.error * inverse_noise)
 
 
-_FRAMES_A_POINT = 3
-"""Every point is looked up in at least so many key frames."""
-_HANDS = 3
-"""A key frame looks up at most `density.max_points` over this of the points that are dealt."""
+class _Pairs(NamedTuple):
+    """Pairs of a point and a line of a key frame, M of them.
 
-
-def _dealt(everywhere, beams, frames, most):
-    """``(frames, N)`` indices of the points that are looked up in each key frame: those `everywhere`, a mask, picks, and
-    about so many of the others.
-
-    By their beams, so that one point more or less does not change the partners of all others. Short hands are filled up.
+    Attributes
+    ----------
+    frame : (M,) int
+        Index of the key frame.
+    point : (M,) int
+        Index of the point.
+    rotated_points : (M,) complex [m]
+        Points relative to the sensor, rotated into the odometry frame.
+    normals : (M,) complex
+        Conjugated normals of the lines in the odometry frame, times `OrientedPoints.inverse_noise`.
+    error : (M,) float [m]
+        Signed distances of the points from the lines, times the same.
     """
-    always, others = everywhere.nonzero()[0], (~everywhere).nonzero()[0]
-    hands = max(min(frames // _FRAMES_A_POINT, -(-len(others) // most)), 1)
-    turn = beams.take(others) % hands
-    hand = [others[turn == k] for k in range(hands)]
-    size = max(map(len, hand))
-    full = np.array([np.resize(each if len(each) else others, size) for each in hand])
-    dealt = np.empty((frames, len(always) + size), dtype=np.intp)
-    dealt[:, :len(always)] = always
-    dealt[:, len(always):] = full[np.arange(frames) % hands]
-    return dealt
+
+    frame: NDArray[np.intp]
+    point: NDArray[np.intp]
+    rotated_points: NDArray[np.complex128]
+    normals: NDArray[np.complex128]
+    error: NDArray[np.float64]
 
 
-def align(correspondences: Correspondences, start: SE2, expected: SE2, strength, scales, damping) -> SE2:
-    """The pose of a scan after robust point-to-line iterations against all key frames, one for each of the `scales` [m].
+def _points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], frame_count: int,
+                     subset_size: int) -> NDArray[np.intp]:
+    """Choose the points that are looked up in each key frame.
+
+    The subset of a point depends on its beam, so that one point more or less does not change the subsets of the others.
 
     Parameters
     ----------
-    partners : Partners
-        Of the scan at a pose nearby.
-    start : SE2
-        The pose to start from.
-    expected : SE2
-        The pose that a prior asks for.
-    strength : (3, 3) array
-        The prior's information in the odometry frame, in units of a point's.
+    in_every_frame : (P,) bool
+        Points that are looked up in every key frame.
+    beams : (P,) int
+        Beam of each point.
+    frame_count : int
+    subset_size : int
+        Desired number of other points for each key frame.
+
+    Returns
+    -------
+    (frame_count, N) int
+        Indices of points. Subsets are padded to equal size with points of their own.
     """
-    pose, step = correspondences.pose, correspondences.step(start)
-    pull = strength @ _apart(expected, pose)
-    for scale in scales:
-        equations = correspondences.equations(step, scale)
-        equations[:3, :3] += strength
-        equations[:3, 3] += pull
-        step[:3] = -solve_one(equations, damping)
-    x, y, theta, _ = step.tolist()
-    return SE2(pose.x + x, pose.y + y, wrap(pose.theta + theta))
+    always, others = in_every_frame.nonzero()[0], (~in_every_frame).nonzero()[0]
+    count = max(min(frame_count // _MIN_FRAMES_PER_POINT, -(-len(others) // subset_size)), 1)
+    subset_of_point = beams.take(others) % count
+    subsets = [others[subset_of_point == k] for k in range(count)]
+    size = max(map(len, subsets))
+    padded = np.array([np.resize(each if len(each) else others, size) for each in subsets])
+    chosen = np.empty((frame_count, len(always) + size), dtype=np.intp)
+    chosen[:, :len(always)] = always
+    chosen[:, len(always):] = padded[np.arange(frame_count) % count]
+    return chosen
+
+
+_MIN_FRAMES_PER_POINT = 3
+"""Least number of key frames in which every point is looked up."""
+_SUBSETS = 3
+"""A subset has at most about `density.max_points` over this many points."""

@@ -1,47 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The local map: the latest key frame, and around it what older ones saw."""
+"""Local map: the latest key frame, and the points around it that older key frames saw."""
 import cmath
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...features.oriented_points import OrientedPoints
+from ...parameters.registration import DensityParameters
+from .key_frame import KeyFrame
 
 
-def seen_around(older, latest, density) -> OrientedPoints:
-    """The points of older key frames that belong to a map in the frame of the latest.
+def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: DensityParameters) -> OrientedPoints:
+    """Collect the points of older key frames that complete the latest, in the frame of the latest.
 
-    Of the points in one cell of the table those of the newest key frame count. What stands in front of what the latest saw is
-    gone, and what lies farther off than any of them saw is out of sight.
+    In each cell of the map the points of the newest key frame are kept. Points in space that the latest key frame saw to be
+    free are dropped, and so are points farther from it than the largest range of any key frame.
 
     Parameters
     ----------
     older : sequence of KeyFrame
-        Oldest first.
+        The oldest first.
     latest : KeyFrame
     density : DensityParameters
     """
-    here, clouds = latest.features, [frame.features.sampled_points for frame in older]
-    ways = [latest.pose.inverse() @ frame.pose for frame in older]
-    turn, way = (np.repeat(each, [len(cloud) for cloud in clouds]) for each in (
-        [cmath.exp(1j * each.theta) for each in ways], [complex(each.x, each.y) for each in ways]))
-    rank = np.repeat(np.arange(len(older)), [len(cloud) for cloud in clouds])
+    features, clouds = latest.features, [frame.features.sampled_points for frame in older]
+    sizes, motions = [len(cloud) for cloud in clouds], [latest.pose.inverse() @ frame.pose for frame in older]
+    rotation = np.repeat([cmath.exp(1j * motion.theta) for motion in motions], sizes)
+    translation = np.repeat([complex(motion.x, motion.y) for motion in motions], sizes)
+    age_rank = np.repeat(np.arange(len(older)), sizes)
     points, normals, beams = (np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ('points', 'normals', 'beams'))
-    farthest = max(np.abs(each).max(initial=0.0) for each in (points, here.oriented_points.points))
-    points = turn * points + way
-    kept = (np.abs(points) <= farthest) & (here.free_space.violation(points, density.violation_tolerance) == 0.0)
-    kept[kept] = _newest(points[kept], rank[kept], here.oriented_points.points, density.cell_size)
-    return OrientedPoints(points[kept], (turn * normals)[kept], beams[kept])
+    own_points = features.oriented_points.points
+    max_range = max(np.abs(each).max(initial=0.0) for each in (points, own_points))
+    points = rotation * points + translation
+    kept = (np.abs(points) <= max_range) & (features.free_space.violation(points, density.violation_tolerance) == 0.0)
+    kept[kept] = _newest_in_cell(points[kept], age_rank[kept], own_points, density.cell_size)
+    return OrientedPoints(points[kept], (rotation * normals)[kept], beams[kept])
 
 
-def _newest(points, rank, latest, cell):
-    """``(P,)`` bool: the `points` in whose cell there is none of a higher rank, and none of the `latest`."""
-    places = np.concatenate((points, latest)) / cell
-    rank = np.concatenate((rank, np.full(len(latest), len(places))))
-    _, cells = np.unique(np.rint(places.real) * _ROW + np.rint(places.imag), return_inverse=True)
-    newest = np.zeros(len(places), dtype=int)
-    np.maximum.at(newest, cells, rank)
-    return (rank == newest[cells])[:len(points)]
+def _newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], latest: NDArray[np.complex128],
+                    cell_size: float) -> NDArray[np.bool_]:
+    """Return ``(P,)``: the `points` in whose cell no point has a higher rank, and none is one of the `latest`."""
+    cells = np.concatenate((points, latest)) / cell_size
+    age_rank = np.concatenate((age_rank, np.full(len(latest), len(cells))))
+    _, cell = np.unique(np.rint(cells.real) * _ROW + np.rint(cells.imag), return_inverse=True)
+    newest = np.zeros(len(cells), dtype=int)
+    np.maximum.at(newest, cell, age_rank)
+    return (age_rank == newest[cell])[:len(points)]
 
 
 _ROW = 2.0 ** 26
-"""More cells than any table has along a side."""
+"""Cells in a row of the map; more than any map has."""

@@ -1,125 +1,169 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a scan lies among the key frames: aligned with all of them at once, and how well they hold it there."""
+"""Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
 import cmath
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...features.records import Features
 from ...geometry.se2 import SE2, turned
 from ...parameters.tree import Parameters
 from ...registration.degeneracy import is_corridor_like, weakest_direction, without_near_parallel
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
-from ...registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance, own_jacobian
-from .key_frame_window import Correspondences, KeyFrameWindow, align
+from ...registration.uncertainty import (
+    Observability,
+    degenerate_rotation,
+    degenerate_translation,
+    match_covariance,
+    own_jacobian,
+)
+from .correspondences import Correspondences, PosePrior, align
+from .key_frame_window import KeyFrameWindow
 
 
-def align_to_map(window: KeyFrameWindow, features: Features, pose: SE2, expected: SE2, known, free, turns, p: Parameters):
-    """The pose of a scan among the key frames, and its partners there.
+class InitialAlignment(NamedTuple):
+    """A scan as registered to a single reference.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose of the scan in the odometry frame.
+    direction : float or None [rad]
+        Degenerate direction of the translation in the odometry frame; None without one.
+    rotation_unobservable : bool
+        Whether the reference does not constrain the rotation.
+    """
+
+    pose: SE2
+    direction: float | None = None
+    rotation_unobservable: bool = False
+
+
+def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAlignment, prior: PosePrior,
+                 p: Parameters) -> tuple[SE2, Correspondences]:
+    """Align a scan with all key frames of the window.
 
     Parameters
     ----------
-    window : Window
+    window : KeyFrameWindow
     features : Features
-    pose : SE2
-        Where one key frame has it, in the odometry frame.
-    expected : SE2
-        Where a prior has it.
-    known : (3, 3) array
-        Information of the prior, in the frame of the scan; zero where it does not agree with the key frame.
-    free : float or None [rad]
-        A direction in the odometry frame along which the key frame leaves the translation free.
-    turns : bool
-        The key frame leaves the rotation free: it is left to the prior.
+        Of the scan.
+    initial : InitialAlignment
+        Where the rotation is unobservable, it is left to the prior: the alignment starts at the prior's pose.
+    prior : PosePrior
+        Information in the frame of the scan [1/m^2, 1/rad^2]; zero where it contradicts `initial`.
+    p : Parameters
 
     Returns
     -------
-    SE2
-    Partners
+    pose : SE2
+        Pose of the scan in the odometry frame.
+    correspondences : Correspondences
     """
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    strength = max(p.prior.point_sigma, features.noise) ** 2 * turned(known, expected.theta)
-    if turns:
-        pose = expected
-    correspondences = _partners(window, pose, features, free, p)
-    if free is not None or turns:
-        strength = _stiffened(strength, features, pose, correspondences, free, turns, p)
-    pose = align(correspondences, pose, expected, strength, scales[:-1], damping)
-    # Points that lie close together have other partners soon, points far apart hardly.
-    if len(features.oriented_points) > p.density.max_points or correspondences.moved(pose) > _STALE * p.density.cell_size:
-        correspondences = _partners(window, pose, features, free, p)
-    return align(correspondences, pose, expected, strength, scales[-1:], damping), correspondences
+    information = max(p.prior.point_sigma, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
+    pose = prior.pose if initial.rotation_unobservable else initial.pose
+    correspondences = _correspondences(window, pose, features, initial.direction, p)
+    if initial.direction is not None or initial.rotation_unobservable:
+        information = _strengthened(information, features, correspondences, initial, p)
+    prior = PosePrior(prior.pose, information)
+    pose = align(correspondences, pose, prior, scales[:-1], damping)
+    # The nearest lines of dense points change with small steps, those of sparse points hardly.
+    is_dense = len(features.oriented_points) > p.density.max_points
+    if is_dense or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size:
+        correspondences = _correspondences(window, pose, features, initial.direction, p)
+    return align(correspondences, pose, prior, scales[-1:], damping), correspondences
 
 
-def _partners(window, pose, features, free, p):
-    """`KeyFrameWindow.correspondences`, walls without the slant by which alone they would hold the scan along a direction, that is `free` [rad]."""
+def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,
+                     p: Parameters) -> Correspondences:
+    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], or the weakest one."""
     correspondences = window.correspondences(pose, features.oriented_points, p.density)
     information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:3, :3]
-    if free is None:
-        free, weak, strong = weakest_direction(information)
-        if weak >= _HELD * strong:
+    if direction is None:
+        direction, weak, strong = weakest_direction(information)
+        if weak >= _WELL_CONSTRAINED * strong:
             return correspondences
-    if not is_corridor_like(information, free):
+    if not is_corridor_like(information, direction):
         return correspondences
-    return replace(correspondences, rows=without_near_parallel(correspondences.rows, free, p.degeneracy.parallel_tolerance))
+    return replace(correspondences, rows=without_near_parallel(correspondences.rows, direction, p.degeneracy.parallel_tolerance))
 
 
-def _stiffened(strength, features, pose, correspondences, free, turns, p):
-    """The `strength` of a prior, more along the direction that is `free` [rad], if any, and where the scan `turns` freely.
+def _strengthened(information: NDArray[np.float64], features: Features, correspondences: Correspondences,
+                  initial: InitialAlignment, p: Parameters) -> NDArray[np.float64]:
+    """Strengthen the prior's `information` ``(3, 3)`` along degenerate motions.
 
-    Most of what the points seem to know of such a motion is noise of their normals. The prior counts for as many times
-    more as all their information is more than what both scans agree on.
+    Most of what the points seem to constrain of such a motion is noise of their normals. The prior's information is
+    multiplied by the ratio of the points' information to the part of it that both scans share.
     """
     _, weight = correspondences.match(NO_STEP, p.refinement.map_first_scale)
-    rows, own = correspondences.rows[:3], _own_derivatives(features, pose, correspondences)
-    information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
-    motions = [] if free is None else [degenerate_translation(free, shared, p.decision)]
-    if turns:
-        motions.append(degenerate_rotation(information, shared, p.decision))
-    stiffened = strength
+    rows, own = correspondences.rows[:3], _own_jacobian(features, correspondences.pose, correspondences)
+    seeming, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
+    motions = [] if initial.direction is None else [degenerate_translation(initial.direction, shared, p.decision)]
+    if initial.rotation_unobservable:
+        motions.append(degenerate_rotation(seeming, shared, p.decision))
+    strengthened = information
     for motion in motions:
-        seeming, held = motion @ information @ motion, motion @ shared @ motion
-        times = seeming / max(held, _LEAST_SHARED * seeming) if seeming > 0.0 else 1.0
-        pull = strength @ motion
-        stiffened = stiffened + max(times - 1.0, 0.0) / max(motion @ pull, 1e-12) * (pull[:, None] * pull)
-    return stiffened
+        total, common = motion @ seeming @ motion, motion @ shared @ motion
+        ratio = total / max(common, _MIN_SHARED_RATIO * total) if total > 0.0 else 1.0
+        gradient = information @ motion
+        added = gradient[:, None] * gradient
+        strengthened = strengthened + max(ratio - 1.0, 0.0) / max(motion @ gradient, 1e-12) * added
+    return strengthened
 
 
-def alignment_uncertainty(features: Features, pose: SE2, correspondences: Correspondences, p: Parameters, free_way, rotation_unobservable):
-    """Covariance ``(3, 3)`` of a scan's place at `pose`, in its own frame, and what holds it: `decision.match_covariance`."""
+def alignment_uncertainty(features: Features, pose: SE2, correspondences: Correspondences, initial: InitialAlignment,
+                          p: Parameters) -> tuple[NDArray[np.float64], Observability]:
+    """Estimate covariance and observability of a scan aligned at `pose`.
+
+    Returns
+    -------
+    covariance : (3, 3) float
+        In the frame of the scan [m, m, rad].
+    observability : Observability
+        Directions in the odometry frame.
+    """
     error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
-    own = _own_derivatives(features, pose, correspondences)
-    covariance, held = match_covariance(error, weight, correspondences.rows[:3], own, features.noise, p.decision, free_way, rotation_unobservable)
-    return turned(covariance, -pose.theta), held
+    own = _own_jacobian(features, pose, correspondences)
+    covariance, observability = match_covariance(
+        error, weight, correspondences.rows[:3], own, features.noise, p.decision,
+        free_way=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable)
+    return turned(covariance, -pose.theta), observability
 
 
-def facing(features: Features, pose: SE2, angle, p: Parameters):
-    """``(P,)``: what each point of a scan at `pose` would hold of the motion along `angle` [rad], if it faces along it."""
-    cloud = features.oriented_points
-    along = (cloud.normals * cmath.exp(1j * (pose.theta - angle))).real
-    return cloud.weighted(np.where(np.abs(along) < p.degeneracy.min_facing, 0.0, cloud.sharpened(along) ** 2))
+def information_along(features: Features, pose: SE2, angle: float, p: Parameters) -> NDArray[np.float64]:
+    """Return ``(P,)`` information of each point of a scan at `pose` about the translation along `angle` [rad].
+
+    Points that hardly face along the direction have none.
+    """
+    points = features.oriented_points
+    cosine = (points.normals * cmath.exp(1j * (pose.theta - angle))).real
+    return points.weighted(np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2))
 
 
-def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle, p: Parameters):
-    """Whether points that no key frame knows would hold the motion along `angle` [rad], which the latest leaves free.
+def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle: float, p: Parameters) -> bool:
+    """Whether points on surfaces that no key frame has would constrain the translation along a degenerate `angle` [rad].
 
-    They have to be most of those that face along it: noise makes a few of every wall seem to do so.
+    They have to be most of the points that face along it: noise makes a few of every wall seem new.
     """
     _, weight = correspondences.match(correspondences.step(pose), p.refinement.map_first_scale)
-    faces = facing(features, pose, angle, p)
-    new = float((1.0 - np.bincount(correspondences.index, weight, correspondences.size)) @ faces)
-    return new >= max(p.decision.min_information, 0.5 * float(faces.sum()))
+    information = information_along(features, pose, angle, p)
+    new = float((1.0 - np.bincount(correspondences.index, weight, correspondences.size)) @ information)
+    return new >= max(p.decision.min_information, 0.5 * float(information.sum()))
 
 
-def _own_derivatives(features, pose, correspondences):
-    """`own_jacobian` of the scan's points, one for each of the `correspondences`."""
-    cloud = features.oriented_points
-    return own_jacobian(cloud.sharpened(cloud.normals).take(correspondences.index), pose.theta, correspondences.rotated_points)
+def _own_jacobian(features: Features, pose: SE2, correspondences: Correspondences) -> NDArray[np.float64]:
+    """Return `own_jacobian` ``(3, M)`` of the points of the correspondences, with the scan at `pose`."""
+    points = features.oriented_points
+    normals = points.sharpened(points.normals).take(correspondences.index)
+    return own_jacobian(normals, pose.theta, correspondences.rotated_points)
 
 
-_HELD = 0.02
-"""Share of the information across a direction from which on that along it is no matter of slants."""
-_STALE = 0.25
-"""Share of a cell of the table: a scan that has moved farther may have other partners."""
-_LEAST_SHARED = 1e-3
-"""Of the information that the points seem to have, at least so much is taken as shared."""
+_WELL_CONSTRAINED = 0.02
+"""Ratio of the information along the weakest direction to that across it from which on near-parallel walls do not matter."""
+_MAX_DISPLACEMENT = 0.25
+"""Mean displacement of the points, as a ratio of the cell size, beyond which correspondences are looked up again."""
+_MIN_SHARED_RATIO = 1e-3
+"""Least part of the points' information that is assumed to be shared."""

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Point-to-line correspondences of a scan with all key frames at once, and robust alignment by them."""
+import cmath
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.robust_kernel import kernel
+from ...geometry.se2 import SE2, wrap
+from ...geometry.symmetric_matrix import solve_one
+from ...registration.point_to_line import normal_equations
+
+
+class PosePrior(NamedTuple):
+    """Gaussian prior of a pose.
+
+    Attributes
+    ----------
+    pose : SE2
+        Mean in the odometry frame.
+    information : (3, 3) float
+        Information (inverse covariance) for (x, y, theta); its frame and units are stated where it is used.
+    """
+
+    pose: SE2
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Points of a scan with the lines of key frames that they lie on, M pairs.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose of the scan at which the pairs were looked up, in the odometry frame.
+    size : int
+        Number of points of the scan.
+    index : (M,) int
+        Index of the point of each pair.
+    rotated_points : (M,) complex [m]
+        Points relative to the sensor, rotated into the odometry frame.
+    rows : (4, M) float
+        `point_to_line.linear_residuals` at `pose`, for rotations about the sensor.
+    weights : (M,) float or None
+        Weight of each point, from 0 to 1; None: all 1.
+    """
+
+    pose: SE2
+    size: int
+    index: NDArray[np.intp]
+    rotated_points: NDArray[np.complex128]
+    rows: NDArray[np.float64]
+    weights: NDArray[np.float64] | None = None
+
+    def match(self, step: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return errors [m] and weights ``(M,)`` after a `step` ``(4,)``, by a kernel of the `scale` [m].
+
+        The weights of one point sum to at most 1, however many lines it lies on.
+        """
+        error = step @ self.rows
+        weight = kernel(error, scale)
+        weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
+        return error, weight if self.weights is None else weight * self.weights
+
+    def equations(self, step: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        """Return the `point_to_line.normal_equations` ``(4, 4)`` at `pose`, with the weights after a `step` ``(4,)``."""
+        return normal_equations(self.rows, self.match(step, scale)[1])
+
+    def mean_displacement(self, other: SE2) -> float:
+        """Return the mean distance [m] by which the points move from `pose` to another pose."""
+        x, y, theta = _difference(self.pose, other)
+        distances = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.rotated_points)
+        return float(distances.sum()) / max(len(distances), 1)
+
+    def step(self, other: SE2) -> NDArray[np.float64]:
+        """Return the step ``(4,)`` from `pose` to another pose [m, m, rad, 1]."""
+        return np.array((*_difference(self.pose, other), 1.0))
+
+
+def _difference(one: SE2, other: SE2) -> tuple[float, float, float]:
+    """Return the difference of two poses [m, m, rad] in the odometry frame."""
+    return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
+
+
+def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float], damping: float) -> SE2:
+    """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Of the scan at a pose nearby.
+    start : SE2
+        Initial pose in the odometry frame.
+    prior : PosePrior
+        Information in the odometry frame, in units of one point's.
+    scales : sequence of float [m]
+        Scales of the kernel.
+    damping : float
+        As for `symmetric_matrix.solve`.
+    """
+    pose, step = correspondences.pose, correspondences.step(start)
+    prior_gradient = prior.information @ _difference(prior.pose, pose)
+    for scale in scales:
+        equations = correspondences.equations(step, scale)
+        equations[:3, :3] += prior.information
+        equations[:3, 3] += prior_gradient
+        step[:3] = -solve_one(equations, damping)
+    x, y, theta, _ = step.tolist()
+    return SE2(pose.x + x, pose.y + y, wrap(pose.theta + theta))

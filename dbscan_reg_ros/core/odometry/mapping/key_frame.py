@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Key frame: a scan with its pose, to which later scans are registered."""
+from dataclasses import dataclass
+
+from ...features.records import Features
+from ...geometry.se2 import SE2
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFrame:
+    """A scan to which later scans are registered.
+
+    Attributes
+    ----------
+    features : Features
+    pose : SE2
+        Pose of the sensor in the odometry frame.
+    constrained : bool
+        Whether the pose was constrained in every direction; only then the local map takes points from this key frame.
+    number : int
+        `OdometryUpdate.number` of the scan; it stays when the features of the scan are extracted again.
+    """
+
+    features: Features
+    pose: SE2
+    constrained: bool = True
+    number: int = 0

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lookup tables of several key frames, stacked so that one call looks points up in all of them."""
+import cmath
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...features.free_space import FreeSpaceProfile, bins
+from ...features.likelihood_field import LikelihoodField
+from ...features.oriented_points import OrientedPoints
+from ...geometry.se2 import SE2
+
+
+class LikelihoodFieldStack:
+    """Likelihood fields of K key frames: row k of an array of points is looked up in field k.
+
+    Parameters
+    ----------
+    fields : sequence of LikelihoodField
+    origins : (K, 1) complex [m]
+        Positions of the key frames in the odometry frame.
+    rotations : (K, 1) complex
+        Unit numbers that rotate from the odometry frame into those of the key frames.
+
+    Attributes
+    ----------
+    normals, offsets, along, extents : (N,) arrays
+        Those of all fields, as in `LikelihoodField`.
+    """
+
+    def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128], rotations: NDArray[np.complex128]):
+        self._scale = rotations / np.array([[field.cell] for field in fields])
+        self._corner = origins * self._scale + np.array([[field.origin / field.cell] for field in fields])
+        self._last = np.array([field.shape for field in fields]).T[:, :, None] - 1
+        # A list, not one array: the tables are too large to copy.
+        self._tables = [field.index for field in fields]
+        size = np.array([len(field.normals) for field in fields])
+        self._no_point, self._first = size[:, None] - 1, np.cumsum(size) - size
+        self.normals, self.offsets, self.along, self.extents = (
+            np.concatenate([getattr(field, name) for field in fields]) for name in ('normals', 'offsets', 'along', 'extents'))
+
+    def nearest(self, points: NDArray[np.complex128]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Look up the map points nearest to `points` ``(K, P)`` [m, odometry frame]; M of them have one.
+
+        Returns
+        -------
+        index : (M,) int
+            Index of the point in the flattened `points`.
+        row : (M,) int
+            Its row, which is the index of the key frame.
+        nearest : (M,) int
+            Index of the map point in `normals`.
+        """
+        cells = points * self._scale
+        cells -= self._corner
+        cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
+        for part, last in zip((cells, column), self._last, strict=True):
+            np.maximum(part, 0, out=part)
+            np.minimum(part, last, out=part)
+        cells *= self._last[1] + 1
+        cells += column
+        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells, strict=True)]).reshape(cells.shape)
+        index = (found != self._no_point).ravel().nonzero()[0]
+        row = index // found.shape[1]
+        return index, row, found.take(index) + self._first.take(row)
+
+
+class FreeSpaceStack:
+    """Free-space profiles of K key frames.
+
+    Parameters
+    ----------
+    profiles : sequence of FreeSpaceProfile
+    origins, rotations : (K, 1) complex
+        As for `LikelihoodFieldStack`.
+    """
+
+    def __init__(self, profiles: Sequence[FreeSpaceProfile], origins: NDArray[np.complex128],
+                 rotations: NDArray[np.complex128]):
+        near = [profile.nearby for profile in profiles]
+        self._origins, self._rotations = origins, rotations
+        self._near = np.concatenate(near)
+        self._size = np.array([[len(each)] for each in near])
+        self._first = self._size.cumsum(axis=0) - self._size
+
+    def contains(self, points: OrientedPoints, pose: SE2, margin: float) -> NDArray[np.bool_]:
+        """Determine which points of a scan lie in space that a key frame saw to be free.
+
+        Parameters
+        ----------
+        points : OrientedPoints
+            P points of the scan.
+        pose : SE2
+            Pose of the scan in the odometry frame.
+        margin : float [m]
+            Least distance in front of what the key frame saw; larger for points with more noise.
+
+        Returns
+        -------
+        (P,) bool
+        """
+        offsets = cmath.exp(1j * pose.theta) * points.points + complex(pose.x, pose.y) - self._origins
+        offsets *= self._rotations
+        depth = self._near.take(self._first + bins(offsets, self._size))
+        depth -= np.abs(offsets)
+        return (depth > points.tolerance(margin)).any(axis=0)
