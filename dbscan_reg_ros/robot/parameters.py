@@ -89,7 +89,7 @@ class NodePriorParameters(PriorParameters):
              'rotations less; smaller values trust them more.')
 
     def wheel_sigma(self, motion: SE2) -> tuple[float, float, float]:
-        """Standard deviations [m, m, rad] of a `motion` from an external source, in the frame that it ends in."""
+        """Return standard deviations [m, m, rad] of an external `motion`, in the frame that it ends in."""
         distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
         translation = max(self.translation_min, self.translation * distance, self.translation_by_rotation * angle)
         rotation = max(self.rotation_min, self.rotation * angle, self.rotation_by_distance * distance)
@@ -164,7 +164,7 @@ class NodeParameters(Parameters):
                                  'neither odom_frame nor base_frame')
 
     def for_odometry(self) -> Parameters:
-        """The parameters for the odometry: `prior.source` none overrides `odometry.prior`."""
+        """Return the parameters for the odometry: `prior.source` none overrides `odometry.prior`."""
         return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
     def unused(self, used: Collection[str]) -> list[str]:

@@ -1,63 +1,84 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines through many stretches of points at once, by total least squares (Eq. 7)."""
+"""Lines through many groups of points at once, by total least squares (Eq. 7)."""
+from typing import NamedTuple
+
 import numpy as np
 
+from .array_types import ComplexArray, FloatArray, IntArray
 
-def point_moments(x, y):
-    """``(5, ...)``: x, y, xx, xy, yy of each point."""
+
+class Lines(NamedTuple):
+    """Lines through S groups of points.
+
+    Attributes
+    ----------
+    centre : (2, S) float [m]
+        A point on each line.
+    angle : (S,) float [rad]
+        Direction, modulo pi.
+    spread, residual : (S,) float [m^2]
+        Mean squared extent along the line, and mean squared distance from it.
+    """
+
+    centre: FloatArray
+    angle: FloatArray
+    spread: FloatArray
+    residual: FloatArray
+
+
+def point_moments(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return x, y, xx, xy, yy of each point [m, m^2] as an array ``(5, ...)``."""
     return np.array((x, y, x * x, x * y, y * y))
 
 
-def summed_moments(points):
-    """``(5, P + 1)``: sums of the moments of all complex points ``(P,)`` before each; stretches are differences of its columns."""
+def summed_moments(points: ComplexArray) -> FloatArray:
+    """Sum the moments of points ``(P,)`` cumulatively.
+
+    Returns
+    -------
+    (5, P + 1) float
+        Sums of the `point_moments` before each point: those of a range of points are the difference of two columns.
+    """
     total = np.zeros((5, len(points) + 1))
     point_moments(points.real, points.imag).cumsum(axis=1, out=total[:, 1:])
     return total
 
 
-def fit_lines(moments, count):
-    """Total least squares lines through groups of points (Eq. 7, perpendicular distances).
+def fit_lines(moments: FloatArray, count: FloatArray | IntArray) -> Lines:
+    """Fit total least squares lines to groups of points (Eq. 7, perpendicular distances).
 
     Parameters
     ----------
-    moments : (5, S) array
-        Sums of x, y, xx, xy, yy over each group.
-    count : (S,) array
-        Number of points in each.
-
-    Returns
-    -------
-    centre : (2, S) array [m]
-    angle : (S,) array [rad], modulo pi
-    spread, residual : (S,) arrays [m^2]
-        Mean squared extent along and distance from the line.
+    moments : (5, S) float
+        Sums of the `point_moments` of each group.
+    count : (S,) int
+        Number of points in each group.
     """
     mean = moments / count
     xx, xy, yy = _covariance(mean)
     half, apart = 0.5 * (xx + yy), 0.5 * (xx - yy)
     root = np.hypot(apart, xy)
-    return mean[:2], 0.5 * np.arctan2(xy, apart), half + root, np.maximum(half - root, 0.0)
+    return Lines(mean[:2], 0.5 * np.arctan2(xy, apart), half + root, np.maximum(half - root, 0.0))
 
 
-def fit_sections(total, first, last, sections):
-    """Lines through the means of equal sections of each stretch of points (Eq. 7; the paper takes five).
+def fit_sections(total: FloatArray, first: IntArray, last: IntArray, sections: int) -> Lines:
+    """Fit lines to the means of equal sections of each range of points (Eq. 7; the paper takes five).
 
-    A stretch of fewer points than sections is fitted to its points: each is a section of its own. Every section has
-    the weight 1 (W of Eq. 7).
+    Every section has the weight 1 (W of Eq. 7). In a range of fewer points than sections, each point is a section.
 
     Parameters
     ----------
-    total : (5, P + 1) array
+    total : (5, P + 1) float
         `summed_moments` of the scan.
-    first, last : (S,) int arrays
-        First and last point of each stretch, both inclusive.
+    first, last : (S,) int
+        First and last point of each range, both inclusive.
     sections : int
-        0: every point counts by itself.
+        Number of sections; 0 fits the line to all points.
 
     Returns
     -------
-    centre, angle, spread, residual
-        As `fit_lines`; `spread` and `residual` are those of all points.
+    Lines
+        `spread` and `residual` are those of all points.
     """
     count = last - first + 1
     moments = total[:, last + 1] - total[:, first]
@@ -67,16 +88,17 @@ def fit_sections(total, first, last, sections):
     size = np.diff(edges, axis=1)
     means = np.diff(total[:2, edges], axis=2) / np.maximum(size, 1)
     filled = size > 0
-    centre, angle, _, _ = fit_lines((point_moments(*means) * filled).sum(axis=2), filled.sum(axis=1))
+    line = fit_lines((point_moments(*means) * filled).sum(axis=2), filled.sum(axis=1))
     mean = moments / count
     xx, xy, yy = _covariance(mean)
-    c, s = np.cos(angle), np.sin(angle)
-    off = c * (mean[1] - centre[1]) - s * (mean[0] - centre[0])
+    c, s = np.cos(line.angle), np.sin(line.angle)
+    offset = c * (mean[1] - line.centre[1]) - s * (mean[0] - line.centre[0])
     spread = c * c * xx + 2.0 * c * s * xy + s * s * yy
-    residual = s * s * xx - 2.0 * c * s * xy + c * c * yy + off * off
-    return centre, angle, np.maximum(spread, 0.0), np.maximum(residual, 0.0)
+    residual = s * s * xx - 2.0 * c * s * xy + c * c * yy + offset * offset
+    return Lines(line.centre, line.angle, np.maximum(spread, 0.0), np.maximum(residual, 0.0))
 
 
-def _covariance(mean):
+def _covariance(mean: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return xx, xy, yy of the covariance [m^2] from the mean moments ``(5, S)``."""
     mx, my, xx, xy, yy = mean
     return xx - mx * mx, xy - mx * my, yy - my * my

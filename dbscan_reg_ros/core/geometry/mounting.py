@@ -22,7 +22,8 @@ class MountingError(DbscanRegError, ValueError):
 class Mounting:
     """Pose of a planar lidar in the base frame.
 
-    Scans are rotated by the yaw of `pose` before they are used, so the odometry estimates the motion of a sensor at `aligned_pose`.
+    Scans are rotated by the yaw of `pose` before they are used, so the odometry estimates the motion of a sensor at
+    `aligned_pose`.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class Mounting:
 
     @classmethod
     def from_matrix(cls, matrix: NDArray[np.float64]) -> 'Mounting':
-        """Mounting of a lidar, from a transform in space.
+        """Make the mounting of a lidar from a transform in space.
 
         Parameters
         ----------
@@ -56,8 +57,9 @@ class Mounting:
         """
         z_axis_up = float(matrix[2, 2])
         if not abs(z_axis_up) >= math.cos(MAX_TILT):
-            raise MountingError(f'the z axis of the lidar is tilted by {math.degrees(math.acos(z_axis_up)):.0f} deg against the '
-                                f'z axis of the base; expected at most {math.degrees(MAX_TILT):.0f} deg, upright or upside down; '
-                                'correct the transform or the mounting')
+            raise MountingError(
+                f'the z axis of the lidar is tilted by {math.degrees(math.acos(z_axis_up)):.0f} deg against that of '
+                f'the base; expected at most {math.degrees(MAX_TILT):.0f} deg, upright or upside down; correct the '
+                'transform or the mounting')
         yaw = math.atan2(matrix[1, 0], matrix[0, 0])
         return cls(SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw), z_axis_up < 0.0)

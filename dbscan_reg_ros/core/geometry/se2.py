@@ -1,35 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid motions of the plane: the only place that knows how poses compose (Eq. 8)."""
+"""Rigid motions of the plane and their composition (Eq. 8)."""
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from .array_types import ComplexArray, FloatArray
+
+Angle = TypeVar('Angle', float, FloatArray)
 
 
-def wrap(angle):
-    """Angle(s) [rad] wrapped to [-pi, pi)."""
+def wrap(angle: Angle) -> Angle:
+    """Wrap angle(s) [rad] to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def turn_matrix(theta):
-    """``(3, 3)`` matrix that turns (x, y, theta) by `theta`."""
+def turn_matrix(theta: float) -> FloatArray:
+    """Return the ``(3, 3)`` matrix that rotates (x, y, theta) by `theta` [rad]."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def turned(matrix, theta):
-    """A ``(3, 3)`` matrix over (x, y, theta) with its axes turned by `theta` [rad]."""
-    turn = turn_matrix(theta)
-    return turn @ matrix @ turn.T
+def turned(matrix: FloatArray, theta: float) -> FloatArray:
+    """Rotate the axes of a ``(3, 3)`` covariance or information over (x, y, theta) by `theta` [rad]."""
+    rotation = turn_matrix(theta)
+    rotated: FloatArray = rotation @ matrix @ rotation.T
+    return rotated
 
 
-def as_complex(vectors):
-    """Vectors ``(P, 2)`` as complex numbers ``(P,)``."""
+def as_complex(vectors: ArrayLike) -> ComplexArray:
+    """Return vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
 
 
-def as_vectors(numbers):
-    """Complex numbers ``(P,)`` as vectors ``(P, 2)``."""
+def as_vectors(numbers: ComplexArray) -> FloatArray:
+    """Return complex numbers ``(P,)`` as vectors ``(P, 2)``."""
     return np.ascontiguousarray(numbers).view(float).reshape(-1, 2)
 
 
@@ -50,30 +58,31 @@ class SE2:
     theta: float = 0.0
 
     def __matmul__(self, other: 'SE2') -> 'SE2':
-        """The motion that applies `other` first, then this one."""
+        """Compose two motions: `other` is applied first, then this one."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         return SE2(self.x + c * other.x - s * other.y,
                    self.y + s * other.x + c * other.y,
                    wrap(self.theta + other.theta))
 
     def inverse(self) -> 'SE2':
+        """Return the motion that undoes this one."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         return SE2(-c * self.x - s * self.y, s * self.x - c * self.y, wrap(-self.theta))
 
-    def apply(self, points):
-        """Points ``(..., 2)`` [m] moved by this motion."""
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Transform points ``(..., 2)`` [m] by this motion."""
         points = np.asarray(points, dtype=float)
         c, s = math.cos(self.theta), math.sin(self.theta)
         x, y = points[..., 0], points[..., 1]
         return np.stack((c * x - s * y + self.x, s * x + c * y + self.y), axis=-1)
 
-    def rotation(self):
-        """The ``(2, 2)`` rotation matrix."""
+    def rotation(self) -> FloatArray:
+        """Return the ``(2, 2)`` rotation matrix."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         return np.array([[c, -s], [s, c]])
 
-    def adjoint(self):
-        """The ``(3, 3)`` matrix that carries a right (body) perturbation of a motion across this one.
+    def adjoint(self) -> FloatArray:
+        """Return the ``(3, 3)`` adjoint Ad, which maps perturbations in the body frame to the frame before this motion.
 
         ``(a @ b)`` has the body covariance ``Ad(b^-1) Ca Ad(b^-1)' + Cb``.
         """
@@ -81,14 +90,15 @@ class SE2:
         return np.array([[c, -s, self.y], [s, c, -self.x], [0.0, 0.0, 1.0]])
 
     def brief(self) -> str:
-        """The motion rounded to 0.1 mm and 0.001 deg, as a text."""
+        """Format the motion, rounded to 0.1 mm and 0.001 deg."""
         return f'x {self.x:.4f} m, y {self.y:.4f} m, theta {math.degrees(self.theta):.3f} deg'
 
-    def as_array(self):
-        """``(3,)``: x [m], y [m], theta [rad]."""
+    def as_array(self) -> FloatArray:
+        """Return x [m], y [m] and theta [rad] as an array ``(3,)``."""
         return np.array([self.x, self.y, self.theta])
 
     @classmethod
-    def from_array(cls, values) -> 'SE2':
+    def from_array(cls, values: Iterable[float]) -> 'SE2':
+        """Make a motion from x [m], y [m] and theta [rad]; the angle is wrapped."""
         x, y, theta = map(float, values)
         return cls(x, y, wrap(theta))

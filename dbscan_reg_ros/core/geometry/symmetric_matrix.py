@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Symmetric positive definite 3 x 3 matrices in plain numbers: for so small ones an array library costs more than they do."""
+"""Symmetric positive definite 3 x 3 matrices, in plain numbers: for so few, calls of an array library take longer."""
+from typing import TypeAlias
+
 import numpy as np
 
+from .array_types import FloatArray
 
-def inverse(matrix):
-    """Inverse of a ``(3, 3)`` matrix.
+Triple: TypeAlias = tuple[float, float, float]
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Invert a ``(3, 3)`` matrix.
 
     Raises
     ------
@@ -12,7 +18,7 @@ def inverse(matrix):
         When it is singular.
     """
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = matrix.tolist()
-    a, b, c, p, q, r = _factors(xx, xy, xt, yy, yt, tt)
+    (a, b, c), (p, q, r) = _factors((xx, xy, xt), (yy, yt), tt)
     tt = 1.0 / c
     yt = -r * tt
     yy = 1.0 / b - r * yt
@@ -22,43 +28,47 @@ def inverse(matrix):
     return np.array(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt)))
 
 
-def mahalanobis(off, covariance):
-    """Squared Mahalanobis distance of an error ``(3,)`` from 0."""
+def mahalanobis(error: FloatArray, covariance: FloatArray) -> float:
+    """Return the squared Mahalanobis distance of an `error` ``(3,)`` with a `covariance` ``(3, 3)`` from 0."""
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
-    a, b, c, p, q, r = _factors(xx, xy, xt, yy, yt, tt)
-    x, y, t = off.tolist()
+    (a, b, c), (p, q, r) = _factors((xx, xy, xt), (yy, yt), tt)
+    x, y, t = error.tolist()
     y -= p * x
     t -= q * x + r * y
-    return x * x / a + y * y / b + t * t / c
+    squared: float = x * x / a + y * y / b + t * t / c
+    return squared
 
 
-def solve(equations, damping):
-    """Damped steps ``(H, 3)`` of normal equations ``(H, 4, 4)``.
+def solve(equations: FloatArray, damping: float) -> FloatArray:
+    """Solve normal equations ``(H, 4, 4)`` for damped steps ``(H, 3)``.
 
-    The left side is the upper left 3 x 3 of each, the right side the last column. The damping is relative to the trace of the
-    translational part.
+    The upper left 3 x 3 of each is the left side, the last column the right side. The damping is relative to the trace
+    of the translational part.
     """
     return np.array([_step(each, damping) for each in equations.reshape(-1, 16).tolist()]).reshape(-1, 3)
 
 
-def solve_one(equations, damping):
-    """The step ``(3,)`` of one system ``(4, 4)``, as `solve`."""
+def solve_one(equations: FloatArray, damping: float) -> FloatArray:
+    """Solve one system ``(4, 4)`` for its step ``(3,)``, as `solve`."""
     return np.array(_step(equations.ravel().tolist(), damping))
 
 
-def _step(equations, damping):
+def _step(equations: list[float], damping: float) -> Triple:
+    """Solve one system, given as 16 coefficients row by row, for its damped step."""
     xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ = equations
-    lift = damping * (xx + yy + 1e-6)
-    a, b, c, p, q, r = _factors(xx + lift, xy, xt, yy + lift, yt, tt + lift)
+    added = damping * (xx + yy + 1e-6)
+    (a, b, c), (p, q, r) = _factors((xx + added, xy, xt), (yy + added, yt), tt + added)
     y -= p * x
     t = (t - q * x - r * y) / c
     y = y / b - r * t
     return x / a - p * y - q * t, y, t
 
 
-def _factors(xx, xy, xt, yy, yt, tt):
-    """``L D L'``: the diagonal of D, and row by row what stands below the ones of L."""
+def _factors(x_row: Triple, y_row: tuple[float, float], tt: float) -> tuple[Triple, Triple]:
+    """Factorise the matrix with this upper triangle as ``L D L'``: the diagonal of D, and L below its own by rows."""
+    xx, xy, xt = x_row
+    yy, yt = y_row
     p, q = xy / xx, xt / xx
     b, rest = yy - p * xy, yt - p * xt
     r = rest / b
-    return xx, b, tt - q * xt - r * rest, p, q, r
+    return (xx, b, tt - q * xt - r * rest), (p, q, r)

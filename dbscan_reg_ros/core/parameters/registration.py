@@ -314,7 +314,7 @@ class RefinementParameters(ParameterGroup):
         return _geometric(self.map_first_scale, max(self.map_scale, noise), self.map_iterations)
 
     def narrowed(self, scale: float, spread: float) -> float:
-        """Kernel scale [m] of the next polishing iteration, from the last one's `scale` [m] and `spread` of errors [m]."""
+        """Kernel scale [m] of the next polishing iteration, from the last `scale` [m] and `spread` of errors [m]."""
         return min(max(self.polish_spread * spread, _MIN_KERNEL), scale)
 
 

@@ -19,7 +19,7 @@ _LARGEST_EXPONENT = 1024
 
 def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float, float] | None = None,
               choices: tuple[str, ...] | None = None, read_only: bool = False) -> Number:
-    """A dataclass field with the description of a parameter.
+    """Make a dataclass field with the description of a parameter.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Description:
 
     @property
     def bounds(self) -> str:
-        """The allowed values in words; empty where every value of the type is."""
+        """Allowed values in words; empty where every value of the type is allowed."""
         if self.choices is not None:
             return f'one of {", ".join(map(repr, self.choices))}'
         unit = f' {self.unit}' if self.unit else ''
@@ -116,16 +116,16 @@ class ParameterTree:
 
     @classmethod
     def describe(cls) -> tuple[Description, ...]:
-        """A `Description` of every parameter, in order."""
+        """Return a `Description` of every parameter, in order."""
         return tuple(_describe(prefix, field) for prefix, field in _parameter_fields(cls))
 
     def flatten(self) -> dict[str, Value]:
-        """Full name -> value."""
+        """Map the full name of every parameter to its value."""
         return {prefix + field.name: getattr(getattr(self, prefix[:-1]) if prefix else self, field.name)
                 for prefix, field in _parameter_fields(type(self))}
 
     def replace(self: Tree, values: Mapping[str, object]) -> Tree:
-        """A copy with `values` (full name -> value) changed, all or none.
+        """Make a copy with `values` (full name -> value) changed, all or none.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class ParameterTree:
 
 
 def check(description: Description, value: object) -> Any:
-    """`value` in the parameter's own type.
+    """Return `value` in the parameter's own type.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _check_list(d: Description, values: Any) -> tuple[float, ...]:
 
 
 def _shown(value: Any) -> str:
-    """A value as a user writes it: arrays of any library as the list of their numbers."""
+    """Format a value as a user writes it: arrays of any library as the list of their numbers."""
     if hasattr(value, 'tolist'):
         value = value.tolist()
     return repr(list(value) if isinstance(value, (tuple, bytes, bytearray)) else value)
@@ -186,7 +186,7 @@ def _is_group(field: 'dataclasses.Field[Any]') -> bool:
 
 
 def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, dataclasses.Field[Any]]]':
-    """(prefix of the full name, dataclass field) of every parameter of the class `tree`, in order."""
+    """Yield (prefix of the full name, dataclass field) of every parameter of the class `tree`, in order."""
     for field in dataclasses.fields(tree):
         group: Any = field.default_factory
         if _is_group(field):
@@ -206,7 +206,7 @@ def _article(kind: type) -> str:
 
 
 def suggest(name: str, names: Iterable[str]) -> str:
-    """Which of `names` was meant by the unknown `name`, as the end of a message."""
+    """Suggest which of `names` was meant by the unknown `name`, as the end of a message."""
     import difflib
     close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
     return f'did you mean {close[0]!r}?' if close else 'see the parameter reference for the names'
