@@ -10,6 +10,7 @@ from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
+from ..registration.search import SearchStage
 from .gate import Decision, Gate, Verdict
 from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
@@ -195,7 +196,8 @@ class ReferenceSearch:
         determines them again, and the registration is retried.
         """
         p = self._parameters
-        registration = register(reference.features, static, self._search_parameters, prior, self._search_near)
+        stage = SearchStage.NEAR if self._search_near else SearchStage.NORMAL
+        registration = register(reference.features, static, self._search_parameters, prior, stage)
         self._search_near = registration.score > p.prior.max_score_outside_gate
         if registration.status is not Status.FAILED or not is_recoverable(registration, p):
             return registration, static

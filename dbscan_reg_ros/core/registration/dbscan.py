@@ -1,24 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DBSCAN, faster than scikit-learn's on small sets and equal to it sample for sample; the k-dist graph.
+"""DBSCAN, faster than scikit-learn's on small sets and with the same labels; the k-dist graph.
 
 Ester, Kriegel, Sander, Xu: "A density-based algorithm for discovering clusters in large spatial databases with noise",
 KDD 1996.
 """
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
+
+from ..geometry.array_types import BoolArray, FloatArray, IntArray
 
 NOISE = -1
 
 
-def unlabelled(size):
-    """So many labels that say `NOISE`."""
-    labels = np.empty(size, dtype=int)
+def unlabelled(size: int) -> IntArray:
+    """Return `size` labels, all `NOISE`."""
+    labels: IntArray = np.empty(size, dtype=int)
     labels.fill(NOISE)
     return labels
 
 
-def dbscan_line(samples, eps, min_samples, sample_weight=None, period=None):
-    """DBSCAN of numbers: sort, count the neighbours by bisection, cut at the gaps.
+def dbscan_line(samples: FloatArray, eps: float, min_samples: float, sample_weight: FloatArray | None = None,
+                period: float | None = None) -> IntArray:
+    """Cluster numbers: sort, count the neighbours by bisection, cut at the gaps.
 
     Parameters
     ----------
@@ -27,16 +32,16 @@ def dbscan_line(samples, eps, min_samples, sample_weight=None, period=None):
     eps : float
         Neighbours lie at most this far apart.
     min_samples : float
-        A sample whose neighbours (itself included) weigh at least this is a core sample.
+        A sample whose neighbours, itself included, have at least this weight is a core sample.
     sample_weight : (N,) array, optional
-        1 each when not given.
+        By default 1 each.
     period : float, optional
 
     Returns
     -------
     (N,) int array
-        Cluster of each sample, numbered by the first core sample of each; `NOISE` where there is none. A border sample
-        goes to the first of the clusters that reach it.
+        Cluster of each sample, numbered by the first core sample of each, or `NOISE`. A border sample belongs to the
+        first of the clusters that reach it.
     """
     size = len(samples)
     order = samples.argsort(kind='stable')
@@ -73,17 +78,17 @@ def dbscan_line(samples, eps, min_samples, sample_weight=None, period=None):
     return labels
 
 
-def _chains(x, index, eps, period):
-    """Number of the chain that each of the sorted `x` belongs to, cut at the gaps; numbered by the least `index` of each."""
-    chain = np.zeros(len(x), dtype=int)
+def _chains(x: FloatArray, index: IntArray, eps: float, period: float | None) -> IntArray:
+    """Cut the sorted `x` at the gaps; return the chain of each, numbered by the least `index` in it."""
+    chain: IntArray = np.zeros(len(x), dtype=int)
     (x[1:] - x[:-1] > eps).cumsum(out=chain[1:])
     if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= eps:
         chain[chain == chain[-1]] = 0
     return _renumber(chain, index)
 
 
-def _neighbour_range(x, eps, period):
-    """Indices ``[left, right)`` of the neighbours of each of the sorted `x`; into three laps on a circle."""
+def _neighbour_range(x: FloatArray, eps: float, period: float | None) -> tuple[IntArray, IntArray]:
+    """Return the indices ``[left, right)`` of the neighbours of each of the sorted `x`; into three laps on a circle."""
     if period is None:
         return np.searchsorted(x, x - eps), np.searchsorted(x, x + eps, 'right')
     laps = np.concatenate((x - period, x, x + period))
@@ -93,11 +98,12 @@ def _neighbour_range(x, eps, period):
     return np.maximum(left, middle - size + 1), np.minimum(right, np.maximum(left, middle - size + 1) + size)
 
 
-def dbscan_plane(samples, eps, min_samples, sample_weight=None):
-    """DBSCAN of points: pairs of neighbours, clusters as connected components.
+def dbscan_plane(samples: FloatArray, eps: float, min_samples: float,
+                 sample_weight: FloatArray | None = None) -> IntArray:
+    """Cluster points: pairs of neighbours, clusters as connected components.
 
-    Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate problems can be clustered in one
-    call when they are moved apart.
+    Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate sets can be clustered in one call
+    when they are moved apart.
     """
     size = len(samples)
     if size == 0:
@@ -123,13 +129,14 @@ def dbscan_plane(samples, eps, min_samples, sample_weight=None):
     return labels
 
 
-def _near_pairs(samples, eps):
-    """All pairs of samples at most `eps` apart: among those near along the first axis, or by a tree where these are many."""
+def _near_pairs(samples: FloatArray, eps: float) -> tuple[IntArray, IntArray]:
+    """Find all pairs of samples at most `eps` apart: along the first axis, or by a tree where many are near on it."""
     order = samples[:, 0].argsort()
     axes = samples[order].T.copy()
     end = axes[0].searchsorted(axes[0] + eps, 'right')
     if (end - np.arange(1, len(end) + 1)).sum() > _MANY * len(samples):
-        return cKDTree(samples).query_pairs(eps, output_type='ndarray').T
+        first, second = cKDTree(samples).query_pairs(eps, output_type='ndarray').T
+        return first, second
     one, two = pairs_before(end)
     apart = axes.take(one, axis=1) - axes.take(two, axis=1)
     near = ((apart * apart).sum(axis=0) <= eps * eps).nonzero()[0]
@@ -137,20 +144,20 @@ def _near_pairs(samples, eps):
 
 
 _MANY = 50
-"""Of such pairs for each sample."""
+"""Pairs per sample that are near along the first axis; with more the tree is faster."""
 
 
-def pairs_before(end):
-    """All pairs ``i < j`` with j below ``end[i]``."""
+def pairs_before(end: IntArray) -> tuple[IntArray, IntArray]:
+    """Return all pairs ``i < j`` with j below ``end[i]``."""
     index = np.arange(len(end))
     count = end - index - 1
     first = index.repeat(count)
     return first, np.arange(1, len(first) + 1) + (index - count.cumsum() + count).repeat(count)
 
 
-def _components(one, two, size):
-    """Connected component of each of `size` nodes, from the edges ``one - two``; numbered by the first node of each."""
-    least = np.arange(size)
+def _components(one: IntArray, two: IntArray, size: int) -> IntArray:
+    """Return the connected component of each of `size` nodes with edges ``one - two``, numbered by its first node."""
+    least: IntArray = np.arange(size)
     while True:
         a, b = least[one], least[two]
         if (a == b).all():
@@ -158,26 +165,65 @@ def _components(one, two, size):
         np.minimum.at(least, np.maximum(a, b), np.minimum(a, b))
         least = least[least]
     first = np.arange(size) == least
-    return (first.cumsum() - 1)[least]
+    component: IntArray = (first.cumsum() - 1)[least]
+    return component
 
 
-def _renumber(component, index):
-    """Components numbered in the order of their least `index`."""
+def _renumber(component: IntArray, index: IntArray) -> IntArray:
+    """Renumber the components in the order of their least `index`."""
     least = np.full(component.max() + 1, index.max())
     np.minimum.at(least, component, index)
     rank = np.empty(len(least), dtype=int)
     rank[least.argsort()] = np.arange(len(least))
-    return rank[component]
+    renumbered: IntArray = rank[component]
+    return renumbered
 
 
-def without_gaps(labels):
-    """Cluster numbers from 0, those that a cluster cut again has left empty closed up."""
+def recluster(size: int, levels: int, cluster: Callable[[IntArray, float], IntArray],
+              is_chain: Callable[[IntArray, IntArray], BoolArray]) -> IntArray:
+    """Cluster samples, and the chains among the clusters again with half the neighbourhood, up to `levels` times.
+
+    Parameters
+    ----------
+    size : int
+        Number of samples.
+    levels : int
+    cluster : callable
+        Labels of chosen samples (indices), with a ratio of the first neighbourhood.
+    is_chain : callable
+        Which of chosen samples belong to a cluster that is a chain, from their indices and labels.
+
+    Returns
+    -------
+    (size,) int array
+        Cluster of each sample, or `NOISE`. Numbers of clusters that were clustered again are unused.
+    """
+    labels, chosen, offset = unlabelled(size), np.arange(size), 0
+    for level in range(levels + 1):
+        found = cluster(chosen, 0.5 ** level)
+        clustered = found != NOISE
+        chosen, found = chosen[clustered], found[clustered]
+        if not len(chosen):
+            break
+        labels[chosen] = found + offset
+        if level == levels:
+            break
+        chain = is_chain(chosen, found)
+        if not chain.any():
+            break
+        chosen, offset = chosen[chain], offset + int(found.max()) + 1
+    return labels
+
+
+def without_gaps(labels: IntArray) -> IntArray:
+    """Renumber clusters so that all numbers from 0 are used."""
     used = np.bincount(labels) > 0
-    return labels if used.all() else (used.cumsum() - 1)[labels]
+    renumbered: IntArray = labels if used.all() else (used.cumsum() - 1)[labels]
+    return renumbered
 
 
-def k_distances(samples, k):
-    """Sorted distances, largest first, from each sample to its k-th nearest neighbour (the k-dist graph).
+def k_distances(samples: FloatArray, k: int) -> FloatArray:
+    """Return the k-dist graph: the distance of each sample to its k-th nearest neighbour, largest first.
 
     Parameters
     ----------
@@ -204,10 +250,14 @@ def k_distances(samples, k):
     return np.sort(nearest)[::-1]
 
 
-def knee(distances):
-    """The distance at the bend of a k-dist graph: where the curve lies farthest below the chord of its ends."""
+def knee(distances: FloatArray) -> float:
+    """Return the distance at the knee of a k-dist graph: where the curve lies farthest below the chord of its ends."""
     size = len(distances)
-    if size < 3 or distances[0] <= distances[-1]:
+    if size < _FEWEST_FOR_KNEE or distances[0] <= distances[-1]:
         return float(distances[-1]) if size else 0.0
     chord = distances[0] + np.arange(size) * ((distances[-1] - distances[0]) / (size - 1))
     return float(distances[(chord - distances).argmax()])
+
+
+_FEWEST_FOR_KNEE = 3
+"""Two distances lie on their chord."""

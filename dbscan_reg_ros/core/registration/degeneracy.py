@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The direction that walls leave free, and the search along it (corridors)."""
+"""The degenerate direction of a match, and the search along it (corridors)."""
 import math
 
 import numpy as np
 
-from . import point_to_line
+from ..geometry.array_types import BoolArray, FloatArray
+from .search import Problem
 
 
-def weakest_direction(information):
-    """Direction of the translation that a match determines least, the rotation being free.
+def weakest_direction(information: FloatArray) -> tuple[float, float, float]:
+    """Find the direction in which a match constrains the translation least, for an unknown rotation.
 
     Parameters
     ----------
@@ -20,84 +21,86 @@ def weakest_direction(information):
     weak, strong : float
         Information along it and across it.
     """
-    (xx, xy, x), (_, yy, y), (_, _, turn) = information.tolist()
-    turn = max(turn, 1e-12)
-    xx, xy, yy = xx - x * x / turn, xy - x * y / turn, yy - y * y / turn
+    (xx, xy, x), (_, yy, y), (_, _, rotation) = information.tolist()
+    rotation = max(rotation, 1e-12)
+    xx, xy, yy = xx - x * x / rotation, xy - x * y / rotation, yy - y * y / rotation
     half, root = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
     return 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi, max(half - root, 0.0), half + root
 
 
-def is_corridor_like(information, angle):
-    """Whether all but few points face across the direction `angle` [rad], by their `information` ``(3, 3)``: not so in a round room."""
+def is_corridor_like(information: FloatArray, angle: float) -> bool:
+    """Whether few points face along the direction `angle` [rad], by their information ``(3, 3)``."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
     c, s = math.cos(angle), math.sin(angle)
-    return c * c * xx + 2.0 * c * s * xy + s * s * yy < _FEW * (xx + yy)
+    return bool(c * c * xx + 2.0 * c * s * xy + s * s * yy < _CORRIDOR_RATIO * (xx + yy))
 
 
-def without_near_parallel(rows, angle, least, of=None):
-    """`point_to_line.jacobian` as if walls that are all but along the direction `angle` [rad] were exactly along it.
+_CORRIDOR_RATIO = 0.1
+"""In a corridor the ratio of the information along it to that of all translations is below this."""
 
-    They would hold the way along it by their slant; but where all points of one are off by 1 cm, a range that is too long or a
-    map that is too narrow, the way is off by 10 cm if the slant is 6 deg.
+
+def without_near_parallel(rows: FloatArray, angle: float, min_component: float,
+                          of: FloatArray | None = None) -> FloatArray:
+    """Return a `point_to_line.jacobian` as if near-parallel walls were parallel to the direction `angle` [rad].
+
+    Near-parallel walls would constrain the translation along the direction. But an error of 1 cm that all points of a
+    wall share, due to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
 
     Parameters
     ----------
     rows : (3 or more, P) array
     angle : float [rad]
-    least : float
-        The walls are those of points whose normals have less than this component along the direction.
+    min_component : float
+        A wall is near-parallel where its normal has a smaller component along the direction.
     of : (3 or more, P) array, optional
-        Derivatives by these normals; `rows` themselves when not given.
+        Jacobian by the normals of the walls; by default `rows`.
     """
     of = rows if of is None else of
-    along = _along(rows, angle) * (np.abs(_along(of, angle)) < least * np.hypot(of[0], of[1]))
+    near_parallel: BoolArray = np.abs(_along(of, angle)) < min_component * np.hypot(of[0], of[1])
+    along = _along(rows, angle) * near_parallel
     rows = rows.copy()
     rows[0] -= math.cos(angle) * along
     rows[1] -= math.sin(angle) * along
     return rows
 
 
-def _along(rows, angle):
-    return math.cos(angle) * rows[0] + math.sin(angle) * rows[1]
+def _along(rows: FloatArray, angle: float) -> FloatArray:
+    """Return the component ``(P,)`` of each normal along the direction `angle` [rad]."""
+    component: FloatArray = math.cos(angle) * rows[0] + math.sin(angle) * rows[1]
+    return component
 
 
-def search_degenerate_direction(candidates, angles, reference, current, parameters, density):
-    """Slide each candidate along its direction to where the few points that face that way fit best.
+def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, problem: Problem) -> FloatArray:
+    """Shift each candidate along its degenerate direction to where the few points that face along it fit best.
 
     Parameters
     ----------
     candidates : (H, 3) array
     angles : (H,) array [rad]
         In the reference's frame.
-    reference, current : Features
-    parameters : DegeneracyParameters
-    density : DensityParameters
+    problem : Problem
 
     Returns
     -------
     (H, 3) array
     """
-    cloud = current.sampled_points
-    facing = np.abs((np.exp(1j * (candidates[:, 2] - angles))[:, None] * cloud.normals).real).max(axis=0)
-    cloud = cloud.select(facing > parameters.min_facing)
-    if len(cloud) < parameters.min_points:
+    p, density, points = problem.parameters.degeneracy, problem.parameters.density, problem.current.sampled_points
+    facing = np.abs((np.exp(1j * (candidates[:, 2] - angles))[:, None] * points.normals).real).max(axis=0)
+    points = points.select(facing > p.min_facing)
+    if len(points) < p.min_points:
         return candidates
     along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
-    for reach, step, scale in ((parameters.search_distance, 2.0 * parameters.search_scale, 3.0 * parameters.search_scale),
-                               (2.5 * parameters.search_scale, 0.4 * parameters.search_scale, parameters.search_scale)):
+    for reach, step, scale in ((p.search_distance, 2.0 * p.search_scale, 3.0 * p.search_scale),
+                               (2.5 * p.search_scale, 0.4 * p.search_scale, p.search_scale)):
         count = math.floor(reach / step)
         shift = np.arange(-count, count + 1) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
-        fit = point_to_line.fit(moved, cloud, reference.likelihood_field, density.min_normal_cosine)
-        component = (fit.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
-        violation = reference.free_space.violation(fit.places, cloud.tolerance(density.violation_tolerance))
-        weight = fit.weight(scale)
+        found = problem.fit(moved, points)
+        component = (found.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
+        violation = problem.reference.free_space.violation(found.places, points.tolerance(density.violation_tolerance))
+        weight = found.weight(scale)
         value = (weight * component ** 2 - density.violation_weight * violation * (1.0 - weight)).sum(axis=1)
         value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
         best = value.argmax(axis=1)
         candidates = candidates + shift[best][:, None] * along
     return candidates
-
-
-_FEW = 0.1
-"""Share of all information about translations that a few points hold along a corridor, at most."""

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses from landmarks, small things that stand free: two of them as far apart in both scans.
+"""Hypotheses from landmarks, which are small objects: pairs of them at the same distance in both scans.
 
-A trunk has no line that says how the sensor has turned: what it shows always faces the sensor. The line through two of them
-has, and tells the whole motion.
+A trunk has no line that gives the rotation of the sensor, as its visible side always faces the sensor. The line through
+two trunks gives the rotation and the translation.
 """
 import numpy as np
 
 from ..features.records import Features
 from ..features.small_objects import find_small_objects
+from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
 from ..parameters.tree import Parameters
@@ -16,46 +17,62 @@ from .records import Prior
 from .scoring import distinct, within_gate
 
 
-def landmarks(features: Features, parameters: Parameters):
-    """Their middles (complex [m]), of the nearest first."""
-    things = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
-    return things.middle[things.nearest.argsort(kind='stable')[:parameters.selection.max_landmarks]]
+def landmarks(features: Features, parameters: Parameters) -> ComplexArray:
+    """Return the middles (complex [m]) of the nearest `selection.max_landmarks` small objects, nearest first."""
+    objects = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
+    nearest = objects.nearest.argsort(kind='stable')[:parameters.selection.max_landmarks]
+    middles: ComplexArray = objects.middle[nearest]
+    return middles
 
 
-def landmark_motions(reference: Features, current: Features, parameters: Parameters, prior: Prior | None = None):
-    """The motions ``(H, 3)`` that lay the current scan's landmarks best onto the reference's, best first.
+def landmark_motions(reference: Features, current: Features, parameters: Parameters,
+                     prior: Prior | None = None) -> FloatArray:
+    """Return the motions ``(H, 3)`` that align the current scan's landmarks best with the reference's, best first.
 
-    A pair of landmarks as far apart as one of the reference is a sample. Its support is the sum of the kernels (Eq. 16) of
-    all landmarks' distances from the nearest one of the reference. What a `prior` rules out is left out.
+    A pair of landmarks of either scan at the same distance gives a sample. Its support is the sum of the kernels (Eq.
+    16) of the distances of all landmarks from the nearest one of the reference. Samples outside the gate of a `prior`
+    are left out.
     """
-    here, there = (landmarks(each, parameters) for each in (reference, current))
-    ways, steps = here - here[:, None], there - there[:, None]
-    first, second = ways.nonzero()
-    start, end = np.triu(steps).nonzero()
-    ways, steps = ways[first, second], steps[start, end]
-    off = np.abs(np.abs(ways)[:, None] - np.abs(steps))
-    of, to = (off < _CLOSE).nonzero()
-    alike = off[of, to].argsort(kind='stable')[:_SAMPLES]
-    of, to = of[alike], to[alike]
-    turn = ways[of] / steps[to]
-    turn /= np.abs(turn)
-    way = 0.5 * (here[first[of]] + here[second[of]] - turn * (there[start[to]] + there[end[to]]))
-    motions = np.column_stack((as_vectors(way), np.angle(turn)))
+    ours, theirs = (landmarks(each, parameters) for each in (reference, current))
+    motions = pair_motions(ours, theirs)
     if prior is not None:
         motions = motions[within_gate(motions, prior, parameters.prior)]
-    missed = np.abs(transform_points(motions, there)[:, :, None] - here).min(axis=2, initial=np.inf)
-    support = kernel(missed, _CLOSE).sum(axis=1)
-    motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _LEAST)]]
-    return motions[distinct(motions, _MOST, 2.0 * _CLOSE, _CLOSE_TURN)]
+    distance = np.abs(transform_points(motions, theirs)[:, :, None] - ours).min(axis=2, initial=np.inf)
+    support = kernel(distance, _SAME_DISTANCE).sum(axis=1)
+    motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _MIN_SUPPORT)]]
+    return motions[distinct(motions, _MAX_MOTIONS, 2.0 * _SAME_DISTANCE, _SAME_ANGLE)]
 
 
-_CLOSE = 0.1
-"""Places [m] that may be one."""
-_CLOSE_TURN = 0.1
-"""Turns [rad] that may be one."""
-_LEAST = 2.5
-"""Support: two tell a motion, and a third has to agree."""
-_SAMPLES = 500
-"""Those that are as far apart to the last millimetre come first."""
-_MOST = 8
-"""Motions that are followed."""
+def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
+    """Return the motions ``(S, 3)`` that align pairs of landmarks of nearly the same length.
+
+    Parameters
+    ----------
+    reference, current : (L,), (M,) complex arrays [m]
+        Landmarks of either scan.
+    """
+    baselines_r, baselines_o = reference - reference[:, None], current - current[:, None]
+    # Each pair of the reference in both orders, each pair of the current scan in one.
+    first, second = baselines_r.nonzero()
+    start, end = np.triu(baselines_o).nonzero()
+    baselines_r, baselines_o = baselines_r[first, second], baselines_o[start, end]
+    off = np.abs(np.abs(baselines_r)[:, None] - np.abs(baselines_o))
+    r, o = (off < _SAME_DISTANCE).nonzero()
+    closest = off[r, o].argsort(kind='stable')[:_MAX_SAMPLES]
+    r, o = r[closest], o[closest]
+    rotation = baselines_r[r] / baselines_o[o]
+    rotation /= np.abs(rotation)
+    translation = 0.5 * (reference[first[r]] + reference[second[r]] - rotation * (current[start[o]] + current[end[o]]))
+    return np.column_stack((as_vectors(translation), np.angle(rotation)))
+
+
+_SAME_DISTANCE = 0.1
+"""Landmarks at most this far apart [m] may be the same."""
+_SAME_ANGLE = 0.1
+"""Motions whose rotations differ by at most this [rad] may be the same."""
+_MIN_SUPPORT = 2.5
+"""Two landmarks give a motion, and a third has to agree."""
+_MAX_SAMPLES = 500
+"""Samples that are checked, most similar distances first."""
+_MAX_MOTIONS = 8
+"""Motions that become hypotheses."""

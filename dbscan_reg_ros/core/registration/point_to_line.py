@@ -1,99 +1,110 @@
 # SPDX-License-Identifier: Apache-2.0
 """Point-to-line correspondences, normal equations and robust iterations."""
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..features.oriented_points import stride
+from ..features.likelihood_field import LikelihoodField
+from ..features.oriented_points import OrientedPoints, stride
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.symmetric_matrix import solve, solve_one
+from ..parameters.registration import RefinementParameters
 
 
-def origins(candidates):
-    """``(H, 1)`` complex: where each candidate puts the sensor [m]."""
-    return candidates[:, :2].copy().view(complex)
+def origins(candidates: FloatArray) -> ComplexArray:
+    """Return the position ``(H, 1)`` (complex [m]) of the sensor for each candidate ``(H, 3)``."""
+    positions: ComplexArray = candidates[:, :2].copy().view(np.complex128)
+    return positions
 
 
-def transform_points(candidates, points):
-    """``(H, P)`` complex points moved by every candidate (Eq. 8)."""
-    return np.exp(1j * candidates[:, 2:]) * points + origins(candidates)
+def transform_points(candidates: FloatArray, points: ComplexArray) -> ComplexArray:
+    """Return the points ``(H, P)`` (complex [m]), rotated and translated by every candidate ``(H, 3)`` (Eq. 8)."""
+    moved: ComplexArray = np.exp(1j * candidates[:, 2:]) * points + origins(candidates)
+    return moved
 
 
 class Fit(NamedTuple):
-    """A scan's points beside a surface's lines, under every candidate.
+    """Correspondences of a scan's P points with lines of the reference, for each of H candidates.
 
     Attributes
     ----------
     error : (H, P) float [m]
-        Signed distance from the line of the nearest point, times the cloud's `inverse_noise`.
+        Signed distance from the line of the nearest point, times the point's `inverse_noise`.
     alike : (H, P) bool
-        Whether that point faces the same way.
+        Whether the normals of point and line agree.
     normals : (H, P) complex
-        Its normal, conjugated, times the same.
-    arms : (H, P) complex [m]
-        Turned points.
+        Normal of the line, conjugated, times the point's `inverse_noise`.
+    rotated_points : (H, P) complex [m]
+        Rotated points.
     places : (H, P) complex [m]
-        Turned and moved points.
+        Rotated and translated points.
     """
 
-    error: np.ndarray
-    alike: np.ndarray
-    normals: np.ndarray
-    rotated_points: np.ndarray
-    places: np.ndarray
+    error: FloatArray
+    alike: BoolArray
+    normals: ComplexArray
+    rotated_points: ComplexArray
+    places: ComplexArray
 
-    def weight(self, scale):
-        """``(H, P)`` Gaussian kernel of the `scale` [m] of the distances (Eq. 18), 0 without a partner that faces the same way."""
-        weight = kernel(self.error, scale)
+    def weight(self, scale: float) -> FloatArray:
+        """Return ``(H, P)``: Gaussian kernel of `scale` [m] of the distances (Eq. 18), 0 where the normals disagree."""
+        weight: FloatArray = kernel(self.error, scale)
         weight *= self.alike
         return weight
 
-    def rows(self):
-        """``(H, 4, P)`` `linear_residuals`."""
+    def rows(self) -> FloatArray:
+        """Return the `linear_residuals` ``(H, 4, P)``."""
         return linear_residuals(self.error, self.normals, self.rotated_points)
 
-    def select(self, chosen):
-        """The fits of the candidates that `chosen`, indices or a slice, picks."""
-        return Fit(*(part[chosen] for part in self))
+    def select(self, chosen: IntArray | slice) -> 'Fit':
+        """Return the fits of chosen candidates, by indices or a slice."""
+        return Fit(self.error[chosen], self.alike[chosen], self.normals[chosen], self.rotated_points[chosen],
+                   self.places[chosen])
 
-    def thinned(self, count):
-        """That of at most `count` of the points, as `OrientedPoints.thinned`."""
+    def thinned(self, count: int) -> 'Fit':
+        """Return the fits of at most `count` of the points, the same as `OrientedPoints.thinned` selects."""
         step = stride(self.error.shape[1], count)
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 
-def fit(candidates, cloud, surface, facing) -> Fit:
-    """The `Fit` of a scan's points to a surface.
+def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, min_normal_cosine: float) -> Fit:
+    """Find the `Fit` of a scan's points to the reference.
 
     Parameters
     ----------
     candidates : (H, 3) array
-    cloud : Cloud
-    surface : Surface
-    facing : float
-        Least cosine of the angle between the normals of partners.
+    points : OrientedPoints
+        Of the current scan.
+    field : LikelihoodField
+        Of the reference.
+    min_normal_cosine : float
+        Minimum cosine of the angle between corresponding normals.
     """
-    turn = np.exp(1j * candidates[:, 2:])
-    rotated_points = turn * cloud.points
+    rotation = np.exp(1j * candidates[:, 2:])
+    rotated_points = rotation * points.points
     places = rotated_points + origins(candidates)
-    nearest = surface.nearest(places)
-    normals = surface.normals.take(nearest)
-    error = cloud.sharpened((normals * places).real - surface.offsets.take(nearest))
-    alike = (normals * (turn * cloud.normals)).real > facing
-    if facing < 0.0:
+    nearest = field.nearest(places)
+    normals = field.normals.take(nearest)
+    error = points.sharpened((normals * places).real - field.offsets.take(nearest))
+    alike = (normals * (rotation * points.normals)).real > min_normal_cosine
+    if min_normal_cosine < 0.0:
         # The normal of no point is 0.
-        alike &= nearest != len(surface.normals) - 1
-    return Fit(error, alike, cloud.sharpened(normals), rotated_points, places)
+        alike &= nearest != len(field.normals) - 1
+    return Fit(error, alike, points.sharpened(normals), rotated_points, places)
 
 
-def jacobian(normals, rotated_points, rows=3):
-    """``(..., rows, P)``: of the points' errors by x, y [m] and theta [rad] in the first three rows.
+def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = 3) -> FloatArray:
+    """Return ``(..., rows, P)``: derivatives of the points' errors by x, y [m] and theta [rad] in the first 3 rows.
 
     Parameters
     ----------
-    normals, arms : (..., P) complex arrays
-        Conjugated normals of the lines, and turned points [m].
+    normals, rotated_points : (..., P) complex arrays
+        Conjugated normals of the lines, and rotated points [m].
+    rows : int
+        Rows of the table; those after the third are not filled.
     """
     table = np.empty((*normals.shape[:-1], rows, normals.shape[-1]))
     table[..., 0, :] = normals.real
@@ -102,8 +113,8 @@ def jacobian(normals, rotated_points, rows=3):
     return table
 
 
-def linear_residuals(error, normals, rotated_points):
-    """``(..., 4, P)``: the `jacobian`, and the errors [m] themselves; times a step ``(x, y, theta, 1)`` the errors after it."""
+def linear_residuals(error: FloatArray, normals: ComplexArray, rotated_points: ComplexArray) -> FloatArray:
+    """Return ``(..., 4, P)``: `jacobian` and errors [m]; times a step ``(x, y, theta, 1)`` the errors after it."""
     rows = jacobian(normals, rotated_points, 4)
     rows[..., 3, :] = error
     return rows
@@ -112,43 +123,70 @@ def linear_residuals(error, normals, rotated_points):
 NO_STEP = np.array((0.0, 0.0, 0.0, 1.0))
 
 
-def normal_equations(rows, weight):
-    """``(..., 4, 4)`` weighted squares of `linear_residuals`.
+def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the weighted squares ``(..., 4, 4)`` of `linear_residuals`.
 
-    The upper left 3 x 3 are the information for a unit error of a point, the last column the gradient, the last number
-    the sum of the squared errors. Of the `jacobian` alone: the information.
+    The upper left 3 x 3 are the information for a unit error of a point, the last column is the gradient, the last
+    number the sum of the squared errors. Of the `jacobian` alone: the information.
     """
-    return (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
+    equations: FloatArray = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
+    return equations
 
 
-def shared_information(rows, weight, own):
-    """``(3, 3)`` information of points for a unit error of each, as far as both scans agree on it.
+def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) -> FloatArray:
+    """Return the information ``(3, 3)`` of points for a unit error of each, as far as both scans agree on it.
 
-    One factor of each product is the partner's normal and one the point's own: what noise makes of either cancels, so
-    that a smooth wall does not seem to hold the motion along it. It may be indefinite where there is nothing but noise.
+    One factor of each product is the normal of the line and one the point's own. Independent noise of the two cancels,
+    so that a smooth wall does not seem to constrain the motion along it. The result may be indefinite where there is only
+    noise.
 
     Parameters
     ----------
     rows, own : (3, P) arrays
-        `jacobian` by the normals of the partners, and by the points' own.
+        `jacobian` by the normals of the lines, and by the points' own.
     weight : (P,) array
     """
     product = (rows * weight) @ own.T
-    return 0.5 * (product + product.T)
+    information: FloatArray = 0.5 * (product + product.T)
+    return information
 
 
-def mean_square(error, weight):
-    """Weighted mean [m^2] of squared errors."""
+def mean_square(error: FloatArray, weight: FloatArray) -> float:
+    """Return the weighted mean [m^2] of squared errors [m], ``(P,)`` each."""
     return float(error * weight @ error) / max(float(weight.sum()), 1e-9)
 
 
-def refine(candidates, cloud, surface, scales, facing, damping, known=None):
-    """Robust point-to-line iterations of all candidates together, one for each of the `scales` [m].
+class Alignment(NamedTuple):
+    """What candidates are refined by.
 
-    A little damping keeps a direction that the points do not determine where it is.
+    Attributes
+    ----------
+    points : OrientedPoints
+        Of the current scan.
+    field : LikelihoodField
+        Of the reference.
+    min_normal_cosine : float
+        Minimum cosine of the angle between corresponding normals.
+    damping : float
+        Damping of a step, as in `symmetric_matrix.solve`: candidates do not move along an unobservable direction.
+    """
+
+    points: OrientedPoints
+    field: LikelihoodField
+    min_normal_cosine: float
+    damping: float
+
+
+def refine(candidates: FloatArray, alignment: Alignment, scales: Sequence[float],
+           known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
+    """Refine all candidates together by robust point-to-line iterations, one for each of the `scales` [m].
 
     Parameters
     ----------
+    candidates : (H, 3) array
+    alignment : Alignment
+    scales : sequence of float [m]
+        Kernel of each iteration.
     known : Fit, optional
         Of the candidates as they are.
 
@@ -158,24 +196,28 @@ def refine(candidates, cloud, surface, scales, facing, damping, known=None):
     equations : (H, 4, 4) array
         The `normal_equations` of the last iteration.
     """
+    points, field, min_normal_cosine, damping = alignment
     candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
     for scale in scales:
-        now, known = known or fit(candidates, cloud, surface, facing), None
-        equations = normal_equations(now.rows(), cloud.weighted(now.weight(scale)))
+        now, known = known or fit(candidates, points, field, min_normal_cosine), None
+        equations = normal_equations(now.rows(), points.weighted(now.weight(scale)))
         candidates -= solve(equations, damping)
     return candidates, equations
 
 
-def next_step(found, cloud, scale, damping):
-    """The step ``(3,)`` of one more iteration with a kernel of the `scale` [m], from the one candidate whose `Fit` was `found`."""
-    return -solve_one(normal_equations(found.rows()[0], cloud.weighted(found.weight(scale))[0]), damping)
+def next_step(found: Fit, points: OrientedPoints, scale: float, damping: float) -> FloatArray:
+    """Return the step ``(3,)`` of one more iteration with a kernel of `scale` [m], from the `Fit` of one candidate."""
+    weight = points.weighted(found.weight(scale))[0]
+    step: FloatArray = -solve_one(normal_equations(found.rows()[0], weight), damping)
+    return step
 
 
-def polish(candidate, found, cloud, refinement):
-    """Last iterations of one candidate ``(3,)``, with a kernel that narrows to the spread of the errors.
+def polish(candidate: FloatArray, found: Fit, points: OrientedPoints,
+           refinement: RefinementParameters) -> tuple[FloatArray, Fit]:
+    """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
 
-    The partners stay those of `found`, the candidate's `Fit`: the errors are linear in the step. A candidate that creeps
-    farther than the first kernel reaches, as along a corridor, stays where it was.
+    The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
+    that moves farther than the first kernel, as it may along a corridor, is returned unchanged.
 
     Returns
     -------
@@ -185,15 +227,15 @@ def polish(candidate, found, cloud, refinement):
     """
     if not refinement.polish_iterations:
         return candidate, found
-    rows, weights = found.rows()[0], cloud.weighted(found.alike[0].astype(float))
-    way, scale = np.zeros(3), refinement.final_scale
+    rows, weights = found.rows()[0], points.weighted(found.alike[0].astype(float))
+    total, scale = np.zeros(3), refinement.final_scale
     for _ in range(refinement.polish_iterations):
         weight = kernel(rows[3], scale) * weights
         equations = normal_equations(rows, weight)
         step = solve_one(equations, refinement.damping)
         scale = refinement.narrowed(scale, math.sqrt(equations.item(15) / max(float(weight.sum()), 1e-9)))
-        way += step
+        total += step
         rows[3] -= step @ rows[:3]
-    if math.hypot(way[0], way[1]) >= refinement.final_scale:
+    if math.hypot(total[0], total[1]) >= refinement.final_scale:
         return candidate, found
-    return candidate - way, found._replace(error=rows[3:])
+    return candidate - total, found._replace(error=rows[3:])

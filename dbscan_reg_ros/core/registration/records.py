@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of a registration: status, hypotheses, prior, result."""
+"""Records of a registration: status, hypotheses, samples of translations, prior, result."""
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.array_types import ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import SE2, wrap
 
 
 class Status(Enum):
-    """What a registration is worth."""
+    """Status of a registration."""
 
     OK = 'ok'
     """The motion is known in every direction."""
     DEGENERATE = 'degenerate'
-    """The scans agree, but one direction of the motion is not determined by them."""
+    """The scans agree, but the motion is unobservable along one direction, or its rotation is."""
     AMBIGUOUS = 'ambiguous'
-    """A rival motion explains the scans nearly as well."""
+    """A different motion scores nearly as well."""
     FAILED = 'failed'
-    """No motion explains the scans."""
+    """No motion aligns the scans."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +34,39 @@ class Hypothesis:
     score: float
 
 
-def sigma_text(covariance: np.ndarray) -> str:
-    """The standard deviations of a covariance ``(3, 3)`` of (x, y, theta) as a text."""
+def sigma_text(covariance: FloatArray) -> str:
+    """Return the standard deviations of a covariance ``(3, 3)`` of (x, y, theta) as a text."""
     x, y, theta = np.sqrt(np.diag(covariance))
     return f'sigma {x:.2g} m, {y:.2g} m, {math.degrees(theta):.2g} deg'
 
 
-def no_matches():
-    """Where nothing was found."""
+def no_matches() -> IntArray:
+    """Return no pair of segments, ``(0, 2)``."""
     return np.empty((0, 2), dtype=int)
+
+
+def no_motions() -> FloatArray:
+    """Return no motion, ``(0, 3)``."""
+    return np.empty((0, 3))
+
+
+class TranslationSamples(NamedTuple):
+    """Samples of translations, S of them, before they are clustered.
+
+    Attributes
+    ----------
+    translation : (S,) complex [m]
+    weight : (S,) float
+    rotation : (S,) int
+        The rotation hypothesis that each sample belongs to.
+    find_shortest : callable
+        Makes the shortest motions that align the lines, ``(K, 3)``.
+    """
+
+    translation: ComplexArray
+    weight: FloatArray
+    rotation: IntArray
+    find_shortest: Callable[[], FloatArray] = no_motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,34 +81,31 @@ class Registration:
         Covariance of (x, y, theta) in the *current* sensor's frame (a right perturbation), m, m, rad.
     status : Status
     overlap : float
-        Share of the current scan's points that lie on the reference's surfaces, 0..1.
+        Fraction of the current scan's points that lie on the reference's surfaces, 0..1.
     score : float
-        The winning hypothesis' score, 0..1; of a winner that was compared with nobody that of the coarse refinement, and so
-        the overlap.
+        Score of the result, at most 1. A single top candidate has the score and the overlap of the coarse refinement.
     hypotheses : tuple of Hypothesis
-        Best first; the first is the result. None where it was compared with nothing.
+        Best first; the first is the result. Empty if nothing was found.
     degenerate_direction : float or None
-        Angle [rad] in the reference's frame along which the scans leave the translation free.
+        Angle [rad] in the reference's frame along which the translation is unobservable.
     find_matches : callable
         Makes `matches`.
-    matches : (K, 2) int
-        Matched segments: index into the reference's and the current scan's; found when first asked for.
     reason : str
         Why the status is not ``OK``; empty otherwise.
     weakest_information : float or None
-        So many points hold the translation along the direction in which it is known least; None where nobody counted.
+        Number of points that constrain the translation along its weakest direction; None if not computed.
     rotation_unobservable : bool
-        The scans leave the rotation free.
+        Whether the scans do not constrain the rotation.
     """
 
     transform: SE2
-    covariance: np.ndarray
+    covariance: FloatArray
     status: Status
     overlap: float = 0.0
     score: float = 0.0
-    hypotheses: tuple = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
     degenerate_direction: float | None = None
-    find_matches: Callable = no_matches
+    find_matches: Callable[[], IntArray] = no_matches
     reason: str = ''
     weakest_information: float | None = None
     rotation_unobservable: bool = False
@@ -93,13 +116,14 @@ class Registration:
                 f'overlap {self.overlap:.3f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
 
     @cached_property
-    def matches(self):
+    def matches(self) -> IntArray:
+        """``(K, 2)``: indices of matched segments of the reference and of the current scan; computed on first use."""
         return self.find_matches()
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is believed of the motion before the scans are looked at.
+    """Prediction of the motion before the scans are registered.
 
     Attributes
     ----------
@@ -108,31 +132,35 @@ class Prior:
     covariance : (3, 3) float
         As in `Registration`; positive definite.
     velocity_change : (3, 3) float or None
-        Of a motion that goes on as before: the part of the covariance that is a change of the velocity, and lasts. None: the
-        motion is known from elsewhere.
+        Part of the covariance that is due to a change of the velocity, of a prediction by the motion model. None: an
+        external prior.
     """
 
     transform: SE2
-    covariance: np.ndarray
-    velocity_change: np.ndarray | None = None
+    covariance: FloatArray
+    velocity_change: FloatArray | None = None
 
     def __repr__(self) -> str:
         return f'Prior({self.transform.brief()}, {sigma_text(self.covariance)})'
 
     @property
-    def translation_sigma(self):
-        """Standard deviation [m] of the translation in the direction of which least is known."""
+    def translation_sigma(self) -> float:
+        """Standard deviation [m] of the translation along its least certain direction."""
         (xx, xy, _), (_, yy, _), _ = self.covariance.tolist()
         return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
 
     @property
-    def rotation_sigma(self):
+    def rotation_sigma(self) -> float:
         """Standard deviation [rad] of the rotation."""
-        return math.sqrt(self.covariance.item(2, 2))
+        return math.sqrt(float(self.covariance.item(2, 2)))
 
-    def with_rotation(self, turn, spread) -> 'Prior':
-        """The same way, but with a `turn` [rad] known to `spread` [rad]; its chord turns by half the difference."""
-        chord = SE2(0.0, 0.0, 0.5 * wrap(turn - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
-        way = np.diag((1.0, 1.0, 0.0))
-        return Prior(SE2(chord.x, chord.y, wrap(turn)), way @ self.covariance @ way + np.diag((0.0, 0.0, spread * spread)),
-                     None if self.velocity_change is None else way @ self.velocity_change @ way)
+    def with_rotation(self, rotation: float, sigma: float) -> 'Prior':
+        """Return the prior with another `rotation` [rad] of standard deviation `sigma` [rad].
+
+        The distance stays; the direction of the translation, the chord of an arc, changes by half the difference.
+        """
+        chord = SE2(0.0, 0.0, 0.5 * wrap(rotation - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
+        translation = np.diag((1.0, 1.0, 0.0))
+        covariance = translation @ self.covariance @ translation + np.diag((0.0, 0.0, sigma * sigma))
+        change = None if self.velocity_change is None else translation @ self.velocity_change @ translation
+        return Prior(SE2(chord.x, chord.y, wrap(rotation)), covariance, change)

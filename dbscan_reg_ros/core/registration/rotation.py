@@ -2,19 +2,21 @@
 """Rotation hypotheses: clusters of the angle differences between two sets of segments (section 2.2.1, Eq. 9)."""
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from ..features.records import Segments
+from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import wrap
 from ..parameters.registration import RotationParameters
-from .clustering import choose_clustering
-from .dbscan import NOISE, k_distances, knee, unlabelled, without_gaps
+from .dbscan import NOISE, k_distances, knee, recluster, unlabelled, without_gaps
+from .paper.clustering import choose_clustering
 
 
 @dataclass(frozen=True, eq=False)
 class Rotations:
-    """Rotation hypotheses, K of them, heaviest first, and what they were made from.
+    """Rotation hypotheses, K of them, heaviest first, and their samples.
 
     Attributes
     ----------
@@ -29,103 +31,146 @@ class Rotations:
         Neighbourhood of DBSCAN that was used.
     """
 
-    phi: np.ndarray
-    weight: np.ndarray
-    difference: np.ndarray
-    labels: np.ndarray
+    phi: FloatArray
+    weight: FloatArray
+    difference: FloatArray
+    labels: IntArray
     eps: float
 
-    def near(self, angle, reach):
-        """Those of the hypotheses at most `reach` [rad] from an `angle` [rad]."""
-        chosen = np.abs(wrap(self.phi - angle)) <= reach
+    def near(self, angle: float, max_difference: float) -> 'Rotations':
+        """Return the hypotheses at most `max_difference` [rad] from an `angle` [rad]."""
+        chosen = np.abs(wrap(self.phi - angle)) <= max_difference
         rank = np.append(np.where(chosen, chosen.cumsum() - 1, NOISE), NOISE)
         return Rotations(self.phi[chosen], self.weight[chosen], self.difference, rank[self.labels], self.eps)
 
 
-def estimate_rotations(reference: Segments, current: Segments, weights, parameters: RotationParameters) -> Rotations:
+def estimate_rotations(reference: Segments, current: Segments, weights: FloatArray,
+                       parameters: RotationParameters) -> Rotations:
     """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
 
-    Directed segments give differences unique modulo 2 pi. Clusters wider than `width` are chains of several motions
-    and are clustered again with half the neighbourhood.
+    Directed segments give differences unique modulo 2 pi, undirected ones modulo pi. Clusters wider than
+    `rotation.max_width` are chains of several rotations and are clustered again with half the neighbourhood.
+
+    Parameters
+    ----------
+    reference, current : Segments
+        n and m of them.
+    weights : (n, m) array
+        From `pair_weights`.
+    parameters : RotationParameters
     """
     period = 2.0 * math.pi if parameters.directed else math.pi
-    difference = reference.direction[:, None] - current.direction
-    difference = wrap_period(difference, period)
+    difference: FloatArray = wrap_period(reference.direction[:, None] - current.direction, period)
     samples = difference.ravel()
-    if not len(samples):
-        return Rotations(np.empty(0), np.empty(0), difference, np.empty(difference.shape, dtype=int), parameters.eps)
-    weights = weights.ravel()
-    eps = parameters.eps or knee_eps(samples, parameters)
-    labels, clustering = unlabelled(len(samples)), choose_clustering(parameters.clustering)
-    todo, offset = np.arange(len(samples)), 0
-    reach = eps
-    for _ in range(parameters.recluster_levels + 1):
-        found = clustering.dbscan_line(samples[todo], reach, parameters.min_samples, period=period)
-        count = int(found.max(initial=NOISE)) + 1
-        if not count:
-            break
-        kept = found != NOISE
-        labels[todo[kept]] = found[kept] + offset
-        todo, found = todo[kept], found[kept]
-        if parameters.max_width <= 0.0:
-            break
-        anchor = np.empty(count)
-        anchor[found] = samples[todo]
-        spread = wrap_period(samples[todo] - anchor[found], period)
-        low, high = np.zeros((2, count))
-        np.minimum.at(low, found, spread)
-        np.maximum.at(high, found, spread)
-        wide = (high - low > parameters.max_width)[found]
-        if not wide.any():
-            break
-        todo, offset, reach = todo[wide], offset + count, 0.5 * reach
-    return _rank(samples, weights, labels, eps, difference.shape, period, parameters)
+    eps = parameters.eps or (knee_eps(samples, parameters) if len(samples) else 0.0)
+    labels = cluster_angles(samples, eps, period, parameters)
+    clusters = _Clusters.of(samples, weights.ravel(), labels, period)
+    order = (-clusters.weight).argsort(kind='stable')[:parameters.max_hypotheses]
+    rank = unlabelled(len(clusters.weight))
+    rank[order] = np.arange(len(order))
+    ranked = unlabelled(len(samples))
+    ranked[clusters.members] = rank[clusters.index]
+    phi = clusters.means(parameters.median_scale)[order]
+    return Rotations(phi, clusters.weight[order], difference, ranked.reshape(difference.shape), eps)
 
 
-def pair_weights(reference, current, parameters):
-    """``(n, m)`` weight of each pair: its shorter length, less where the directions are uncertain."""
+def cluster_angles(samples: FloatArray, eps: float, period: float, parameters: RotationParameters) -> IntArray:
+    """Return the cluster ``(N,)`` of each angle [rad] on a circle of circumference `period`."""
+    clustering = choose_clustering(parameters.clustering)
+
+    def cluster(chosen: IntArray, ratio: float) -> IntArray:
+        return clustering.dbscan_line(samples[chosen], ratio * eps, parameters.min_samples, period=period)
+
+    def is_chain(chosen: IntArray, found: IntArray) -> BoolArray:
+        first = np.empty(found.max() + 1)
+        first[found] = samples[chosen]
+        offset = wrap_period(samples[chosen] - first[found], period)
+        low, high = np.zeros((2, len(first)))
+        np.minimum.at(low, found, offset)
+        np.maximum.at(high, found, offset)
+        chain: BoolArray = (high - low > parameters.max_width)[found]
+        return chain
+
+    return recluster(len(samples), parameters.recluster_levels if parameters.max_width > 0.0 else 0, cluster, is_chain)
+
+
+def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray:
+    """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
     if not parameters.weighted:
         return np.ones((len(reference), len(current)))
     variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
-    shorter = np.minimum(reference.length[:, None], current.length)
+    shorter: FloatArray = np.minimum(reference.length[:, None], current.length)
     return shorter / (1.0 + variance / parameters.max_width ** 2) if parameters.max_width else shorter
 
 
-def knee_eps(samples, parameters):
-    """The neighbourhood from the knee of the k-dist graph, with ``k = MinPts - 1`` (at least 1), within its bounds."""
+def knee_eps(samples: FloatArray, parameters: RotationParameters) -> float:
+    """Return the eps [rad] at the knee of the k-dist graph, k = min_samples - 1 (at least 1), within its bounds."""
     bend = knee(k_distances(samples, max(parameters.min_samples - 1, 1)))
     return min(max(bend, parameters.eps_min), parameters.eps_max)
 
 
-def wrap_period(angle, period):
-    """Angle(s) less whole periods, at most half a period from 0."""
+Angle = TypeVar('Angle', float, FloatArray)
+
+
+def wrap_period(angle: Angle, period: float) -> Angle:
+    """Subtract whole periods from angle(s) [rad]; the result is at most half a period from 0."""
     return angle - period * np.rint(angle * (1.0 / period))
 
 
-def _rank(samples, weights, labels, eps, shape, period, parameters):
-    """Weighted mean and weight of each cluster, heaviest first, the best `hypotheses` of them."""
-    at = (labels != NOISE).nonzero()[0]
-    if not len(at):
-        return Rotations(np.empty(0), np.empty(0), samples.reshape(shape), labels.reshape(shape), eps)
-    index = without_gaps(labels[at])
-    mass = np.bincount(index, weights[at])
-    anchor = np.empty(len(mass))
-    anchor[index] = samples[at]
-    offset, weight = wrap_period(samples[at] - anchor[index], period), weights[at]
-    if parameters.median_scale > 0.0:
-        weight = weight / (1.0 + ((offset - _medians(offset, index)[index]) / parameters.median_scale) ** 2)
-    mean = np.bincount(index, weight * offset) / np.bincount(index, weight)
-    order = (-mass).argsort(kind='stable')[:parameters.max_hypotheses]
-    rank = unlabelled(len(mass))
-    rank[order] = np.arange(len(order))
-    ranked = unlabelled(len(samples))
-    ranked[at] = rank[index]
-    return Rotations(wrap(anchor[order] + mean[order]), mass[order], samples.reshape(shape), ranked.reshape(shape), eps)
+@dataclass(frozen=True, eq=False)
+class _Clusters:
+    """Clusters of angles, C of them, and their A samples on a circle.
+
+    Attributes
+    ----------
+    members : (A,) int
+        Indices of the samples that belong to a cluster.
+    index : (A,) int
+        Cluster of each of those.
+    first : (C,) float [rad]
+        A sample of each cluster; offsets are relative to it.
+    offset : (A,) float [rad]
+    sample_weight : (A,) float
+    weight : (C,) float
+        Sum of the weights of the samples.
+    """
+
+    members: IntArray
+    index: IntArray
+    first: FloatArray
+    offset: FloatArray
+    sample_weight: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, samples: FloatArray, sample_weight: FloatArray, labels: IntArray, period: float) -> '_Clusters':
+        """Return the clusters of angles [rad] on a circle of circumference `period`."""
+        members = (labels != NOISE).nonzero()[0]
+        index = without_gaps(labels[members])
+        weight: FloatArray = np.bincount(index, sample_weight[members]).astype(float, copy=False)
+        first = np.empty(len(weight))
+        first[index] = samples[members]
+        offset = wrap_period(samples[members] - first[index], period)
+        return cls(members, index, first, offset, sample_weight[members], weight)
+
+    def means(self, median_scale: float) -> FloatArray:
+        """Return the weighted mean [rad] of each cluster.
+
+        With a `median_scale` [rad] above 0, samples at that distance from the median of their cluster weigh half.
+        """
+        weight = self.sample_weight
+        if median_scale > 0.0:
+            distance = self.offset - _medians(self.offset, self.index)[self.index]
+            weight = weight / (1.0 + (distance / median_scale) ** 2)
+        mean = np.bincount(self.index, weight * self.offset) / np.bincount(self.index, weight)
+        wrapped: FloatArray = wrap(self.first + mean)
+        return wrapped
 
 
-def _medians(values, group):
-    """Median of the values of each group, groups numbered from 0."""
+def _medians(values: FloatArray, group: IntArray) -> FloatArray:
+    """Return the median of the values of each group; groups are numbered from 0."""
     ordered = values[np.lexsort((values, group))]
     count = np.bincount(group)
     first = np.cumsum(count) - count
-    return 0.5 * (ordered[first + (count - 1) // 2] + ordered[first + count // 2])
+    medians: FloatArray = 0.5 * (ordered[first + (count - 1) // 2] + ordered[first + count // 2])
+    return medians

@@ -7,110 +7,138 @@ from functools import partial
 
 import numpy as np
 
-from ..features.records import Features, Segments
+from ..features.records import Segments
+from ..geometry.array_types import FloatArray, IntArray
 from ..geometry.se2 import SE2, as_complex, turn_matrix, wrap
 from ..parameters.registration import DecisionParameters
-from ..parameters.tree import Parameters
 from .records import Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
-from .uncertainty import uncertainty
+from .search import Problem, Ranking
+from .uncertainty import Observability, uncertainty
 
 
-def decide(fine, fine_score, overlap, found, coarse, coarse_score, reference: Features, current: Features, p: Parameters):
-    """The `Registration` of the best of the refined hypotheses.
+def decide(problem: Problem, fine: Ranking, coarse: Ranking) -> Registration:
+    """Make the `Registration` of the best of the refined hypotheses.
 
     Parameters
     ----------
-    fine, fine_score, overlap : (H, 3), (H,), (H,) arrays
-        Finely refined hypotheses, best first.
-    found : Fit
-        Of the best, for the points of the current scan's `sampled_points`.
-    coarse, coarse_score : (G, 3), (G,) arrays
-        All hypotheses after the coarse refinement: the rivals are among them.
+    problem : Problem
+    fine : Ranking
+        Finely refined hypotheses; the best fit is that of the current scan's `sampled_points`.
+    coarse : Ranking
+        All hypotheses after the coarse refinement; rivals are among them.
     """
-    best, limits = fine[0], p.decision
-    covariance, held = uncertainty(best, found, current.sampled_points, max(reference.noise, current.noise), p)
-    angle, free = held.angle, held.weak < limits.min_information
-    level = slid(coarse, best, angle) if free else coarse
-    rivals = ~same(level, best, limits.rival_distance, limits.rival_angle)
-    top = coarse_score[~rivals].max(initial=fine_score[0])
-    margin = float(top - coarse_score[rivals].max(initial=-1.0))
-    covariance = covariance + scatter(best, coarse[rivals & (coarse_score > top - limits.min_margin)])
-    status, reason = judge(float(fine_score[0]), margin, held, limits)
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value) for candidate, value in zip(fine.tolist(), fine_score.tolist()))
+    reference, current, p = problem.reference, problem.current, problem.parameters.decision
+    best, best_score = fine.candidates[0], float(fine.score[0])
+    noise = max(reference.noise, current.noise)
+    covariance, observed = uncertainty(best, fine.best, current.sampled_points, noise, problem.parameters)
+    degenerate = observed.weak < p.min_information
+    margin, rival_covariance = compare_with_rivals(fine, coarse, observed.angle if degenerate else None, p)
+    status, reason = judge(best_score, margin, observed, p)
+    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value)
+                       for candidate, value in zip(fine.candidates.tolist(), fine.score.tolist(), strict=True))
     transform = hypotheses[0].transform
-    matches = partial(match_segments, reference.segments, current.segments, transform, p.decision)
-    return Registration(transform, covariance, status, float(overlap[0]), float(fine_score[0]), hypotheses,
-                        math.remainder(angle, math.pi) if free else None, matches, reason, held.weak,
-                        held.turn < limits.min_information)
+    return Registration(
+        transform, covariance + rival_covariance, status,
+        overlap=float(fine.overlap[0]), score=best_score, hypotheses=hypotheses,
+        degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
+        find_matches=partial(match_segments, reference.segments, current.segments, transform, p), reason=reason,
+        weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information)
 
 
-def slid(candidates, one, angle):
-    """Hypotheses ``(H, 3)``, each moved along the direction `angle` [rad] until it is level with `one` ``(3,)``."""
+def compare_with_rivals(fine: Ranking, coarse: Ranking, direction: float | None,
+                        parameters: DecisionParameters) -> tuple[float, FloatArray]:
+    """Compare the best hypothesis with its rivals, which differ by `decision.rival_distance` or `decision.rival_angle`.
+
+    Both are compared by their scores after the coarse refinement. Along a degenerate `direction` [rad] hypotheses do
+    not differ.
+
+    Returns
+    -------
+    margin : float
+        Score of the best less that of its best rival.
+    rival_covariance : (3, 3) array
+        Covariance that rivals within `decision.min_margin` add.
+    """
+    best = fine.candidates[0]
+    level = coarse.candidates if direction is None else slid(coarse.candidates, best, direction)
+    rivals = ~same(level, best, parameters.rival_distance, parameters.rival_angle)
+    top = coarse.score[~rivals].max(initial=fine.score[0])
+    margin = float(top - coarse.score[rivals].max(initial=-1.0))
+    return margin, scatter(best, coarse.candidates[rivals & (coarse.score > top - parameters.min_margin)])
+
+
+def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
+    """Shift the hypotheses ``(H, 3)`` along the direction `angle` [rad] until they are level with `one` ``(3,)``."""
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     return candidates - np.outer((candidates - one) @ along, along)
 
 
-def scatter(best, rivals):
-    """What rivals ``(R, 3)`` as likely as the best ``(3,)`` add to its covariance, in its own frame."""
+def scatter(best: FloatArray, rivals: FloatArray) -> FloatArray:
+    """Return the covariance ``(3, 3)`` that rivals ``(R, 3)`` add to that of the best ``(3,)``, in its own frame."""
     if not len(rivals):
         return np.zeros((3, 3))
     off = rivals - best
     off[:, 2] = wrap(off[:, 2])
     off = off @ turn_matrix(best[2])
-    return off.T @ off / (len(off) + 1)
+    covariance: FloatArray = off.T @ off / (len(off) + 1)
+    return covariance
 
 
-def failed(reason):
-    """A registration that found nothing."""
+def failed(reason: str) -> Registration:
+    """Return a registration that found nothing."""
     return Registration(SE2(), np.diag([100.0, 100.0, 10.0]), Status.FAILED, reason=reason)
 
 
-def judge(score, margin, held, parameters: DecisionParameters):
-    """`Status` and the reason for it."""
+def judge(score: float, margin: float, observed: Observability, parameters: DecisionParameters) -> tuple[Status, str]:
+    """Return the status of a result and the reason for it, '' for ``OK``."""
     if score < parameters.min_score:
-        return Status.FAILED, f'score {score:.2f} below {parameters.min_score}'
+        return Status.FAILED, f'score {score:.2f}; expected at least {parameters.min_score}'
     if margin < parameters.min_margin:
-        return Status.AMBIGUOUS, f'a rival scores within {max(margin, 0.0):.3f} of the best; {parameters.min_margin} asked for'
-    if held.weak < parameters.min_information:
-        return Status.DEGENERATE, few_points_reason(held.weak, parameters.min_information)
-    if held.turn < parameters.min_information:
-        return Status.DEGENERATE, (f'only {held.turn:.2f} points, as if 1 m away, hold the rotation; '
-                                   f'{parameters.min_information} asked for')
+        return Status.AMBIGUOUS, (f'a different motion scores within {max(margin, 0.0):.3f} of the best; '
+                                  f'expected a margin of {parameters.min_margin}')
+    if observed.weak < parameters.min_information:
+        return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
+    if observed.rotation < parameters.min_information:
+        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
+                                   f'expected at least {parameters.min_information}')
     return Status.OK, ''
 
 
-def few_points_reason(weak, asked):
-    """The reason for ``DEGENERATE``."""
-    return f'only {weak:.2f} points hold the motion along one direction; {asked} asked for'
+def few_points_reason(weak: float, minimum: float) -> str:
+    """Return the reason for ``DEGENERATE`` where `weak` points constrain the translation along one direction."""
+    return f'the translation along one direction is constrained by {weak:.2f} points; expected at least {minimum}'
 
 
-def observability_ratio(registration: Registration, parameters: DecisionParameters):
-    """How firmly a scan holds the motion, from 0 to 1: in parts of the points that are asked for when it is not known."""
+def observability_ratio(registration: Registration, parameters: DecisionParameters) -> float:
+    """Return how well a scan constrains the motion, 0..1: its points over `decision.weak_prior_information`."""
     weak, asked = registration.weakest_information, parameters.weak_prior_information
     return 1.0 if weak is None or weak >= asked else weak / asked
 
 
-def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters):
-    """`registration`, no longer ``OK`` where few points hold a motion of which nothing was known before.
+def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters) -> Registration:
+    """Return the registration, ``DEGENERATE`` instead of ``OK`` where few points constrain it after a weak prior.
 
-    Along a corridor that repeats itself another place fits a few points as well as the true one does.
+    In a corridor with repeated structure few points fit equally well at another place.
     """
-    weak, spread = registration.weakest_information, prior.translation_sigma
-    if registration.status is not Status.OK or observability_ratio(registration, parameters) == 1.0 or spread <= parameters.weak_prior_sigma:
+    weak, sigma = registration.weakest_information, prior.translation_sigma
+    if registration.status is not Status.OK or weak is None or weak >= parameters.weak_prior_information:
         return registration
-    reason = f'{few_points_reason(weak, parameters.weak_prior_information)} where the motion is expected to {spread:.2f} m only'
+    if sigma <= parameters.weak_prior_sigma:
+        return registration
+    reason = (f'{few_points_reason(weak, parameters.weak_prior_information)}, as the predicted translation has a '
+              f'standard deviation of {sigma:.2f} m')
     return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
 
 
-def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters):
-    """Pairs ``(K, 2)`` of segments that lie on one line, side by side, once the current ones are moved."""
+def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters) -> IntArray:
+    """Return the pairs ``(K, 2)`` of segments that overlap on one line after the transform of the current ones."""
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
-    turned = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
+    rotation = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
     moved = cmath.exp(1j * transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
     step = (moved - as_complex(reference.midpoint)[:, None]) * np.exp(-1j * reference.direction)[:, None]
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
-    alike = (turned < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
+    alike = (rotation < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
     return np.array(alike.nonzero()).T

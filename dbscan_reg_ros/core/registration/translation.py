@@ -3,23 +3,25 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ..features.records import EndKind, Segments
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex, as_vectors
 from ..geometry.symmetric_matrix import solve
 from ..parameters.registration import TranslationParameters
-from .clustering import choose_clustering
-from .dbscan import NOISE, k_distances, knee, pairs_before, unlabelled, without_gaps
-from .paper.squared_translation import squared_samples
+from .dbscan import NOISE, k_distances, knee, pairs_before, recluster, unlabelled, without_gaps
+from .paper.clustering import choose_clustering
 from .point_to_line import normal_equations
+from .records import TranslationSamples
 from .rotation import Rotations, wrap_period
 
 
 @dataclass(frozen=True, eq=False)
 class Translations:
-    """Translation hypotheses, C of them, and the samples that they were made from.
+    """Translation hypotheses, C of them, heaviest first, and their samples.
 
     Attributes
     ----------
@@ -37,67 +39,101 @@ class Translations:
         Neighbourhood of DBSCAN that was used.
     find_shortest : callable
         Makes `shortest`.
-    shortest : (K, 3) float
-        x, y [m] and theta [rad]: the shortest translation that lays the lines on one another, for the heaviest rotations;
-        found when first asked for.
     """
 
-    transform: np.ndarray
-    weight: np.ndarray
-    samples: np.ndarray
-    sample_weight: np.ndarray
-    rotation: np.ndarray
-    labels: np.ndarray
+    transform: FloatArray
+    weight: FloatArray
+    samples: FloatArray
+    sample_weight: FloatArray
+    rotation: IntArray
+    labels: IntArray
     eps: float
-    find_shortest: Callable
+    find_shortest: Callable[[], FloatArray]
 
     @cached_property
-    def shortest(self):
+    def shortest(self) -> FloatArray:
+        """``(K, 3)``: the shortest motion that aligns the lines, for the heaviest rotations; computed on first use."""
         return self.find_shortest()
 
 
-def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights,
-                          parameters: TranslationParameters) -> Translations:
-    """Cluster the translations that pairs of matched lines and matched end points ask for, for every rotation.
+TranslationForm = Callable[[Segments, Segments, Rotations, FloatArray, TranslationParameters], TranslationSamples]
+"""Makes samples of translations from reference, current scan, rotations, weights ``(n, m)`` of pairs, parameters."""
 
-    The squared form takes lines only, and every sample weighs the same.
+
+def choose_translation_form(name: str) -> TranslationForm:
+    """Return the form of the line equations that `translation.form` names; the paper's is imported only when chosen."""
+    if name == 'squared':
+        from .paper.squared_translation import squared_form
+        return squared_form
+    return signed_form
+
+
+def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
+                          parameters: TranslationParameters) -> Translations:
+    """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
 
     Parameters
     ----------
     reference, current : Segments
+        n and m of them.
     rotations : Rotations
     weights : (n, m) array
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    if parameters.form == 'squared':
-        solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi]
-        samples = as_complex(np.concatenate([np.empty((0, 2)), *solutions]))
-        mass, rotation = np.ones(len(samples)), np.repeat(np.arange(len(solutions)), [len(s) for s in solutions])
-        shortest = partial(np.empty, (0, 3))
-    else:
-        pairs = match_lines(rotations, weights, parameters)
-        equations = signed_equations(reference, current, rotations, pairs)
-        lines = line_samples(pairs, equations, parameters)
-        ends = end_samples(reference, current, rotations, pairs, parameters)
-        samples, mass, rotation = (np.concatenate(part) for part in zip(lines, ends))
-        shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest_rotations])
-    if not len(samples):
-        return Translations(np.empty((0, 3)), np.empty(0), as_vectors(samples), mass, rotation, np.empty(0, dtype=int), 0.0,
-                            shortest)
-    eps = parameters.eps or knee_eps(samples, rotation, parameters)
-    labels = cluster(samples, rotation, eps, parameters)
-    return _rank(samples, mass, rotation, labels, eps, rotations.phi, shortest)
+    samples = choose_translation_form(parameters.form)(reference, current, rotations, weights, parameters)
+    eps = 0.0
+    if len(samples.translation):
+        eps = parameters.eps or knee_eps(samples.translation, samples.rotation, parameters)
+    labels = cluster(samples.translation, samples.rotation, eps, parameters)
+    return rank_clusters(samples, labels, eps, rotations.phi)
 
 
-def match_lines(rotations, weights, parameters):
-    """The heaviest pairs of lines that each rotation makes parallel (Eq. 12).
+def signed_form(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
+                parameters: TranslationParameters) -> TranslationSamples:
+    """Return the samples of `line_samples` and `end_samples`: directed lines give the sign of the distance."""
+    pairs = match_lines(rotations, weights, parameters)
+    equations = signed_equations(reference, current, rotations, pairs)
+    parts = line_samples(pairs, equations, parameters), end_samples(reference, current, rotations, pairs, parameters)
+    translation, weight, rotation = (np.concatenate(part) for part in zip(*(each[:3] for each in parts), strict=True))
+    shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest_rotations])
+    return TranslationSamples(translation, weight, rotation, shortest)
 
-    Returns
-    -------
-    rotation, line_r, line_o : (L,) int arrays
-    weight : (L,) array
+
+class LinePairs(NamedTuple):
+    """Pairs of lines that a rotation makes parallel, L of them, by rotation and then by weight.
+
+    Attributes
+    ----------
+    rotation : (L,) int
+        Index of the rotation.
+    reference, current : (L,) int
+        Index of the segment in either scan.
+    weight : (L,) float
     """
+
+    rotation: IntArray
+    reference: IntArray
+    current: IntArray
+    weight: FloatArray
+
+
+class LineEquations(NamedTuple):
+    """Lines in the plane of translations, ``n . t = distance``, L of them.
+
+    Attributes
+    ----------
+    along : (L,) complex
+        Unit direction of the line; the unit normal n is to its left.
+    distance : (L,) float [m]
+    """
+
+    along: ComplexArray
+    distance: FloatArray
+
+
+def match_lines(rotations: Rotations, weights: FloatArray, parameters: TranslationParameters) -> LinePairs:
+    """Return the heaviest `translation.max_pairs` pairs of lines that each rotation makes parallel (Eq. 12)."""
     off = wrap_period(rotations.difference.ravel() - rotations.phi[:, None], 2.0 * np.pi)
     rotation, pair = (np.abs(off) < 2.0 * parameters.parallel_sigma).nonzero()
     weight = np.exp(-0.5 * (off[rotation, pair] / parameters.parallel_sigma) ** 2) * weights.ravel()[pair]
@@ -105,45 +141,42 @@ def match_lines(rotations, weights, parameters):
     size = np.bincount(rotation)
     rank = np.arange(len(order)) - (size.cumsum() - size).repeat(size)
     chosen = order[rank < parameters.max_pairs]
-    return rotation[chosen], *np.divmod(pair[chosen], weights.shape[1]), weight[chosen]
+    return LinePairs(rotation[chosen], *np.divmod(pair[chosen], weights.shape[1]), weight[chosen])
 
 
-def signed_equations(reference, current, rotations, pairs):
-    """The lines ``n . t = n . (m_R - Rot(phi) m_O)``, one for each pair of lines (Eq. 13).
-
-    Returns
-    -------
-    along : (L,) complex array
-        Direction of the line; the unit normal n lies to its left.
-    distance : (L,) array [m]
-        The right side.
-    """
+def signed_equations(reference: Segments, current: Segments, rotations: Rotations, pairs: LinePairs) -> LineEquations:
+    """Return the equation ``n . t = n . (m_R - Rot(phi) m_O)`` of each pair of lines (Eq. 13)."""
     rotation, r, o, _ = pairs
-    angle = reference.direction[r] - 0.5 * wrap_period(rotations.difference[r, o] - rotations.phi[rotation], 2.0 * np.pi)
+    off = wrap_period(rotations.difference[r, o] - rotations.phi[rotation], 2.0 * np.pi)
+    angle = reference.direction[r] - 0.5 * off
     along = np.exp(1j * angle)
     apart = as_complex(reference.midpoint)[r] - np.exp(1j * rotations.phi)[rotation] * as_complex(current.midpoint)[o]
-    return along, (along.conj() * apart).imag
+    return LineEquations(along, (along.conj() * apart).imag)
 
 
-def line_samples(pairs, equations, parameters):
-    """Translations (complex [m]) from all pairs of non-parallel line equations (Eq. 14-15)."""
-    rotation, _, _, weight = pairs
+def line_samples(pairs: LinePairs, equations: LineEquations, parameters: TranslationParameters) -> TranslationSamples:
+    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15)."""
     along, distance = equations
-    first, second = pairs_before(rotation.searchsorted(rotation, 'right'))
+    first, second = pairs_before(pairs.rotation.searchsorted(pairs.rotation, 'right'))
     determinant = (along.conj()[first] * along[second]).imag
     crossing = np.abs(determinant) > parameters.min_crossing_sine
     first, second, determinant = first[crossing], second[crossing], determinant[crossing]
-    samples = (distance[first] * along[second] - distance[second] * along[first]) / determinant
-    return samples, np.minimum(weight[first], weight[second]) * np.abs(determinant), rotation[first]
+    translation = (distance[first] * along[second] - distance[second] * along[first]) / determinant
+    weight = np.minimum(pairs.weight[first], pairs.weight[second]) * np.abs(determinant)
+    return TranslationSamples(translation, weight, pairs.rotation[first])
 
 
-def shortest_translations(pairs, equations, phi):
-    """The shortest translation that lays all lines on one another, for each of the first rotations, ``(K, 3)``.
+def shortest_translations(pairs: LinePairs, equations: LineEquations, phi: FloatArray) -> FloatArray:
+    """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
 
-    Robust and damped least squares: between parallel walls, where no two lines cross, what they leave open is no motion.
+    Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
+
+    Returns
+    -------
+    (K, 3) array
     """
-    last = pairs[0].searchsorted(len(phi))
-    rotation, _, _, weight = (part[:last] for part in pairs)
+    last = int(pairs.rotation.searchsorted(len(phi)))
+    rotation, weight = pairs.rotation[:last], pairs.weight[:last]
     along, distance = (part[:last] for part in equations)
     weight = weight * (np.arange(len(phi))[:, None] == rotation)
     rows = np.array((-along.imag, along.real, np.zeros(last), -distance))
@@ -156,85 +189,93 @@ def shortest_translations(pairs, equations, phi):
 
 
 _SHORTEST_SCALES = 1.0, 0.1
-"""Of the distance [m] between two lines, from one iteration to the next."""
+"""Scales of the robust weight [m], from one iteration to the next."""
 _SHORTEST_DAMPING = 0.01
+"""Damping, as in `symmetric_matrix.solve`."""
 
 
-def end_samples(reference, current, rotations, pairs, parameters):
-    """Translations (complex [m]) from matched end points: starts onto starts, ends onto ends, where both are points of the
-    world.
-    """
+def end_samples(reference: Segments, current: Segments, rotations: Rotations, pairs: LinePairs,
+                parameters: TranslationParameters) -> TranslationSamples:
+    """Match start points with start points and end points with end points, if both are fixed points of the world."""
     rotation, r, o, weight = pairs
-    weights = parameters.end_weight * _END_WORTH[reference.kinds.T[:, r], current.kinds.T[:, o]]
+    weights = parameters.end_weight * _END_WEIGHT[reference.kinds.T[:, r], current.kinds.T[:, o]]
     side, use = weights.nonzero()
-    here, there = (np.array((as_complex(each.start), as_complex(each.end))) for each in (reference, current))
+    ends_r, ends_o = (np.array((as_complex(each.start), as_complex(each.end))) for each in (reference, current))
     group = rotation[use]
-    samples = here[side, r[use]] - np.exp(1j * rotations.phi)[group] * there[side, o[use]]
-    return samples, weight[use] * weights[side, use], group
+    translation = ends_r[side, r[use]] - np.exp(1j * rotations.phi)[group] * ends_o[side, o[use]]
+    return TranslationSamples(translation, weight[use] * weights[side, use], group)
 
 
-_END_WORTH = np.zeros((3, 3))
-_END_WORTH[EndKind.CORNER, EndKind.CORNER] = 1.0
-_END_WORTH[EndKind.FREE, EndKind.FREE] = 0.7
-_END_WORTH[EndKind.CORNER, EndKind.FREE] = _END_WORTH[EndKind.FREE, EndKind.CORNER] = 0.4
-_END_WORTH[EndKind.OCCLUSION, :] = _END_WORTH[:, EndKind.OCCLUSION] = 0.1
+_END_WEIGHT = np.zeros((3, 3))
+_END_WEIGHT[EndKind.CORNER, EndKind.CORNER] = 1.0
+_END_WEIGHT[EndKind.FREE, EndKind.FREE] = 0.7
+_END_WEIGHT[EndKind.CORNER, EndKind.FREE] = _END_WEIGHT[EndKind.FREE, EndKind.CORNER] = 0.4
+_END_WEIGHT[EndKind.OCCLUSION, :] = _END_WEIGHT[:, EndKind.OCCLUSION] = 0.1
 
 
-def knee_eps(samples, rotation, parameters):
-    """The neighbourhood from the knee of the k-dist graph of all samples, within its bounds."""
-    apart = _apart(samples, rotation, parameters.eps_max)
+def knee_eps(samples: ComplexArray, rotation: IntArray, parameters: TranslationParameters) -> float:
+    """Return the neighbourhood [m] at the knee of the k-dist graph of all samples, within its bounds."""
+    apart = _separated(samples, rotation, parameters.eps_max)
     bend = knee(k_distances(as_vectors(apart), max(parameters.min_samples - 1, 1)))
     return min(max(bend, parameters.eps_min), parameters.eps_max)
 
 
-def _apart(samples, rotation, reach):
-    """The samples of each rotation moved along x, out of the others' reach."""
+def _separated(samples: ComplexArray, rotation: IntArray, max_eps: float) -> ComplexArray:
+    """Move the samples of each rotation along x, so that those of different rotations are no neighbours."""
     x = samples.real
-    return samples + (10.0 * reach + x.max() - x.min()) * rotation
+    return samples + (10.0 * max_eps + x.max() - x.min()) * rotation
 
 
-def cluster(samples, rotation, eps, parameters):
-    """DBSCAN of the samples (complex [m]) of each rotation; clusters wider than `width` again, twice as finely."""
-    labels, clustering = unlabelled(len(samples)), choose_clustering(parameters.clustering)
-    apart = as_vectors(_apart(samples, rotation, max(eps, parameters.eps_max)))
-    todo, offset = np.arange(len(samples)), 0
-    for _ in range(parameters.recluster_levels + 1):
-        found = clustering.dbscan_plane(apart[todo], eps, parameters.min_samples)
-        kept = found != NOISE
-        todo, found = todo[kept], found[kept]
-        if not len(todo):
-            break
-        labels[todo] = found + offset
-        if parameters.max_width <= 0.0:
-            break
-        chosen, weight = samples[todo], np.bincount(found)
-        off = np.abs(chosen - _means(found, chosen, weight)[found])
-        wide = (np.bincount(found, off * off) > parameters.max_width ** 2 * weight)[found]
-        if not wide.any():
-            break
-        offset += len(weight)
-        todo, eps = todo[wide], 0.5 * eps
-    return labels
+def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: TranslationParameters) -> IntArray:
+    """Cluster the samples (complex [m]) of each rotation; clusters wider than `translation.max_width` are chains."""
+    if not len(samples):
+        return unlabelled(0)
+    clustering, max_width = choose_clustering(parameters.clustering), parameters.max_width
+    apart = as_vectors(_separated(samples, rotation, max(eps, parameters.eps_max)))
+
+    def cluster_chosen(chosen: IntArray, ratio: float) -> IntArray:
+        return clustering.dbscan_plane(apart[chosen], ratio * eps, parameters.min_samples)
+
+    def is_chain(chosen: IntArray, found: IntArray) -> BoolArray:
+        values, weight = samples[chosen], np.bincount(found)
+        off = np.abs(values - _means(found, values, weight)[found])
+        chain: BoolArray = (np.bincount(found, off * off) > max_width ** 2 * weight)[found]
+        return chain
+
+    return recluster(len(samples), parameters.recluster_levels if max_width > 0.0 else 0, cluster_chosen, is_chain)
 
 
-def _means(group, values, weight, mass=1.0):
-    """Means of the complex `values` of each group, groups numbered from 0, from their `mass` and its sum, the `weight`."""
-    values = mass * values
-    return (np.bincount(group, values.real) + 1j * np.bincount(group, values.imag)) / weight
+def _means(group: IntArray, values: ComplexArray, weight: FloatArray | IntArray,
+           sample_weight: FloatArray | float = 1.0) -> ComplexArray:
+    """Return the weighted means of the complex `values` of each group; `weight` is the sum of each group's weights."""
+    values = sample_weight * values
+    means: ComplexArray = (np.bincount(group, values.real) + 1j * np.bincount(group, values.imag)) / weight
+    return means
 
 
-def _rank(samples, mass, rotation, labels, eps, phi, shortest):
-    """Weighted mean and weight of each cluster, heaviest first."""
-    at = (labels != NOISE).nonzero()[0]
-    index = without_gaps(labels[at])
-    weight = np.bincount(index, mass[at])
+def rank_clusters(samples: TranslationSamples, labels: IntArray, eps: float, phi: FloatArray) -> Translations:
+    """Return the weighted mean and the weight of each cluster, heaviest first.
+
+    Parameters
+    ----------
+    samples : TranslationSamples
+    labels : (S,) int array
+    eps : float [m]
+    phi : (K,) array [rad]
+        The rotations.
+    """
+    translation, sample_weight, rotation, find_shortest = samples
+    members = (labels != NOISE).nonzero()[0]
+    index = without_gaps(labels[members])
+    weight = np.bincount(index, sample_weight[members])
     order = (-weight).argsort(kind='stable')
-    mean = _means(index, samples[at], weight, mass[at])
+    mean = _means(index, translation[members], weight, sample_weight[members])
     angle = np.empty(len(weight))
-    angle[index] = phi[rotation[at]]
+    angle[index] = phi[rotation[members]]
     rank = np.empty(len(weight), dtype=int)
     rank[order] = np.arange(len(order))
-    ranked = unlabelled(len(samples))
-    ranked[at] = rank[index]
+    ranked = unlabelled(len(translation))
+    ranked[members] = rank[index]
     transform = np.array((mean.real, mean.imag, angle)).T
-    return Translations(transform[order], weight[order], as_vectors(samples), mass, rotation, ranked, eps, shortest)
+    return Translations(transform[order], weight[order], as_vectors(translation), sample_weight, rotation, ranked, eps,
+                        find_shortest)

@@ -6,146 +6,192 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..features.oriented_points import OrientedPoints
+from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import turned
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.registration import DecisionParameters
 from ..parameters.tree import Parameters
 from .degeneracy import is_corridor_like, weakest_direction, without_near_parallel
-from .point_to_line import jacobian, mean_square, normal_equations, shared_information
-
-
-def uncertainty(candidate, found, cloud, noise, p: Parameters):
-    """Covariance ``(3, 3)`` of a motion in the current sensor's frame, and what holds it, `Observability`.
-
-    The information is that of the points of a `sampled_points` as they were `found` there, a `Fit`, each as uncertain as the points that
-    fit are, at least the range `noise` [m].
-    """
-    rows, own = jacobian(found.normals[0], found.rotated_points[0]), own_jacobian(cloud.sharpened(cloud.normals), candidate[2], found.rotated_points[0])
-    weight = cloud.weighted(found.weight(p.refinement.score_scale))[0]
-    covariance, held = match_covariance(found.error[0], weight, rows, own, noise, p.decision)
-    return turned(covariance, -candidate[2]), held
-
-
-def own_jacobian(normals, theta, rotated_points):
-    """``(3, P)`` `jacobian` by the points' own `normals` (complex), turned by `theta` [rad]."""
-    return jacobian((cmath.exp(1j * theta) * normals).conj(), rotated_points)
-
-
-def match_covariance(error, weight, rows, own, noise, parameters: DecisionParameters, free_way=False, rotation_unobservable=False):
-    """As `uncertainty`, from the errors [m] of points, their weights and derivatives, and the noise [m] of a range.
-
-    Parameters
-    ----------
-    error, weight : (P,) arrays
-    rows, own : (3, P) arrays
-        As for `shared_information`.
-    free_way, free_turn : bool
-        The latest key frame leaves the translation along a direction, or the rotation, free: others have to hold it beyond
-        chance, or cannot.
-    """
-    information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
-    angle, weak, _ = weakest_direction(shared)
-    if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
-        straight, own_straight = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows) for each in (rows, own))
-        shared = shared_information(straight, weight, own_straight)
-    points = float(weight.sum())
-    held = observability(information, shared, points, parameters)
-    if free_way:
-        chance = _chance(points) * (weakest_direction(information)[1] - held.weak)
-        held = held._replace(weak=max(held.weak - chance, 0.0))
-    if rotation_unobservable:
-        held = held._replace(turn=0.0)
-    return calibrated_covariance(information, shared, mean_square(error, weight) + noise ** 2, held, parameters), held
+from .point_to_line import Fit, jacobian, mean_square, normal_equations, shared_information
 
 
 class Observability(NamedTuple):
-    """What holds a motion.
+    """How well points constrain a motion.
 
     Attributes
     ----------
     angle : float [rad]
-        The direction of the translation that is known least.
+        Direction in which the translation is constrained least.
     weak : float
-        Points that hold it.
-    turn : float
-        Points, as if 1 m away, that hold the rotation.
+        Number of points that constrain the translation along it.
+    rotation : float
+        Number of points, as if at a distance of 1 m, that constrain the rotation.
     """
 
     angle: float
     weak: float
-    turn: float
+    rotation: float
 
 
-def observability(information, shared, points, parameters: DecisionParameters) -> Observability:
-    """What of the `information` ``(3, 3)`` of so many `points` is `shared` by both scans: noise on the normals holds nothing.
+class Residuals(NamedTuple):
+    """Residuals of P points of a registered scan.
 
-    Where only noise holds the rotation, as in a round room, a match turns to where that of both scans happens to agree.
+    Attributes
+    ----------
+    error : (P,) float [m]
+    weight : (P,) float
+    rows, own : (3, P) float
+        `jacobian` by the normals of the lines, and by the points' own, as for `shared_information`.
+    noise : float [m]
+        Standard deviation of a range.
+    """
+
+    error: FloatArray
+    weight: FloatArray
+    rows: FloatArray
+    own: FloatArray
+    noise: float
+
+
+def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise: float,
+                p: Parameters) -> tuple[FloatArray, Observability]:
+    """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
+
+    Parameters
+    ----------
+    candidate : (3,) array
+    found : Fit
+        Of the candidate, for the `points`.
+    points : OrientedPoints
+        Of the current scan.
+    noise : float [m]
+        Standard deviation of a range. It adds to the spread of the errors.
+    p : Parameters
+    """
+    rows = jacobian(found.normals[0], found.rotated_points[0])
+    own = own_jacobian(points.sharpened(points.normals), float(candidate[2]), found.rotated_points[0])
+    weight = points.weighted(found.weight(p.refinement.score_scale))[0]
+    covariance, observed = match_covariance(Residuals(found.error[0], weight, rows, own, noise), p.decision)
+    return turned(covariance, -candidate[2]), observed
+
+
+def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArray) -> FloatArray:
+    """Return the `jacobian` ``(3, P)`` by the points' own `normals` (complex), rotated by `theta` [rad]."""
+    return jacobian((cmath.exp(1j * theta) * normals).conj(), rotated_points)
+
+
+def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, latest_degenerate: bool = False,
+                     rotation_unobservable: bool = False) -> tuple[FloatArray, Observability]:
+    """Return the covariance ``(3, 3)`` of a match in the frame of the residuals, and its `Observability`.
+
+    Parameters
+    ----------
+    residuals : Residuals
+    parameters : DecisionParameters
+    latest_degenerate : bool
+        Whether the translation to the latest key frame is degenerate: older ones have to constrain it beyond chance.
+    rotation_unobservable : bool
+        Whether the rotation is unobservable, whatever the residuals say.
+    """
+    error, weight, rows, own, noise = residuals
+    information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
+    angle, weak, _ = weakest_direction(shared)
+    if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
+        parallel, own_parallel = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows)
+                                  for each in (rows, own))
+        shared = shared_information(parallel, weight, own_parallel)
+    count = float(weight.sum())
+    observed = observability(information, shared, count, parameters)
+    if latest_degenerate:
+        chance = _chance_ratio(count) * (weakest_direction(information)[1] - observed.weak)
+        observed = observed._replace(weak=max(observed.weak - chance, 0.0))
+    if rotation_unobservable:
+        observed = observed._replace(rotation=0.0)
+    variance = mean_square(error, weight) + noise ** 2
+    return calibrated_covariance(information, shared, variance, observed, parameters), observed
+
+
+def observability(information: FloatArray, shared: FloatArray, count: float,
+                  parameters: DecisionParameters) -> Observability:
+    """Return what of the `information` ``(3, 3)`` of `count` points is `shared` ``(3, 3)`` by both scans.
+
+    Noise of the normals constrains nothing. In a round room, where only noise constrains the rotation, a match rotates
+    to where the noise of both scans agrees by chance: that much is subtracted.
     """
     angle, weak, _ = weakest_direction(shared)
-    turn = _turn_information(shared, information, parameters)[0]
-    noise = max(_turn_information(information, information, parameters)[0] - turn, 0.0)
-    return Observability(angle, weak, max(turn - _chance(points) * noise, 0.0))
+    rotation = _rotation_information(shared, information, parameters)[0]
+    noise = max(_rotation_information(information, information, parameters)[0] - rotation, 0.0)
+    return Observability(angle, weak, max(rotation - _chance_ratio(count) * noise, 0.0))
 
 
-def _chance(points):
-    """The share of what noise seems to hold in which so many `points` of two scans may agree by chance."""
-    return _CHANCE * math.sqrt(_ALIKE / max(points, 1.0))
+def _chance_ratio(count: float) -> float:
+    """Return the ratio of noise information in which `count` points of two scans may agree by chance."""
+    return _CHANCE * math.sqrt(_DEPENDENT / max(count, 1.0))
 
 
-def _turn_information(shared, information, parameters):
-    """Of the rotation, whatever the translation, and the translation along x and y [m/rad] that goes with it."""
+def _rotation_information(shared: FloatArray, information: FloatArray,
+                          parameters: DecisionParameters) -> tuple[float, float, float]:
+    """Return the information about the rotation, and the translation along x and y [m/rad] that compensates it best."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
-    x, y, turn = shared[2].tolist()
+    x, y, rotation = shared[2].tolist()
     xx, yy = xx + parameters.min_information, yy + parameters.min_information
     determinant = xx * yy - xy * xy
-    along, across = (xy * y - yy * x) / determinant, (xy * x - xx * y) / determinant
-    return turn + along * x + across * y, along, across
+    dx, dy = (xy * y - yy * x) / determinant, (xy * x - xx * y) / determinant
+    return rotation + dx * x + dy * y, dx, dy
 
 
-def degenerate_translation(angle, shared, parameters: DecisionParameters):
-    """``(3,)``: a way of 1 m along `angle` [rad], and the turn [rad] that goes with it by the `shared` information ``(3, 3)``.
+def degenerate_translation(angle: float, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
+    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it.
 
-    What is held as long as nothing turns, as the way along the wall of a round room is, may be free where it turns.
+    A direction may be degenerate only together with a rotation, as along the wall of a round room. The rotation follows
+    from the `shared` information ``(3, 3)``.
     """
-    (xx, xy, x), (_, yy, y), (_, _, turn) = shared.tolist()
+    (xx, xy, x), (_, yy, y), (_, _, rotation) = shared.tolist()
     c, s = math.cos(angle), math.sin(angle)
-    turns = min(c * c * xx + 2.0 * c * s * xy + s * s * yy, turn) > parameters.min_information
-    return np.array([c, s, -(x * c + y * s) / turn if turns else 0.0])
+    rotates = min(c * c * xx + 2.0 * c * s * xy + s * s * yy, rotation) > parameters.min_information
+    return np.array([c, s, -(x * c + y * s) / rotation if rotates else 0.0])
 
 
-def degenerate_rotation(information, shared, parameters: DecisionParameters):
-    """``(3,)``: a turn of 1 rad, and the way [m] that goes with it; arguments as for `calibrated_covariance`."""
-    _, *way = _turn_information(shared, information, parameters)
-    return np.array((*way, 1.0))
+def degenerate_rotation(information: FloatArray, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
+    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] that goes with it."""
+    _, dx, dy = _rotation_information(shared, information, parameters)
+    return np.array((dx, dy, 1.0))
 
 
-def calibrated_covariance(information, shared, variance, held: Observability, parameters: DecisionParameters):
-    """Covariance of a motion from the information ``(3, 3)`` of its points, each with the `variance` [m^2].
+def calibrated_covariance(information: FloatArray, shared: FloatArray, variance: float, observed: Observability,
+                          parameters: DecisionParameters) -> FloatArray:
+    """Return the covariance ``(3, 3)`` of a motion from the information of its points.
 
-    What holds a direction is the `shared` information ``(3, 3)``. Few points hold it less surely than their number says:
-    their errors are not independent. What less than `min_information` hold is free.
+    Few points along a direction are less certain than their number says, as their errors are not independent. A
+    direction that fewer than `decision.min_information` points constrain gets the variance of an unknown motion.
 
-    Returns
-    -------
-    (3, 3) array
+    Parameters
+    ----------
+    information, shared : (3, 3) arrays
+        Of all points, and the part on which both scans agree.
+    variance : float [m^2]
+        Of a point.
+    observed : Observability
+    parameters : DecisionParameters
     """
     variance = variance * parameters.covariance_scale
-    known, _, known_turn = parameters.prior_information()
+    known, _, known_rotation = parameters.prior_information()
     posterior = information / variance
     posterior.flat[::4] += parameters.prior_information()
-    covariance = inverse(posterior)
-    along, free = degenerate_translation(held.angle, shared, parameters), 1.0 / known
-    extra = free if held.weak < parameters.min_information else min(variance * parameters.few_points_scale / held.weak ** 2, free)
+    covariance: FloatArray = inverse(posterior)
+    along, unknown = degenerate_translation(observed.angle, shared, parameters), 1.0 / known
+    extra = unknown
+    if observed.weak >= parameters.min_information:
+        extra = min(variance * parameters.few_points_scale / observed.weak ** 2, unknown)
     covariance += extra * along[:, None] * along
-    if held.turn < parameters.min_information:
-        turn = degenerate_rotation(information, shared, parameters)
-        covariance += turn[:, None] * turn / known_turn
+    if observed.rotation < parameters.min_information:
+        rotation = degenerate_rotation(information, shared, parameters)
+        covariance += rotation[:, None] * rotation / known_rotation
     return covariance
 
 
 _CHANCE = 3.0
-"""So many standard deviations of noise may agree by chance."""
-
-
-_ALIKE = 5.0
-"""The normals of so many neighbours are made of the same points."""
+"""Noise may agree by chance up to this many standard deviations."""
+_DEPENDENT = 5.0
+"""Number of neighbouring points whose normals depend on one another."""

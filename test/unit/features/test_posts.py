@@ -10,7 +10,7 @@ from rooms import FULL, L_ROOM, outline
 from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.small_objects import with_poles
-from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -119,7 +119,7 @@ def test_a_post_holds_both_directions():
     pose = SE2(0.04, -0.03, 0.02)
     reference, current = seen(SE2()), seen(pose)
     assert len(reference.oriented_points) == len(current.oriented_points) == 16
-    found, _ = refine(np.zeros((1, 3)), current.sampled_points, reference.likelihood_field, [0.2] * 10, 0.5, 0.003)
+    found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.5, 0.003), [0.2] * 10)
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
 
 

@@ -20,7 +20,7 @@ from dbscan_reg_ros.core.features.range_noise import (
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.pipeline import register
-from dbscan_reg_ros.core.registration.point_to_line import fit, refine
+from dbscan_reg_ros.core.registration.point_to_line import Alignment, fit, refine
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS, follow, hall, simulate
 
@@ -129,11 +129,12 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     sharp, blunt = (fit(still, each, surface, density.min_normal_cosine) for each in (noisy, plain))
     assert sharp.rows() == pytest.approx(blunt.rows() * inverse_noise, abs=1e-12)
     assert (sharp.alike == blunt.alike).all()
-    found, _ = refine(still, noisy, surface, [100.0], density.min_normal_cosine, 0.0)
+    found, _ = refine(still, Alignment(noisy, surface, density.min_normal_cosine, 0.0), [100.0])
     rows = blunt.rows()[0] * (inverse_noise * blunt.alike[0])
     step, *_ = np.linalg.lstsq(rows[:3].T, -rows[3], rcond=None)
     assert found[0] == pytest.approx(step, abs=1e-6)
-    assert np.abs(found[0] - refine(still, plain, surface, [100.0], density.min_normal_cosine, 0.0)[0][0]).max() > 1e-4
+    unweighted, _ = refine(still, Alignment(plain, surface, density.min_normal_cosine, 0.0), [100.0])
+    assert np.abs(found[0] - unweighted[0]).max() > 1e-4
 
 
 def test_a_part_of_a_cloud_stays_as_sharp():

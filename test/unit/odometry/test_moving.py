@@ -24,7 +24,7 @@ from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
 )
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, Person, World, corridor, follow, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -213,7 +213,7 @@ def test_points_in_doubt_count_little():
     normals = np.tile((0.0, -1.0), (90, 1))
     reference, current = (dataclasses.replace(wall, points=each, beams=np.arange(90), normals=normals) for each in (points, moved))
     def shift(features):
-        found, _ = refine(np.zeros((1, 3)), features.sampled_points, reference.likelihood_field, [0.2] * 5, 0.5, 0.003)
+        found, _ = refine(np.zeros((1, 3)), Alignment(features.sampled_points, reference.likelihood_field, 0.5, 0.003), [0.2] * 5)
         return found[0, 1]
     assert shift(current) == pytest.approx(-0.0667, abs=0.005)
     assert shift(current.downweighted(np.arange(90) % 3 > 0, 0.03)) == pytest.approx(0.0, abs=0.01)

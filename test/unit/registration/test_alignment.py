@@ -16,6 +16,7 @@ from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, alig
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import (
+    Alignment,
     NO_STEP,
     fit,
     jacobian,
@@ -120,10 +121,14 @@ def polished(reference, current, candidate):
     return polish(candidate, found, current.oriented_points, PARAMETERS.refinement)
 
 
+def alignment(reference, current):
+    return Alignment(current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine, 1e-6)
+
+
 def test_every_candidate_is_refined_to_the_motion():
     reference, current = features(START), features(END)
     near = rows(NEAR, MOTION @ SE2(-0.1, 0.08, -0.05))
-    found, _ = refine(near, current.sampled_points, reference.likelihood_field, [0.2, 0.2, 0.1, 0.05, 0.05], DENSITY.min_normal_cosine, 1e-6)
+    found, _ = refine(near, alignment(reference, current), [0.2, 0.2, 0.1, 0.05, 0.05])
     assert np.abs(found - MOTION.as_array()).max() < 2e-3
     assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
     last, _ = polished(reference, current, found[0])
@@ -132,7 +137,7 @@ def test_every_candidate_is_refined_to_the_motion():
 
 def test_refining_from_a_known_fit_is_refining():
     reference, current = features(START), features(END)
-    usual, known = (refine(rows(NEAR), current.sampled_points, reference.likelihood_field, [0.1, 0.05], DENSITY.min_normal_cosine, 1e-6, known)
+    usual, known = (refine(rows(NEAR), alignment(reference, current), [0.1, 0.05], known)
                     for known in (None, fitted(reference, current, MOTION, NEAR).select([1])))
     np.testing.assert_array_equal(usual[0], known[0])
     np.testing.assert_array_equal(usual[1], known[1])

@@ -12,6 +12,7 @@ from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.point_to_line import fit, jacobian, normal_equations
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
+from dbscan_reg_ros.core.registration.search import Problem, Ranking
 from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, scatter, slid
 from dbscan_reg_ros.core.registration.uncertainty import (
     calibrated_covariance,
@@ -44,7 +45,7 @@ def judged(information, shared, points=100.0, parameters=PARAMETERS):
 def test_the_covariance_is_the_inverse_of_the_information():
     information = np.diag([100.0, 50.0, 400.0])
     covariance, held = judged(information, information)
-    assert (held.weak, held.turn) == pytest.approx((50.0, 400.0))
+    assert (held.weak, held.rotation) == pytest.approx((50.0, 400.0))
     assert np.diag(covariance) == pytest.approx([1e-6, 2e-6, 2.5e-7], rel=1e-3)
 
 
@@ -71,7 +72,7 @@ def test_a_rotation_that_only_noise_holds_is_free():
     information = np.diag([80.0, 80.0, 400.0])
     for shared, points, free in ((300.0, 100.0, False), (300.0, 1.0, True), (100.0, 100.0, True), (100.0, 1000.0, False)):
         covariance, held = judged(information, np.diag([80.0, 80.0, shared]), points)
-        assert (held.turn < PARAMETERS.min_information) == free
+        assert (held.rotation < PARAMETERS.min_information) == free
         assert (covariance[2, 2] > 9.0) == free
         assert covariance[0, 0] == pytest.approx(VARIANCE / 80.0, rel=1e-3)
 
@@ -122,6 +123,10 @@ def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
     assert level == pytest.approx(best + [-math.sin(0.4), math.cos(0.4), 0.0])
 
 
+def ranking(candidates, score, best):
+    return Ranking(candidates, np.array(score), np.ones(len(score)), np.zeros((len(score), 4, 4)), best)
+
+
 def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
@@ -130,8 +135,7 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
     assert held.weak > parameters.decision.min_information
     coarse = np.array([best, best + [math.cos(held.angle), math.sin(held.angle), 0.0]])
     for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
-        result = decide(best[None], np.array([0.9]), np.array([1.0]), found, coarse, np.array([0.9, rival]), reference, current,
-                        parameters)
+        result = decide(Problem(reference, current, parameters), ranking(best[None], [0.9], found), ranking(coarse, [0.9, rival], found))
         assert result.status is status
         assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
 
@@ -142,8 +146,8 @@ def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinem
     best = np.array([0.1, 0.0, 0.2])
     coarse = np.array([best, best + [1.0, 1.0, 1.0]])
     for rival, status in ((0.8, Status.OK), (0.88, Status.AMBIGUOUS)):
-        result = decide(best[None], np.array([0.7]), np.array([1.0]), fitted(reference, current, best), coarse,
-                        np.array([0.9, rival]), reference, current, Parameters())
+        found = fitted(reference, current, best)
+        result = decide(Problem(reference, current, Parameters()), ranking(best[None], [0.7], found), ranking(coarse, [0.9, rival], found))
         assert result.status is status
 
 
@@ -157,5 +161,5 @@ def test_few_points_are_not_enough_where_nothing_is_known_of_the_motion(status, 
         found = demoted_if_weak(registration, Prior(SE2(), covariance), DecisionParameters(weak_prior_sigma=0.5, weak_prior_information=10.0))
         assert found.status is expected
         if expected is not status:
-            assert found.reason == ('only 9.90 points hold the motion along one direction; 10.0 asked for where the motion '
-                                    'is expected to 0.60 m only')
+            assert found.reason == ('the translation along one direction is constrained by 9.90 points; expected at least 10.0, '
+                                    'as the predicted translation has a standard deviation of 0.60 m')

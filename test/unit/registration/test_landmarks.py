@@ -11,6 +11,7 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.small_objects import find_small_objects
 from dbscan_reg_ros.core.registration.landmarks import landmark_motions
 from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.registration.search import SearchStage
 from dbscan_reg_ros.core.scan import Scan, ScanGeometry
 from dbscan_reg_ros.figures.overlay import draw_overlay
 from dbscan_reg_ros.figures.sheet import SIZE
@@ -103,6 +104,19 @@ def test_scans_of_a_wood_are_laid_on_one_another_without_a_guess(drive):
             assert results[-1] or found.status is not Status.OK or parameters is NONE
     assert np.mean(right) >= 0.98
     assert np.mean(without) < 0.9, 'what the landmarks are there for'
+
+
+def test_landmarks_belong_to_the_wide_search_and_are_off_where_that_is_off(drive):
+    narrow = PARAMETERS.replace({'selection.wide_search_factor': 1})
+    without = narrow.replace({'selection.max_landmarks': 0})
+    differ = 0
+    for first in range(0, 400, 40):
+        pair = [extract_features(drive.scans[each], PARAMETERS) for each in (first, first + 30)]
+        found = [register(*pair, parameters) for parameters in (narrow, without)]
+        np.testing.assert_array_equal(*(each.transform.as_array() for each in found))
+        wide = [register(*pair, each, first_stage=SearchStage.WIDE) for each in (narrow, without)]
+        differ += wide[0].score > wide[1].score + 0.02
+    assert differ >= 1
 
 
 def test_after_four_seconds_without_a_scan_the_odometry_finds_itself_in_a_wood(drive):

@@ -10,6 +10,7 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.search import SearchStage
 
 ROOM = outline(L_ROOM)
 
@@ -153,7 +154,7 @@ def test_what_is_found_near_a_prior_is_what_all_hypotheses_lead_to():
         error = SE2.from_array(rng.normal(0.0, spread, 3) if k % 4 else rng.uniform(0.5, 1.5, 3))
         prior = Prior(truth @ error, np.eye(3) * spread ** 2)
         pair = features(start, noise=0.01, seed=2 * k), features(end, noise=0.01, seed=2 * k + 1)
-        one, other = register(*pair, prior=prior), register(*pair, prior=prior, near=False)
+        one, other = register(*pair, prior=prior), register(*pair, prior=prior, first_stage=SearchStage.NORMAL)
         assert one.status is other.status
         assert off(one, other.transform)[0] < 0.002 and off(one, other.transform)[1] < 0.001
         assert off(one, truth)[0] < 0.02

@@ -9,7 +9,6 @@ from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.parameters.registration import DegeneracyParameters
 from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction, weakest_direction
 from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.scoring import (
@@ -21,6 +20,7 @@ from dbscan_reg_ros.core.registration.scoring import (
     score,
     squared_mahalanobis,
 )
+from dbscan_reg_ros.core.registration.search import Problem
 
 ALIKE = Parameters().replace({'density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""
@@ -143,7 +143,7 @@ def test_the_weakest_direction_leaves_the_rotation_free():
 
 
 CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])
-FREE = DegeneracyParameters()
+FREE = ALIKE.degeneracy
 
 
 @pytest.mark.parametrize('off', [0.93, -0.47, 0.02, -0.93])
@@ -154,7 +154,7 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     truth = start.inverse() @ end
     axis = -start.theta
     away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
-    found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]), reference, current, FREE, DENSITY)
+    found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]), Problem(reference, current, ALIKE))
     assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.search_scale + 0.005
 
 
@@ -162,5 +162,5 @@ def test_without_points_that_face_along_it_a_free_direction_is_left_alone():
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     scan = features(SE2(0.0, 0.0, 0.7), walls)
     candidates = rows(SE2(0.3, 0.0, 0.0))
-    found = search_degenerate_direction(candidates, np.array([-0.7]), scan, scan, FREE, DENSITY)
+    found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
     np.testing.assert_array_equal(found, candidates)

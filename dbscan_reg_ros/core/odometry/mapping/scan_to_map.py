@@ -14,6 +14,7 @@ from ...registration.degeneracy import is_corridor_like, weakest_direction, with
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
 from ...registration.uncertainty import (
     Observability,
+    Residuals,
     degenerate_rotation,
     degenerate_translation,
     match_covariance,
@@ -128,8 +129,8 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
     error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
     own = _own_jacobian(features, pose, correspondences)
     covariance, observability = match_covariance(
-        error, weight, correspondences.rows[:3], own, features.noise, p.decision,
-        free_way=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable)
+        Residuals(error, weight, correspondences.rows[:3], own, features.noise), p.decision,
+        latest_degenerate=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable)
     return turned(covariance, -pose.theta), observability
 
 

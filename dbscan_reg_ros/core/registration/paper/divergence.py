@@ -6,29 +6,31 @@ from functools import partial
 import numpy as np
 from scipy.special import logsumexp
 
-from ...features.records import Features
+from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
 from ...parameters.registration import DivergenceParameters
-from ...parameters.tree import Parameters
-from ..point_to_line import fit
 from ..records import Hypothesis, Registration, Status
 from ..rotation import Rotations, wrap_period
 from ..scoring import score
+from ..search import Problem
 from ..status import failed, match_segments
 from ..translation import Translations
 
 _NODES = 8
-# Least variance [m^2, rad^2]: a cluster of one sample does not know how far off it is.
-_LEAST_VARIANCE = 1e-6
+"""Nodes of the interpolated density for each bandwidth."""
+_MIN_VARIANCE = 1e-6
+"""Minimum variance [m^2, rad^2]: the scatter of a cluster of one sample is 0."""
 
 
-def select_by_divergence(reference: Features, current: Features, rotations: Rotations, translations: Translations,
-                         p: Parameters) -> Registration:
-    """The sample of the key clusters that makes the two scans' densities most alike.
+def select_by_divergence(problem: Problem) -> Registration:
+    """Select the sample of the key clusters for which the densities of the two scans differ least.
 
     Every sample is a candidate; the best of each key cluster is reported with the score ``exp(-D)``. The covariance is
-    the scatter of the winner's cluster and of its rotation's: the method knows nothing better.
+    the scatter of the clusters of the result, as the method has no better one.
     """
+    p, reference, current = problem.parameters, problem.reference, problem.current
+    rotations = problem.rotations
+    translations = problem.translations(rotations)
     labels = translations.labels
     key = np.flatnonzero((labels >= 0) & (labels < p.translation.key_clusters))
     if not len(key):
@@ -39,27 +41,28 @@ def select_by_divergence(reference: Features, current: Features, rotations: Rota
     leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
-    best = fit(candidates[leaders[:1]], current.sampled_points, reference.likelihood_field, p.density.min_normal_cosine)
+    best = problem.fit(candidates[leaders[:1]], current.sampled_points)
     _, overlap = score(best, reference, current, p.refinement.score_scale, p.density)
-    covariance = _scatter(winner.transform, key[leaders[0]], rotations, translations)
+    covariance = _scatter(winner.transform, int(key[leaders[0]]), rotations, translations)
     matches = partial(match_segments, reference.segments, current.segments, winner.transform, p.decision)
-    return Registration(winner.transform, covariance, Status.OK, float(overlap[0]), winner.score, hypotheses,
-                        find_matches=matches)
+    return Registration(winner.transform, covariance, Status.OK, overlap=float(overlap[0]), score=winner.score,
+                        hypotheses=hypotheses, find_matches=matches)
 
 
-def _scatter(transform, sample, rotations, translations):
-    """Covariance (3, 3) in the current sensor's frame: mean squares of the clusters' samples about the winner."""
+def _scatter(transform: SE2, sample: int, rotations: Rotations, translations: Translations) -> FloatArray:
+    """Return the covariance ``(3, 3)`` in the current sensor's frame: the clusters' mean squares about the result."""
     cluster = translations.samples[translations.labels == translations.labels[sample]]
     off = SE2(0.0, 0.0, -transform.theta).apply(cluster - (transform.x, transform.y))
-    turn = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
-    covariance = _LEAST_VARIANCE * np.eye(3)
+    rotation = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
+    covariance = _MIN_VARIANCE * np.eye(3)
     covariance[:2, :2] += off.T @ off / len(off)
-    covariance[2, 2] += np.mean(wrap_period(turn, math.pi) ** 2)
+    covariance[2, 2] += np.mean(wrap_period(rotation, math.pi) ** 2)
     return covariance
 
 
-def divergences(candidates, reference, current, parameters: DivergenceParameters):
-    """Symmetric K-L divergence of the scans' densities under every candidate, x and y added up.
+def divergences(candidates: FloatArray, reference: FloatArray, current: FloatArray,
+                parameters: DivergenceParameters) -> FloatArray:
+    """Return the symmetric K-L divergence of the scans' densities for every candidate, the sum over x and y.
 
     Parameters
     ----------
@@ -77,18 +80,19 @@ def divergences(candidates, reference, current, parameters: DivergenceParameters
     bandwidths = [parameters.bandwidth or silverman(column) for column in reference.T]
     for theta in np.unique(candidates[:, 2]):
         at = np.flatnonzero(candidates[:, 2] == theta)
-        turned = SE2(0.0, 0.0, theta).apply(current)
+        rotated = SE2(0.0, 0.0, theta).apply(current)
         for axis, bandwidth in enumerate(bandwidths):
-            total[at] += shifted_divergences(reference[:, axis], turned[:, axis], candidates[at, axis], bandwidth,
+            total[at] += shifted_divergences(reference[:, axis], rotated[:, axis], candidates[at, axis], bandwidth,
                                              parameters)
     return total
 
 
-def shifted_divergences(reference, current, shifts, bandwidth, parameters: DivergenceParameters):
-    """Symmetric K-L divergence (Eq. 19-21) of two sets of numbers, the second moved by every one of the `shifts`.
+def shifted_divergences(reference: FloatArray, current: FloatArray, shifts: FloatArray, bandwidth: float,
+                        parameters: DivergenceParameters) -> FloatArray:
+    """Return the symmetric K-L divergence (Eq. 19-21) of two sets of numbers for `shifts` of the second.
 
-    The sums of Eq. 19-20 run over `grid` places that cover both sets, times the step between them: integrals in the
-    limit. A shift moves the density with the numbers, so each density is estimated only once.
+    The sums of Eq. 19-20 run over `divergence.grid` places that cover both sets, times the step between them, and
+    approximate integrals. A shift only translates a density, so each density is estimated once.
 
     Parameters
     ----------
@@ -110,15 +114,17 @@ def shifted_divergences(reference, current, shifts, bandwidth, parameters: Diver
     nodes = np.linspace(first, last, max(int(_NODES * (last - first) / bandwidth), 2) + 1)
     log_p = CubicSpline(nodes, log_density(current, bandwidth, nodes))(grid - shifts[:, None])
     log_q = log_density(reference, bandwidth, grid)
-    return ((np.exp(log_p) - np.exp(log_q)) * (log_p - log_q)).sum(axis=1) * (grid[1] - grid[0])
+    divergence: FloatArray = ((np.exp(log_p) - np.exp(log_q)) * (log_p - log_q)).sum(axis=1) * (grid[1] - grid[0])
+    return divergence
 
 
-def log_density(samples, bandwidth, at):
-    """Logarithm of the Gaussian kernel density estimate of `samples` ``(n,)`` at the places `at` (Eq. 16-18)."""
+def log_density(samples: FloatArray, bandwidth: float, at: FloatArray) -> FloatArray:
+    """Return the logarithm of the Gaussian kernel density estimate of `samples` ``(n,)`` at `at` (Eq. 16-18)."""
     exponent = -0.5 * ((at[:, None] - samples) / bandwidth) ** 2
-    return logsumexp(exponent, axis=1) - math.log(len(samples) * bandwidth * math.sqrt(2.0 * math.pi))
+    density: FloatArray = logsumexp(exponent, axis=1) - math.log(len(samples) * bandwidth * math.sqrt(2.0 * math.pi))
+    return density
 
 
-def silverman(samples):
-    """Silverman's rule of thumb for the bandwidth of normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
+def silverman(samples: FloatArray) -> float:
+    """Return the bandwidth [m] by Silverman's rule of thumb for normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
     return max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, 1e-3)

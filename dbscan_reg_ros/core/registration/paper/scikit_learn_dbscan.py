@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ...errors import ParameterError
+from ...geometry.array_types import FloatArray, IntArray
 
 
 class ScikitLearnClustering:
@@ -27,9 +27,9 @@ class ScikitLearnClustering:
                                  "or choose 'built_in'") from None
         self._dbscan, self._sort = DBSCAN, sort_graph_by_row_values
 
-    def dbscan_line(self, samples: NDArray[np.float64], eps: float, min_samples: int,
-                    sample_weight: NDArray[np.float64] | None = None,
-                    period: float | None = None) -> NDArray[np.int_]:
+    def dbscan_line(self, samples: FloatArray, eps: float, min_samples: int,
+                    sample_weight: FloatArray | None = None,
+                    period: float | None = None) -> IntArray:
         """Cluster numbers ``(N,)``, on a circle of circumference `period` where one is given."""
         if period is None:
             return self.dbscan_plane(samples[:, None], eps, min_samples, sample_weight)
@@ -38,21 +38,21 @@ class ScikitLearnClustering:
         distances = self._sort(circular_distances(samples, eps, period), warn_when_not_sorted=False)
         return self._fit(distances, eps, min_samples, sample_weight, 'precomputed')
 
-    def dbscan_plane(self, samples: NDArray[np.float64], eps: float, min_samples: int,
-                     sample_weight: NDArray[np.float64] | None = None) -> NDArray[np.int_]:
+    def dbscan_plane(self, samples: FloatArray, eps: float, min_samples: int,
+                     sample_weight: FloatArray | None = None) -> IntArray:
         """Cluster points ``(N, D)`` by their Euclidean distances."""
         return self._fit(samples, eps, min_samples, sample_weight, 'euclidean')
 
-    def _fit(self, samples: Any, eps: float, min_samples: int, sample_weight: NDArray[np.float64] | None,
-             metric: str) -> NDArray[np.int_]:
+    def _fit(self, samples: Any, eps: float, min_samples: int, sample_weight: FloatArray | None,
+             metric: str) -> IntArray:
         if not samples.shape[0]:
             return np.empty(0, dtype=int)
         found = self._dbscan(eps=eps, min_samples=min_samples, metric=metric).fit(samples, sample_weight=sample_weight)
         return np.asarray(found.labels_, dtype=int)
 
 
-def circular_distances(angles: NDArray[np.float64], eps: float, period: float) -> Any:
-    """Distances along a circle of circumference `period` between all pairs at most `eps` apart, a sparse ``(N, N)`` table.
+def circular_distances(angles: FloatArray, eps: float, period: float) -> Any:
+    """Return the distances of all pairs at most `eps` apart on a circle of circumference `period`, sparse ``(N, N)``.
 
     A full table of 100 x 100 pairs of segments would take 800 MB.
     """

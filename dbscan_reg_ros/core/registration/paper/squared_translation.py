@@ -5,20 +5,36 @@ import math
 import numpy as np
 
 from ...features.records import Segments
-from ...geometry.se2 import SE2
+from ...geometry.array_types import FloatArray
+from ...geometry.se2 import SE2, as_complex
 from ...parameters.registration import TranslationParameters
+from ..records import TranslationSamples
+from ..rotation import Rotations
 
 
-def squared_samples(reference: Segments, current: Segments, phi, parameters: TranslationParameters):
-    """All solutions of all pairs of non-parallel squared line equations for one rotation.
+def squared_form(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
+                 parameters: TranslationParameters) -> TranslationSamples:
+    """Return the samples of `squared_samples` for every rotation; each weighs 1, and the `weights` are not used."""
+    del weights
+    solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi.tolist()]
+    samples = as_complex(np.concatenate([np.empty((0, 2)), *solutions]))
+    rotation = np.repeat(np.arange(len(solutions)), [len(each) for each in solutions])
+    return TranslationSamples(samples, np.ones(len(samples)), rotation)
 
-    Two pairs of lines (Eq. 13) ask for ``(n1 . t)^2 = d1^2`` and ``(n2 . t)^2 = d2^2`` (Eq. 15): four translations.
+
+def squared_samples(reference: Segments, current: Segments, phi: float,
+                    parameters: TranslationParameters) -> FloatArray:
+    """Solve all pairs of non-parallel squared line equations for one rotation.
+
+    Two pairs of lines (Eq. 13) give ``(n1 . t)^2 = d1^2`` and ``(n2 . t)^2 = d2^2`` (Eq. 15): four translations.
     Those with the right signs, and all those opposite, meet in two key clusters; the mixed signs scatter.
 
     Parameters
     ----------
+    reference, current : Segments
     phi : float
         The rotation [rad].
+    parameters : TranslationParameters
 
     Returns
     -------
@@ -35,10 +51,12 @@ def squared_samples(reference: Segments, current: Segments, phi, parameters: Tra
     return np.concatenate((one + two, one - two, two - one, -one - two))
 
 
-def line_equations(reference: Segments, current: Segments, phi, parameters: TranslationParameters):
-    """Pairs of lines that the rotation makes parallel (Eq. 12), and how far apart they lie (Eq. 14).
+def line_equations(reference: Segments, current: Segments, phi: float,
+                   parameters: TranslationParameters) -> tuple[FloatArray, FloatArray]:
+    """Match the lines that the rotation makes parallel (Eq. 12), and compute their distances (Eq. 14).
 
-    eps1 starts at `parallel` and shrinks until no more pairs are left than the current scan has segments.
+    eps1 starts at `translation.parallel_sigma` and shrinks until no more pairs are left than the current scan has
+    segments.
 
     Returns
     -------
@@ -47,11 +65,13 @@ def line_equations(reference: Segments, current: Segments, phi, parameters: Tran
     distance : (L,) array [m]
         From the midpoint of the current scan's segment, rotated (Eq. 10), to the reference's line.
     """
-    turn = reference.direction[:, None] - (current.direction + phi)
-    turn = (turn + 0.5 * math.pi) % math.pi - 0.5 * math.pi
-    size = np.sort(np.abs(turn), axis=None)
-    eps1 = parameters.parallel_sigma if len(size) <= len(current) else min(parameters.parallel_sigma, size[len(current)])
-    r, o = np.nonzero(np.abs(turn) < eps1)
-    angle = reference.direction[r] - 0.5 * turn[r, o]
+    difference = reference.direction[:, None] - (current.direction + phi)
+    difference = (difference + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+    size = np.sort(np.abs(difference), axis=None)
+    eps1 = parameters.parallel_sigma
+    if len(size) > len(current):
+        eps1 = min(eps1, size[len(current)])
+    r, o = np.nonzero(np.abs(difference) < eps1)
+    angle = reference.direction[r] - 0.5 * difference[r, o]
     apart = reference.midpoint[r] - SE2(0.0, 0.0, phi).apply(current.midpoint)[o]
     return angle, np.abs(np.cos(angle) * apart[:, 1] - np.sin(angle) * apart[:, 0])

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Implementations of DBSCAN behind one interface, chosen by a parameter."""
+from typing import Protocol
+
+from ...geometry.array_types import FloatArray, IntArray
+from .. import dbscan
+
+
+class Clustering(Protocol):
+    """An implementation of DBSCAN.
+
+    Both methods return the cluster of each sample as ``(N,) int``, numbered by its first core sample, and -1 for noise.
+    A border sample belongs to the first of the clusters that reach it.
+    """
+
+    def dbscan_line(self, samples: FloatArray, eps: float, min_samples: int,
+                    sample_weight: FloatArray | None = None,
+                    period: float | None = None) -> IntArray:
+        """Cluster numbers ``(N,)``, on a circle of circumference `period` where one is given."""
+        ...
+
+    def dbscan_plane(self, samples: FloatArray, eps: float, min_samples: int,
+                     sample_weight: FloatArray | None = None) -> IntArray:
+        """Cluster points ``(N, D)`` by their Euclidean distances."""
+        ...
+
+
+def choose_clustering(name: str) -> Clustering:
+    """Return the implementation that the parameter ``clustering`` names; scikit-learn is imported only if chosen.
+
+    Raises
+    ------
+    ParameterError
+        When scikit-learn is chosen and not installed.
+    """
+    if name == 'scikit_learn':
+        from .scikit_learn_dbscan import ScikitLearnClustering
+        return ScikitLearnClustering()
+    return dbscan

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records of a search: the problem, its stages and its candidates."""
+import dataclasses
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..features.oriented_points import OrientedPoints
+from ..features.records import Features
+from ..geometry.array_types import FloatArray, IntArray
+from ..parameters.tree import Parameters
+from .point_to_line import Alignment, Fit, fit
+from .records import Prior
+from .rotation import Rotations, estimate_rotations, pair_weights
+from .translation import Translations, estimate_translations
+
+
+class SearchStage(Enum):
+    """Which hypotheses a search considers; each stage considers more than the one before."""
+
+    NEAR = 'near'
+    """Those within the gate of the prior."""
+    NORMAL = 'normal'
+    """The heaviest clusters."""
+    WIDE = 'wide'
+    """`selection.wide_search_factor` times as many clusters, and the motions that match landmarks."""
+
+
+class Candidates(NamedTuple):
+    """Hypotheses ``(x [m], y [m], theta [rad])``, heaviest first.
+
+    Attributes
+    ----------
+    exempt : (S, 3) float
+        Those that are refined without a pre-selection.
+    others : (C, 3) float
+        Those that have to pass the pre-selection.
+    """
+
+    exempt: FloatArray
+    others: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of hypotheses."""
+        return len(self.exempt) + len(self.others)
+
+    def joined(self) -> FloatArray:
+        """Return all of them, ``(S + C, 3)``."""
+        return np.concatenate((self.exempt, self.others))
+
+
+class Ranking(NamedTuple):
+    """Refined hypotheses, H of them, best first.
+
+    Attributes
+    ----------
+    candidates : (H, 3) float
+        x, y [m] and theta [rad].
+    score, overlap : (H,) float
+        From `scoring.score`, the score less the penalties.
+    equations : (H, 4, 4) float
+        The normal equations of the last iteration.
+    best : Fit
+        Of the best, for one candidate.
+    """
+
+    candidates: FloatArray
+    score: FloatArray
+    overlap: FloatArray
+    equations: FloatArray
+    best: Fit
+
+    def joined(self, other: 'Ranking') -> 'Ranking':
+        """Merge two rankings."""
+        best = self.best if self.score[0] >= other.score[0] else other.best
+        parts = [np.concatenate(each) for each in zip(self[:-1], other[:-1], strict=True)]
+        order = (-parts[1]).argsort(kind='stable')
+        candidates, value, overlap, equations = (part[order] for part in parts)
+        return Ranking(candidates, value, overlap, equations, best)
+
+    def select(self, chosen: list[int] | IntArray) -> 'Ranking':
+        """Return the hypotheses with the `chosen` indices, which begin with the best."""
+        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.equations[chosen],
+                       self.best)
+
+    def with_best(self, candidate: FloatArray, best: Fit) -> 'Ranking':
+        """Return the ranking with another pose ``(3,)`` and fit of the best hypothesis."""
+        return self._replace(candidates=np.concatenate((candidate[None], self.candidates[1:])), best=best)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Two scans to be registered, with the parameters and what is known before.
+
+    Attributes
+    ----------
+    reference, current : Features
+        Of the earlier and the later scan.
+    parameters : Parameters
+    prior : Prior or None
+    """
+
+    reference: Features
+    current: Features
+    parameters: Parameters
+    prior: Prior | None = None
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """``(n, m)`` weights of all pairs of segments."""
+        return pair_weights(self.reference.segments, self.current.segments, self.parameters.rotation)
+
+    @cached_property
+    def rotations(self) -> Rotations:
+        """Rotation hypotheses from all pairs of segments (Eq. 9)."""
+        return estimate_rotations(self.reference.segments, self.current.segments, self.weights,
+                                  self.parameters.rotation)
+
+    def translations(self, rotations: Rotations) -> Translations:
+        """Cluster translation hypotheses for the `rotations` (Eq. 10-15)."""
+        return estimate_translations(self.reference.segments, self.current.segments, rotations, self.weights,
+                                     self.parameters.translation)
+
+    def alignment(self, points: OrientedPoints) -> Alignment:
+        """Return the alignment of `points` of the current scan with the reference."""
+        return Alignment(points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine,
+                         self.parameters.refinement.damping)
+
+    def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:
+        """Return the `Fit` of `points` of the current scan to the reference for each of the `candidates` ``(H, 3)``."""
+        return fit(candidates, points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine)
+
+    def widened(self) -> 'Problem':
+        """Return the problem with the parameters of the wide stage."""
+        return dataclasses.replace(self, parameters=self.parameters.widened)

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Selection of one hypothesis by the density of the reference: refine, score, rank (section 2.3)."""
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..features.oriented_points import OrientedPoints, sample
+from ..geometry.array_types import FloatArray
+from .degeneracy import search_degenerate_direction, weakest_direction
+from .point_to_line import Fit, next_step, polish, refine
+from .records import Registration
+from .scoring import distinct, preselect, promising, reverse_violation, score, squared_mahalanobis
+from .search import Candidates, Problem, Ranking
+from .status import decide, failed
+
+
+def select_by_density(problem: Problem, candidates: Candidates, min_score: float = -np.inf) -> Registration:
+    """Refine the hypotheses and return the best of them.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : Candidates
+    min_score : float
+        A result with at most this score is returned as ``FAILED``, with its score, as soon as that is known.
+    """
+    if not candidates.count:
+        return failed('no segments of the two scans match')
+    if not len(problem.current.sampled_points):
+        return failed('no returns of the current scan have a normal')
+    coarse = refine_coarsely(problem, candidates)
+    if coarse.score[0] <= min_score:
+        return failed_below(min_score, coarse)
+    fine = refine_finely(problem, coarse)
+    if fine.score[0] <= min_score:
+        return failed_below(min_score, fine)
+    return decide(problem, polish_best(problem, fine), coarse)
+
+
+def failed_below(min_score: float, ranking: Ranking) -> Registration:
+    """Return a registration that failed because its best score is not above the `min_score`."""
+    value = float(ranking.score[0])
+    return dataclasses.replace(failed(f'score {value:.2f}; expected more than {min_score:.2f}'), score=value)
+
+
+def refine_coarsely(problem: Problem, candidates: Candidates) -> Ranking:
+    """Pre-select and refine the hypotheses with a kernel that narrows from `refinement.coarse_scale`.
+
+    Without a prior, most hypotheses are far off: part of the points is enough to find the promising ones. All points
+    refine these once more where the best has not converged; the first results stay among the hypotheses, as some may
+    overshoot.
+    """
+    p, points = problem.parameters, problem.current.sampled_points
+    scales = p.refinement.coarse_scales()
+    if problem.prior is not None:
+        chosen = preselect(candidates.others, points, problem.reference.free_space, p.selection, p.density)
+        return improve(problem, np.concatenate((candidates.exempt, chosen)), points, scales)
+    some = sample(points, p.selection.preselection_points)
+    start = candidates.joined()
+    start, fits = promising(start, problem.fit(start, some), p.refinement.coarse_scale, p.selection.min_support_ratio)
+    coarse = improve(problem, start, some, scales, fits)
+    step = next_step(coarse.best, points, p.refinement.fine_scale, p.refinement.damping)
+    if math.hypot(step[0], step[1]) < p.refinement.final_scale:
+        return coarse
+    return coarse.joined(improve(problem, coarse.candidates, points, scales))
+
+
+def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
+    """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways.
+
+    A single top candidate is not compared; its last iterations are left to `polish_best`.
+    """
+    p = problem.parameters
+    chosen = distinct(coarse.candidates, p.selection.top_candidates, p.selection.same_distance, p.selection.same_angle)
+    min_score = coarse.score[0] - p.selection.max_score_gap
+    close = coarse.select([each for each in chosen if coarse.score[each] >= min_score])
+    finalists = with_shifted_along_degenerate(problem, close)
+    points, scales = problem.current.sampled_points, p.refinement.fine_scales()
+    if len(finalists) > 1:
+        return improve(problem, finalists, points, scales, both_ways=True)
+    top = coarse.select(chosen)
+    if p.refinement.polish_iterations:
+        return top
+    refined, _ = refine(finalists, problem.alignment(points), scales, top.best)
+    return top.with_best(refined[0], problem.fit(refined, points))
+
+
+def polish_best(problem: Problem, fine: Ranking) -> Ranking:
+    """Refine the best hypothesis by all oriented points, with a kernel that narrows to the spread of their errors."""
+    p, points, best = problem.parameters, problem.current.sampled_points, fine.best
+    if p.refinement.polish_iterations:
+        points = problem.current.oriented_points
+    if points is not problem.current.sampled_points:
+        best = problem.fit(fine.candidates[:1], points)
+    candidate, best = polish(fine.candidates[0], best, points, p.refinement)
+    return fine.with_best(candidate, best.thinned(p.density.max_points))
+
+
+def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, scales: Sequence[float],
+            fits: Fit | None = None, *, both_ways: bool = False) -> Ranking:
+    """Refine all hypotheses together by some `points` of the current scan, and rank them by all sampled points.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : (H, 3) array
+    points : OrientedPoints
+    scales : sequence of float [m]
+        Kernel of each iteration.
+    fits : Fit, optional
+        Of the `candidates`, where it is known.
+    both_ways : bool
+        Whether points of the reference in free space of the current scan lower the score as well.
+    """
+    p, current = problem.parameters, problem.current
+    candidates, equations = refine(candidates, problem.alignment(points), scales, fits)
+    found = problem.fit(candidates, current.sampled_points)
+    value, overlap = score(found, problem.reference, current, p.refinement.score_scale, p.density)
+    if both_ways:
+        reverse = reverse_violation(candidates, problem.reference, current, p.density)
+        value = value - p.density.violation_weight * reverse
+    if problem.prior is not None:
+        distance = squared_mahalanobis(candidates, problem.prior) / p.prior.gate ** 2
+        value = value - p.prior.weight * np.minimum(distance, 1.0)
+    order = (-value).argsort(kind='stable')
+    best = found.select(slice(order[0], order[0] + 1))
+    return Ranking(candidates[order], value[order], overlap[order], equations[order], best)
+
+
+def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatArray:
+    """Return the hypotheses, and for each with a degenerate direction a better one along it, where there is one."""
+    candidates, p = ranking.candidates, problem.parameters.degeneracy
+    angle, weak, strong = np.array([weakest_direction(each[:3, :3]) for each in ranking.equations]).T
+    degenerate = weak < p.information_ratio * strong
+    if not degenerate.any():
+        return candidates
+    shifted = search_degenerate_direction(candidates[degenerate], angle[degenerate], problem)
+    return np.concatenate((candidates, shifted[(shifted != candidates[degenerate]).any(axis=1)]))
