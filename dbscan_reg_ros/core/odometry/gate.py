@@ -101,20 +101,22 @@ class Gate:
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
         if self._within(pose, motion.pose, unknown):
             return Verdict(Decision.ACCEPT, Reason.UNKNOWN_MOTION)
-        if unconfirmed is not None and self._within(pose, unconfirmed @ motion.prior.transform, motion.prior.covariance):
+        prior = motion.prior
+        if unconfirmed is not None and self._within(pose, unconfirmed @ prior.transform, prior.covariance):
             return Verdict(Decision.ACCEPT, Reason.CONFIRMED)
         return Verdict(Decision.REJECT, Reason.UNCONFIRMED)
 
     def asks_for_search_within(self, pose: SE2, registration: Registration) -> bool:
-        """Whether to search for the best result inside the gate, as this one is not OK and lies outside: corridors are symmetric."""
+        """Whether to search inside the gate, as a result that is not ``OK`` lies outside: corridors are symmetric."""
         best, motion = self.predictions.best, self.predictions.motion
         return (registration.status not in (Status.OK, Status.FAILED)
-                and best.prior.translation_sigma < self._parameters.odometry.dynamic_margin and not self._tracking.lost_time
+                and best.prior.translation_sigma < self._parameters.odometry.dynamic_margin
+                and not self._tracking.lost_time
                 and not self._within(pose, best.pose, best.gate_covariance)
                 and not self._within(pose, motion.pose, motion.gate_covariance))
 
     def used_prior(self, pose: SE2, wheels: WheelCalibration) -> Prior:
-        """Return the best prior; with the covariance learned by the calibration where a match at `pose` agrees with that."""
+        """Return the best prior, with the covariance that was learned if a match at `pose` agrees with that."""
         best = self.predictions.best
         if self.predictions.external is None:
             return best.prior
@@ -122,7 +124,7 @@ class Gate:
         return tightened if self._within(pose, best.pose, tightened.covariance) else best.prior
 
     def prior_information(self, pose: SE2, prior: Prior) -> NDArray[np.float64]:
-        """Return the information ``(3, 3)`` of a `prior` in the frame of the scan; zero where a match at `pose` contradicts it."""
+        """Return the information ``(3, 3)`` of a `prior` for the scan; 0 if a match at `pose` contradicts it."""
         if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
         return np.zeros((3, 3))
@@ -138,7 +140,8 @@ class Gate:
         interval = self.predictions.interval
         if registration.status is not Status.OK or interval.gap or interval.length <= 0.0:
             return False
-        return _squared_distance(pose, start, registration.covariance) > self._parameters.odometry.zero_velocity_gate ** 2
+        gate = self._parameters.odometry.zero_velocity_gate
+        return _squared_distance(pose, start, registration.covariance) > gate ** 2
 
     def demoted(self, registration: Registration) -> Registration:
         """Return the registration, no longer ``OK`` where few points constrain a motion that was not predicted well."""
@@ -147,8 +150,8 @@ class Gate:
     def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
         """Whether `pose` is within the gate of the best prediction or of the motion model.
 
-        Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate. Results by
-        few points do not override the wheels, unless these seem to slip.
+        Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate.
+        Results by few points do not override the wheels, unless these seem to slip.
         """
         best, motion = self.predictions.best, self.predictions.motion
         ratio = _WEAK_PRIOR_RATIO if self._weak_prior and registration.status is not Status.OK else 1.0
@@ -160,7 +163,10 @@ class Gate:
         return self._within(pose, motion.pose, motion.gate_covariance if reliable else motion.prior.covariance, ratio)
 
     def _is_reliable(self, registration: Registration) -> bool:
-        """Whether a result may override the prediction: without an external prior, after coasting, or if many points constrain it."""
+        """Whether a result may override the prediction.
+
+        It may where many points constrain it, where there is no external prior, and after `odometry.coast_time`.
+        """
         p = self._parameters
         return (self.predictions.external is None or observability_ratio(registration, p.decision) == 1.0
                 or self._tracking.lost_time > p.odometry.coast_time)

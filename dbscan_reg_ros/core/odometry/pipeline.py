@@ -58,8 +58,8 @@ class Odometry:
         ----------
         scan : Scan
         prior : Prior, optional
-            Motion of the sensor since the last scan from an external source (wheels, gyroscope). Systematic errors of whole
-            motions are learned (`prior.calibration_distance`). Without a prior the motion model predicts, unless
+            Motion of the sensor since the last scan from an external source (wheels, gyroscope). Systematic errors of
+            whole motions are learned (`prior.calibration_distance`). Without a prior the motion model predicts, unless
             `odometry.prior` says otherwise.
 
         Returns
@@ -134,7 +134,7 @@ class Odometry:
                 and gate.starts_in_motion(match.pose, match.registration, state.pose))
 
     def _start_in_motion(self, scan: Scan, outcome: Outcome, gate: Gate) -> tuple[Features, Gate]:
-        """Deskew the first two scans of a track, now that the motion is known; return the second's features and its gate."""
+        """Deskew the first two scans of a track by their motion; return features and gate of the second."""
         state, predictions = self._state, gate.predictions
         assert outcome.match is not None
         ratio = state.stamps.ratio(state.stamps.duration)
@@ -149,8 +149,8 @@ class Odometry:
 def search_parameters(parameters: Parameters) -> Parameters:
     """Return the parameters of registrations to single references.
 
-    Where the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and walls
-    count as parallel as in the window.
+    Where the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
+    walls count as parallel as in the window.
     """
     if parameters.odometry.reference != 'window':
         return parameters

@@ -66,8 +66,8 @@ def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, para
     ----------
     state : TrackState
     prior : Prior or None
-        Motion since the last scan from an external source. One with a `Prior.velocity_change` is the prediction of the motion
-        model with an external rotation.
+        Motion since the last scan from an external source. One with a `Prior.velocity_change` is the prediction of the
+        motion model with an external rotation.
     interval : ScanInterval
     parameters : Parameters
     """

@@ -11,43 +11,45 @@ from ..registration.records import Registration, Status, sigma_text
 
 @dataclass(frozen=True, eq=False)
 class OdometryUpdate:
-    """What `Odometry.process` says of one scan.
+    """Result of `Odometry.process` for one scan.
 
     Attributes
     ----------
-    stamp : int
-        The scan's own stamp [ns].
+    stamp : int [ns]
+        Stamp of the scan.
     pose : SE2
-        Pose of the sensor in the odometry frame (that of the first scan).
+        Pose of the sensor in the odometry frame, in which the first scan is at the origin.
     covariance : (3, 3) float
-        Of `pose`, for (x, y, theta) in the odometry frame, m, m, rad.
+        Covariance of `pose` for (x, y, theta) in the odometry frame [m, m, rad].
     twist : (3,) float
-        Velocity (vx, vy, omega) in the sensor's frame, m/s, m/s, rad/s.
+        Velocity (vx, vy, omega) in the frame of the sensor [m/s, m/s, rad/s].
     twist_covariance : (3, 3) float
-    interval : float
-        The cleaned time since the last scan [s]; 0 for the first.
+        Covariance of `twist`.
+    interval : float [s]
+        Filtered time since the last scan; 0 for the first.
     increment : SE2
         Motion since the last scan, in the last scan's frame.
     status : Status
     registration : Registration or None
         None for the first scan after a start or a reset.
     features : Features
-        Of this scan.
+        Features of this scan.
     reference : Features or None
-        What it was registered to.
+        Features of the key frame that the scan was registered to.
     reference_pose : SE2
         Pose of `reference` in the odometry frame.
     reference_changed : bool
-        This scan becomes the reference (or part of it) for those that follow.
+        Whether this scan becomes a key frame.
     restarted : str
-        Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else empty.
+        Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else
+        empty.
     wheel_correction : (3, 3) float
-        What is known to be wrong with told motions: one told as m [m, m, rad] was m + `wheel_correction` @ m, in the sensor's frame. 0
-        as long as nothing is known.
+        Systematic error E of external priors by the online calibration: m_true = (I + E) m_prior, for motions m [m, m,
+        rad] in the frame of the sensor. 0 while unknown.
     number : int
-        How many scans this `Odometry` used before this one, resets included.
+        Number of scans that this `Odometry` used before this one, resets included.
     reference_number : int or None
-        `number` of the scan of `reference`, whose features may have been made anew since.
+        `number` of the scan of `reference`, whose features may have been extracted again since.
     """
 
     stamp: int
@@ -69,7 +71,9 @@ class OdometryUpdate:
     reference_number: int | None = None
 
     def __repr__(self) -> str:
+        """Return one line with scan, pose, twist and status."""
         vx, vy, omega = self.twist
-        marks = ', becomes a reference' * self.reference_changed + f', restarted: {self.restarted}' * bool(self.restarted)
-        return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, {sigma_text(self.covariance)}, '
-                f'twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, {self.status.name}{marks})')
+        marks = ', becomes a reference' * self.reference_changed
+        marks += f', restarted: {self.restarted}' * bool(self.restarted)
+        return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, '
+                f'{sigma_text(self.covariance)}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, {self.status.name}{marks})')

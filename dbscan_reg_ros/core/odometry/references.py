@@ -86,7 +86,8 @@ class Outcome(NamedTuple):
         return self
 
 
-def fallback_references(state: TrackState, predicted: SE2, first: Registration, parameters: Parameters) -> list[Reference]:
+def fallback_references(state: TrackState, predicted: SE2, first: Registration,
+                        parameters: Parameters) -> list[Reference]:
     """List the references to try after the local map, in order.
 
     ==================== ====================================================================================
@@ -143,7 +144,8 @@ class ReferenceSearch:
         Of the registrations to single references.
     """
 
-    def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters, search_parameters: Parameters):
+    def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters,
+                 search_parameters: Parameters):
         self._features, self._state, self._gate = features, state, gate
         self._parameters, self._search_parameters = parameters, search_parameters
         self._search_near = state.tracking.search_near
@@ -165,7 +167,7 @@ class ReferenceSearch:
         return outcome._replace(search_near=self._search_near)
 
     def _is_final(self, match: Match) -> bool:
-        """Whether no further reference can improve the match: it is accepted, or the scan itself does not constrain its direction."""
+        """Whether no reference can improve the match: it is accepted, or the scan itself leaves it degenerate."""
         if match.verdict.decision is not Decision.TENTATIVE:
             return match.verdict.decision is Decision.ACCEPT
         if match.registration.rotation_unobservable or match.unresolved_direction is None:
@@ -179,7 +181,8 @@ class ReferenceSearch:
         prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
         registration, features = self._register(reference, static, prior)
         pose = predicted_along_degenerate(frame, registration, best.pose)
-        direction = _unresolved_direction(frame, registration, None if tentative is None else tentative.unresolved_direction)
+        before = None if tentative is None else tentative.unresolved_direction
+        direction = _unresolved_direction(frame, registration, before)
         if self._gate.asks_for_search_within(pose, registration):
             inside = register_within_gate(reference.features, features, self._search_parameters, prior)
             if inside.status is not Status.FAILED:
@@ -209,7 +212,7 @@ class ReferenceSearch:
 
 
 def degenerate_direction(frame: KeyFrame, registration: Registration) -> float | None:
-    """Return the degenerate direction [rad] of a registration to a key frame in the odometry frame; None without one."""
+    """Return the degenerate direction [rad] of a registration to a key frame, in the odometry frame, if any."""
     direction = registration.degenerate_direction
     return None if direction is None else frame.pose.theta + direction
 
@@ -221,7 +224,7 @@ def _unresolved_direction(frame: KeyFrame, registration: Registration, before: f
 
 
 def predicted_along_degenerate(frame: KeyFrame, registration: Registration, predicted: SE2) -> SE2:
-    """Return the pose of a registered scan in the odometry frame, along a degenerate direction moved to the `predicted` one."""
+    """Return the pose of a registered scan in the odometry frame; along a degenerate direction the `predicted` one."""
     pose, direction = frame.pose @ registration.transform, degenerate_direction(frame, registration)
     if direction is None:
         return pose

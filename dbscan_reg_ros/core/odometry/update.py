@@ -61,7 +61,7 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], middle_offset: float) -> None:
-    """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s] that deskewed it."""
+    """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s]."""
     state.window = KeyFrameWindow((KeyFrame(first, state.pose, number=state.key_frames.latest.number),))
     state.motion.start_moving(state.pose, twist, middle_offset)
 
@@ -74,15 +74,16 @@ def reset_velocity(state: TrackState) -> None:
 
 def remember_search(state: TrackState, outcome: Outcome) -> None:
     """Store what the next search needs of an `outcome`."""
-    state.tracking = dataclasses.replace(state.tracking, unconfirmed=outcome.unconfirmed, search_near=outcome.search_near)
+    state.tracking = dataclasses.replace(
+        state.tracking, unconfirmed=outcome.unconfirmed, search_near=outcome.search_near)
 
 
 def coast(state: TrackState, features: Features, registration: Registration, predictions: Predictions,
           p: Parameters) -> OdometryUpdate:
     """Update by a scan that was not found.
 
-    The prediction is followed for `odometry.coast_time`. After that the velocity is reset, and only external priors move the
-    pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
+    The prediction is followed for `odometry.coast_time`. After that the velocity is reset, and only external priors
+    move the pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
     """
     best, interval = predictions.best, predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
@@ -183,7 +184,7 @@ def _constrained(direction: float | None, information: float | None, p: Paramete
 
 
 def _motion_constraints(aligned: _Aligned, prior: Prior, registration: Registration) -> MotionConstraints:
-    """Return the constraints for the motion model; along a degenerate direction an external prior observes the velocity."""
+    """Return the constraints for the motion model; an external prior observes the velocity in every direction."""
     return MotionConstraints(aligned.direction if aligned.constrained < 1.0 else None,
                              1.0 if prior.velocity_change is None else aligned.constrained,
                              registration.rotation_unobservable)
@@ -200,7 +201,8 @@ def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterva
         state.covariance.reset_twist()
 
 
-def _update_key_frames(state: TrackState, match: Match, aligned: _Aligned, registration: Registration, p: Parameters) -> bool:
+def _update_key_frames(state: TrackState, match: Match, aligned: _Aligned, registration: Registration,
+                       p: Parameters) -> bool:
     """Add the scan to the key frames if it is due or sees new surfaces, and then correct the heading.
 
     Returns
@@ -209,8 +211,9 @@ def _update_key_frames(state: TrackState, match: Match, aligned: _Aligned, regis
         Whether the scan became a key frame. Only one that is due becomes the latest.
     """
     due = _is_due(state, match, aligned.pose, registration, p.odometry)
-    added = (due or (match.degenerate_direction is not None and aligned.correspondences is not None and sees_new_surface(
-        match.features, aligned.pose, aligned.correspondences, match.degenerate_direction, p)))
+    added, direction, correspondences = due, match.degenerate_direction, aligned.correspondences
+    if not due and direction is not None and correspondences is not None:
+        added = sees_new_surface(match.features, aligned.pose, correspondences, direction, p)
     constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
     frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
     if added:
@@ -270,7 +273,8 @@ def _report(state: TrackState, features: Features, step: _Step) -> OdometryUpdat
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=pose if frame is None else state.output.corrected(frame.pose),
-        reference_changed=step.is_key_frame, restarted=step.interval.reason, wheel_correction=state.wheels.matrix.copy(),
+        reference_changed=step.is_key_frame, restarted=step.interval.reason,
+        wheel_correction=state.wheels.matrix.copy(),
         number=number, reference_number=None if frame is None else frame.number)
 
 

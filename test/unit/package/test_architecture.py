@@ -176,3 +176,51 @@ def test_what_reads_bags_with_ros_is_small_and_imported_in_one_place(package):
     importing = {path.name for path in sources(package)
                  if any(name.endswith('with_rosbag2_py') for name in imported(path, package))}
     assert importing == {'bag_library.py'}
+
+
+def assigned_fields(tree, owner):
+    """Names of the attributes of a variable or parameter `owner` that a module assigns."""
+    for node in ast.walk(tree):
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', None)]
+        for target in (each for outer in targets if outer is not None for each in ast.walk(outer)):
+            if isinstance(target, ast.Attribute) and isinstance(target.ctx, ast.Store) and ast.unparse(target.value) in owner:
+                yield target.attr
+
+
+def names_used(path):
+    """Names and attributes that a module reads."""
+    return {node.id if isinstance(node, ast.Name) else node.attr for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, (ast.Name, ast.Attribute))}
+
+
+def test_each_field_of_the_track_state_is_assigned_in_one_module(package):
+    odometry, modules = package / 'core' / 'odometry', {}
+    for path in sources(odometry):
+        for name in assigned_fields(ast.parse(path.read_text()), {'state', 'self._state'}):
+            modules.setdefault(name, set()).add(path.name)
+    state = next(node for node in ast.parse((odometry / 'state.py').read_text()).body
+                 if isinstance(node, ast.ClassDef) and node.name == 'TrackState')
+    fields = {node.target.id for node in state.body if isinstance(node, ast.AnnAssign)}
+    assert len(fields) <= 10
+    assert set(modules) <= fields
+    assert {name: files for name, files in modules.items() if len(files) > 1} == {}
+    assert {name for name, files in modules.items() if files != {'update.py'}} == {'noise'}
+
+
+def test_only_the_gate_decides_whether_a_result_is_believed(package):
+    """The Mahalanobis distance elsewhere: of a pose from the mean of a sensor at rest."""
+    odometry = package / 'core' / 'odometry'
+    measuring = {path.name for path in sources(odometry) if 'mahalanobis' in names_used(path)}
+    assert measuring == {'gate.py', 'zero_velocity.py'}
+    deciding = {path.name for path in sources(odometry) for node in ast.walk(ast.parse(path.read_text()))
+                if isinstance(node, ast.Call) and ast.unparse(node.func) == 'Verdict'}
+    assert deciding == {'gate.py'}
+
+
+def test_the_odometry_is_a_short_list_of_steps(package):
+    tree = ast.parse((package / 'core' / 'odometry' / 'pipeline.py').read_text())
+    odometry = next(node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == 'Odometry')
+    process = next(node for node in odometry.body if isinstance(node, ast.FunctionDef) and node.name == 'process')
+    body = process.body[1:]
+    assert body[-1].end_lineno - body[0].lineno + 1 <= 40
+    assert len({name for name in assigned_fields(odometry, {'self'}) if name.startswith('_')}) <= 6

@@ -67,7 +67,7 @@ class Correspondences:
         return error, weight if self.weights is None else weight * self.weights
 
     def equations(self, step: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-        """Return the `point_to_line.normal_equations` ``(4, 4)`` at `pose`, with the weights after a `step` ``(4,)``."""
+        """Return `point_to_line.normal_equations` ``(4, 4)`` at `pose`, with the weights after a `step` ``(4,)``."""
         return normal_equations(self.rows, self.match(step, scale)[1])
 
     def mean_displacement(self, other: SE2) -> float:
@@ -86,7 +86,8 @@ def _difference(one: SE2, other: SE2) -> tuple[float, float, float]:
     return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
 
 
-def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float], damping: float) -> SE2:
+def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float],
+          damping: float) -> SE2:
     """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
 
     Parameters

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic points, which lie in free space of key frames (people, doors, robots), and movable objects, which may be dynamic."""
+"""Dynamic points, which lie in the free space of key frames (people, doors, robots), and movable objects."""
 import math
 
 import numpy as np
@@ -61,9 +61,9 @@ def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
 def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float) -> NDArray[np.bool_]:
     """Determine which points of a scan are dynamic.
 
-    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to be
-    dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a long wall:
-    then these alone are dynamic.
+    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to
+    be dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a
+    long wall: then these alone are dynamic.
 
     Parameters
     ----------
@@ -154,8 +154,8 @@ def detached_points(points: OrientedPoints, size: float, margin: float, closed: 
 def movable_weights(points: OrientedPoints, size: float, margin: float, min_weight: float) -> NDArray[np.float64]:
     """Return the weights of points of movable objects: the more objects elsewhere, the higher.
 
-    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has the full
-    weight where the objects elsewhere have four times its own sum of weights, and `min_weight` below twice.
+    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has the
+    full weight where the objects elsewhere have four times its own sum of weights, and `min_weight` below twice.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class KeyFrameWindow:
         return replace(latest.features, map_points=older_map_points(older, latest, latest.features.density))
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
-        """Return a window of at most `size` key frames with one more, which becomes the `latest` or the one before it."""
+        """Return a window of at most `size` key frames with one more, as the `latest` or as the one before it."""
         at = len(self.frames) - (not latest)
         return KeyFrameWindow((*self.frames[:at], frame, *self.frames[at:])[-size:])
 
@@ -67,10 +67,11 @@ class KeyFrameWindow:
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
         """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
 
-        Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into subsets;
-        each subset is looked up in several key frames, and each key frame looks up one.
+        Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
+        subsets; each subset is looked up in several key frames, and each key frame looks up one.
         """
-        lookup = _points_by_frame(high_leverage(points.normals), points.beams, len(self.frames), density.max_points // _SUBSETS)
+        lookup = _points_by_frame(
+            high_leverage(points.normals), points.beams, len(self.frames), density.max_points // _SUBSETS)
         pairs = self._pairs(pose, points, lookup, density.min_normal_cosine)
         weights = None if points.weights is None else points.weights.take(pairs.point)
         rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
@@ -78,7 +79,7 @@ class KeyFrameWindow:
 
     def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
                   min_cosine: float) -> NDArray[np.float64]:
-        """Compare points with the lines of those key frames that saw them from elsewhere: points on such a line are static.
+        """Compare points with the lines of key frames that saw them from elsewhere: points on such a line are static.
 
         Parameters
         ----------

@@ -14,8 +14,8 @@ from .key_frame import KeyFrame
 def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: DensityParameters) -> OrientedPoints:
     """Collect the points of older key frames that complete the latest, in the frame of the latest.
 
-    In each cell of the map the points of the newest key frame are kept. Points in space that the latest key frame saw to be
-    free are dropped, and so are points farther from it than the largest range of any key frame.
+    In each cell of the map the points of the newest key frame are kept. Points in space that the latest key frame saw
+    to be free are dropped, and so are points farther from it than the largest range of any key frame.
 
     Parameters
     ----------
@@ -29,7 +29,8 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     rotation = np.repeat([cmath.exp(1j * motion.theta) for motion in motions], sizes)
     translation = np.repeat([complex(motion.x, motion.y) for motion in motions], sizes)
     age_rank = np.repeat(np.arange(len(older)), sizes)
-    points, normals, beams = (np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ('points', 'normals', 'beams'))
+    points, normals, beams = (
+        np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ('points', 'normals', 'beams'))
     own_points = features.oriented_points.points
     max_range = max(np.abs(each).max(initial=0.0) for each in (points, own_points))
     points = rotation * points + translation

@@ -80,7 +80,10 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
 
 def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,
                      p: Parameters) -> Correspondences:
-    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], or the weakest one."""
+    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], if any.
+
+    Without one, the direction that is constrained least is used, if it is weakly constrained.
+    """
     correspondences = window.correspondences(pose, features.oriented_points, p.density)
     information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:3, :3]
     if direction is None:
@@ -89,7 +92,8 @@ def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, dire
             return correspondences
     if not is_corridor_like(information, direction):
         return correspondences
-    return replace(correspondences, rows=without_near_parallel(correspondences.rows, direction, p.degeneracy.parallel_tolerance))
+    rows = without_near_parallel(correspondences.rows, direction, p.degeneracy.parallel_tolerance)
+    return replace(correspondences, rows=rows)
 
 
 def _strengthened(information: NDArray[np.float64], features: Features, correspondences: Correspondences,
@@ -144,8 +148,9 @@ def information_along(features: Features, pose: SE2, angle: float, p: Parameters
     return points.weighted(np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2))
 
 
-def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle: float, p: Parameters) -> bool:
-    """Whether points on surfaces that no key frame has would constrain the translation along a degenerate `angle` [rad].
+def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle: float,
+                     p: Parameters) -> bool:
+    """Whether points that no key frame has would constrain the translation along a degenerate `angle` [rad].
 
     They have to be most of the points that face along it: noise makes a few of every wall seem new.
     """
@@ -163,7 +168,7 @@ def _own_jacobian(features: Features, pose: SE2, correspondences: Correspondence
 
 
 _WELL_CONSTRAINED = 0.02
-"""Ratio of the information along the weakest direction to that across it from which on near-parallel walls do not matter."""
+"""Ratio of the information along the weakest direction to that across it from which on it is well constrained."""
 _MAX_DISPLACEMENT = 0.25
 """Mean displacement of the points, as a ratio of the cell size, beyond which correspondences are looked up again."""
 _MIN_SHARED_RATIO = 1e-3

@@ -29,7 +29,8 @@ class LikelihoodFieldStack:
         Those of all fields, as in `LikelihoodField`.
     """
 
-    def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128], rotations: NDArray[np.complex128]):
+    def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128],
+                 rotations: NDArray[np.complex128]):
         self._scale = rotations / np.array([[field.cell] for field in fields])
         self._corner = origins * self._scale + np.array([[field.origin / field.cell] for field in fields])
         self._last = np.array([field.shape for field in fields]).T[:, :, None] - 1
@@ -38,7 +39,8 @@ class LikelihoodFieldStack:
         size = np.array([len(field.normals) for field in fields])
         self._no_point, self._first = size[:, None] - 1, np.cumsum(size) - size
         self.normals, self.offsets, self.along, self.extents = (
-            np.concatenate([getattr(field, name) for field in fields]) for name in ('normals', 'offsets', 'along', 'extents'))
+            np.concatenate([getattr(field, name) for field in fields])
+            for name in ('normals', 'offsets', 'along', 'extents'))
 
     def nearest(self, points: NDArray[np.complex128]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Look up the map points nearest to `points` ``(K, P)`` [m, odometry frame]; M of them have one.
@@ -60,7 +62,8 @@ class LikelihoodFieldStack:
             np.minimum(part, last, out=part)
         cells *= self._last[1] + 1
         cells += column
-        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells, strict=True)]).reshape(cells.shape)
+        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells, strict=True)])
+        found = found.reshape(cells.shape)
         index = (found != self._no_point).ravel().nonzero()[0]
         row = index // found.shape[1]
         return index, row, found.take(index) + self._first.take(row)

@@ -69,7 +69,8 @@ class CovariancePropagation:
         self.start_key_frame()
         self.reset_twist()
 
-    def propagate(self, step: SE2, interval: float, prior: Prior, measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
+    def propagate(self, step: SE2, interval: float, prior: Prior,
+                  measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
         """Propagate all covariances over a `step`.
 
         Parameters

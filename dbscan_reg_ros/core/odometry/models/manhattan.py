@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Manhattan heading correction: most walls of a building share two perpendicular directions, which reveal heading drift."""
+"""Manhattan heading correction: most walls of a building share two perpendicular directions."""
 import math
 
 import numpy as np
@@ -15,9 +15,9 @@ from ...registration.rotation import wrap_period
 class ManhattanHeading:
     """Kalman filter of the dominant wall direction, modulo a right angle.
 
-    After Coughlan and Yuille, "Manhattan World", ICCV 1999. The state is three angles [rad]: the heading drift, a random
-    walk; the deviation of the visible walls from the dominant direction, which fades with distance; and the dominant
-    direction itself. The estimated drift is removed from the heading at once, so its mean stays 0.
+    After Coughlan and Yuille, "Manhattan World", ICCV 1999. The state is three angles [rad]: the heading drift, a
+    random walk; the deviation of the visible walls from the dominant direction, which fades with distance; and the
+    dominant direction itself. The estimated drift is removed from the heading at once, so its mean stays 0.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,8 @@ class ManhattanHeading:
 
     def _count_walls(self, aligned_length: float, total_length: float, min_ratio: float) -> bool:
         """Count the lengths [m] of walls, and return whether enough of them are along the dominant direction."""
-        self._aligned_length, self._total_length = self._aligned_length + aligned_length, self._total_length + total_length
+        self._aligned_length += aligned_length
+        self._total_length += total_length
         ratio = self._aligned_length / self._total_length
         if ratio < _FORGET_RATIO * min_ratio:
             self._forget()

@@ -112,7 +112,8 @@ class ConstantVelocityModel:
         return Prior(increment, np.diag((sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma)),
                      np.diag((change, change, rotation_change)) ** 2)
 
-    def gate_covariance(self, prior: Prior, predicted: SE2, lost_time: float, parameters: Parameters) -> NDArray[np.float64]:
+    def gate_covariance(self, prior: Prior, predicted: SE2, lost_time: float,
+                        parameters: Parameters) -> NDArray[np.float64]:
         """Return the covariance of a prediction, widened for changes of velocity that were not observed.
 
         Parameters
@@ -139,7 +140,8 @@ class ConstantVelocityModel:
             covariance = covariance + np.diag((distance, distance, rotation)) ** 2
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
-            distance = min(_displacement_sigma(self._unconstrained_time, parameters)[0], parameters.degeneracy.search_distance)
+            distance, _ = _displacement_sigma(self._unconstrained_time, parameters)
+            distance = min(distance, parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
             covariance = covariance + distance ** 2 * along[:, None] * along
         return covariance
@@ -147,10 +149,11 @@ class ConstantVelocityModel:
     def update(self, pose: SE2, interval: ScanInterval, constraints: MotionConstraints, parameters: Parameters) -> SE2:
         """Update the velocity by the pose of a scan.
 
-        The scan was deskewed by the last twist. An error of that twist shifts the pose at the stamp, but not the pose in the
-        middle of the scan: the new twist comes from the poses in the middle. Along a degenerate direction the velocity is
-        kept. The first scan that constrains this direction again updates the velocity by the displacement since the last one
-        that did. Where the rotation is unobservable too, translation and rotation are coupled: no velocity is kept.
+        The scan was deskewed by the last twist. An error of that twist shifts the pose at the stamp, but not the pose
+        in the middle of the scan: the new twist comes from the poses in the middle. Along a degenerate direction the
+        velocity is kept. The first scan that constrains this direction again updates the velocity by the displacement
+        since the last one that did. Where the rotation is unobservable too, translation and rotation are coupled: no
+        velocity is kept.
 
         Parameters
         ----------
@@ -188,13 +191,13 @@ class ConstantVelocityModel:
         return middle @ integrate(self.twist, interval.middle_offset).inverse()
 
     def _catch_up(self, predicted: NDArray[np.float64], middle: SE2, direction: float) -> None:
-        """Set the velocity along a `direction` [rad] that was degenerate by the displacement since the last constrained pose."""
+        """Set the velocity along a `direction` [rad] that was degenerate by the displacement in the meantime."""
         displacement = (middle.inverse() @ self._constrained_middle).as_array()
         change = -displacement[:2] / self._unconstrained_time - predicted
         self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta)
 
     def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float = 1.0) -> None:
-        """Move the twist by a `gain` towards a `velocity` [m/s, m/s] along `angle` [rad], both in the frame of the sensor."""
+        """Move the twist by a `gain` towards a `velocity` [m/s, m/s] along `angle` [rad] (frame of the sensor)."""
         along = np.array((math.cos(angle), math.sin(angle)))
         self.twist[:2] += gain * ((velocity - self.twist[:2]) @ along) * along
 
@@ -205,8 +208,8 @@ class ConstantVelocityModel:
     def _mean_twist(self) -> NDArray[np.float64]:
         """Return the predicted twist: the mean of the last velocities, and the last turn rate.
 
-        Scans constrain the rotation well, but the translation along walls poorly: a single step that noise lengthens would be
-        predicted again and confirm itself.
+        Scans constrain the rotation well, but the translation along walls poorly: a single step that noise lengthens
+        would be predicted again and confirm itself.
         """
         vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
         return np.array((vx, vy, self.twist[2]))
@@ -236,4 +239,4 @@ _MAX_ROTATION_SIGMA = 1.0
 _SAME_INTERVAL = 1.5
 """Intervals with a smaller ratio differ by jitter of the stamps only."""
 _RANDOM_WALK_GAIN = 1.5
-"""Kalman gain for a velocity that is a random walk: its last value has changed by this ratio of the change of its mean."""
+"""Kalman gain for a velocity that is a random walk: its last value differs by this ratio of the change of the mean."""

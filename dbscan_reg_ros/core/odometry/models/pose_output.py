@@ -47,7 +47,7 @@ class PoseOutput:
         return self._zero_velocity.update(pose, covariance, interval, gate)
 
     def publish(self, pose: SE2) -> tuple[SE2, SE2]:
-        """Return the published pose for `pose`, and the increment since the last published pose, in that pose's frame."""
+        """Return the published pose for `pose`, and the increment since the last published one, in that one's frame."""
         self.number += 1
         before, self._published = self._published, self.corrected(pose)
         return self._published, before.inverse() @ self._published

@@ -48,8 +48,8 @@ class ScanInterval:
     Attributes
     ----------
     length : float [s]
-        Difference of the stamps where it is plausible; else the running median, or a whole multiple of it where scans would
-        overlap. 0 while unknown.
+        Difference of the stamps where it is plausible; else the running median, or a whole multiple of it where scans
+        would overlap. 0 while unknown.
     elapsed : float [s]
         Difference of the stamps; 0 for stamps that go back.
     middle_offset : float [s]
@@ -96,11 +96,12 @@ class StampFilter:
         deskews = bool(self.duration) and not self.jumps(scan.stamp, parameters.time)
         return ScanTiming(self.duration, self.ratio(self.duration), deskews)
 
-    def next(self, stamp: int, middle_offset: float, parameters: TimeParameters, scan_duration: float = 0.0) -> ScanInterval:
+    def next(self, stamp: int, middle_offset: float, parameters: TimeParameters,
+             scan_duration: float = 0.0) -> ScanInterval:
         """Add a stamp and determine the interval since the last one.
 
-        A scan does not begin before the last one ends. Stamps that contradict this jitter: intervals are then rounded to
-        whole multiples of the median.
+        A scan does not begin before the last one ends. Stamps that contradict this jitter: intervals are then rounded
+        to whole multiples of the median.
 
         Parameters
         ----------
@@ -156,7 +157,7 @@ class StampFilter:
 
 
 def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
-    """Return the time [s] from the stamp of a scan to the middle of its returns, if it took a `ratio` of its duration."""
+    """Return the time [s] from the stamp to the middle of the returns, if a scan took a `ratio` of its duration."""
     return ratio * scan.time_increment * float(features.beams.mean())
 
 

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gate: every decision with its reason, and what it takes of priors."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.gate import Decision, Gate, Reason
+from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
+from dbscan_reg_ros.core.odometry.models.wheel_calibration import WheelCalibration
+from dbscan_reg_ros.core.odometry.prediction import Prediction, Predictions
+from dbscan_reg_ros.core.odometry.state import Tracking
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
+
+P = Parameters()
+TICK = ScanInterval(0.1, 0.1, steady=True)
+SIGMA = np.diag((0.01, 0.01, 0.01)) ** 2
+"""Covariance of a precise prior: the gate is 4 cm, 0.04 rad."""
+MANY, FEW = 10.0 * P.decision.weak_prior_information, 0.5 * P.decision.weak_prior_information
+
+
+def result(status=Status.OK, information=MANY, direction=None):
+    return Registration(SE2(), SIGMA, status, degenerate_direction=direction, weakest_information=information)
+
+
+def predicted(x, covariance=SIGMA, change=SIGMA):
+    """A prediction at `x` [m] from the last pose, the origin."""
+    prior = Prior(SE2(x), covariance, change)
+    return Prediction(prior.transform, prior, covariance)
+
+
+def gate(best=0.0, motion=0.0, external=False, covariance=SIGMA, tracking=None, interval=TICK):
+    """A gate around predictions at `best` and `motion` [m]."""
+    by_motion = predicted(motion, covariance)
+    if not external:
+        return Gate(Predictions(by_motion, by_motion, None, interval), tracking or Tracking(), P)
+    prior = Prior(SE2(best), covariance)
+    return Gate(Predictions(predicted(best, covariance, None), by_motion, prior, interval), tracking or Tracking(), P)
+
+
+def verdict(gate, x, *args, has_tentative=False, **options):
+    return gate.check(SE2(x), result(*args, **options), has_tentative)
+
+
+def test_a_failed_registration_is_rejected_wherever_it_is():
+    assert verdict(gate(), 0.0, Status.FAILED) == (Decision.REJECT, Reason.FAILED)
+
+
+@pytest.mark.parametrize('status', [Status.OK, Status.AMBIGUOUS])
+def test_a_result_within_the_gate_is_accepted(status):
+    assert verdict(gate(), 0.039, status) == (Decision.ACCEPT, Reason.WITHIN_GATE)
+    assert not verdict(gate(), 0.039, status).outlier
+
+
+def test_a_degenerate_result_within_the_gate_is_tentative():
+    found = verdict(gate(), 0.0, Status.DEGENERATE, direction=0.0)
+    assert found == (Decision.TENTATIVE, Reason.INCONCLUSIVE) and not found.outlier
+
+
+def test_beside_a_tentative_result_only_an_ok_one_is_accepted():
+    assert verdict(gate(), 0.0, Status.AMBIGUOUS, has_tentative=True) == (Decision.TENTATIVE, Reason.INCONCLUSIVE)
+    assert verdict(gate(), 0.0, has_tentative=True) == (Decision.ACCEPT, Reason.WITHIN_GATE)
+
+
+def test_outside_the_gate_a_result_that_is_not_ok_is_unreliable():
+    assert verdict(gate(), 0.041, Status.AMBIGUOUS) == (Decision.REJECT, Reason.UNRELIABLE)
+
+
+def test_outside_the_gate_a_tentative_result_outweighs():
+    assert verdict(gate(), 0.041, has_tentative=True) == (Decision.REJECT, Reason.UNRELIABLE)
+
+
+def test_an_ok_result_within_an_unknown_motion_is_a_jump():
+    found = verdict(gate(), 0.5)
+    assert found == (Decision.ACCEPT, Reason.UNKNOWN_MOTION) and found.outlier
+
+
+def test_a_jump_outside_every_gate_is_accepted_once_confirmed():
+    first = verdict(gate(), 3.0)
+    assert first == (Decision.REJECT, Reason.UNCONFIRMED) and first.outlier
+    after = Tracking(unconfirmed=SE2(3.0))
+    assert verdict(gate(tracking=after), 3.03) == (Decision.ACCEPT, Reason.CONFIRMED)
+    assert verdict(gate(tracking=after), 3.03).outlier
+    assert verdict(gate(tracking=after), 3.05) == (Decision.REJECT, Reason.UNCONFIRMED)
+
+
+def test_a_jump_is_confirmed_where_the_motion_leads_from_it():
+    after = Tracking(unconfirmed=SE2(3.0))
+    assert verdict(gate(motion=0.2, tracking=after), 3.2) == (Decision.ACCEPT, Reason.CONFIRMED)
+    assert verdict(gate(motion=0.2, tracking=after), 3.0) == (Decision.REJECT, Reason.UNCONFIRMED)
+
+
+@pytest.mark.parametrize(('ratio', 'accepted'), [(0.69, True), (0.71, False)])
+@pytest.mark.parametrize('weak', [np.diag((0.51, 0.51, 0.01)) ** 2, np.diag((0.01, 0.01, 0.4)) ** 2],
+                         ids=['translation', 'rotation'])
+def test_after_a_weak_prior_an_ambiguous_result_has_to_be_nearer(weak, ratio, accepted):
+    """A prior is weak above 0.5 m, or where its gate allows a quarter turn; then 0.7 of the gate counts."""
+    reach = ratio * P.prior.gate * math.sqrt(weak[0, 0])
+    expected = (Decision.ACCEPT, Reason.WITHIN_GATE) if accepted else (Decision.REJECT, Reason.UNRELIABLE)
+    assert verdict(gate(covariance=weak), reach, Status.AMBIGUOUS) == expected
+    assert verdict(gate(covariance=weak), reach) == (Decision.ACCEPT, Reason.WITHIN_GATE)
+
+
+def test_a_precise_prior_is_not_weak():
+    assert verdict(gate(), 0.71 * 0.04, Status.AMBIGUOUS) == (Decision.ACCEPT, Reason.WITHIN_GATE)
+
+
+@pytest.mark.parametrize(('information', 'expected'), [
+    (MANY, (Decision.ACCEPT, Reason.WITHIN_GATE)), (FEW, (Decision.REJECT, Reason.UNRELIABLE))])
+def test_results_by_few_points_do_not_override_the_wheels(information, expected):
+    """The wheels say 3.5 cm, the motion model 0, and the scan -1 cm; the two predictions agree."""
+    assert verdict(gate(0.035, 0.0, external=True), -0.01, information=information) == expected
+
+
+def test_wheels_that_slip_are_overridden_by_few_points_near_the_motion_model():
+    """The wheels say 20 cm, far outside the gate of the motion model."""
+    slipping = gate(0.2, 0.0, external=True)
+    assert verdict(slipping, -0.01, information=FEW) == (Decision.ACCEPT, Reason.WITHIN_GATE)
+    assert verdict(slipping, -0.05, information=FEW) == (Decision.REJECT, Reason.UNRELIABLE)
+
+
+def test_after_coasting_few_points_override_the_wheels():
+    late = Tracking(lost_time=P.odometry.coast_time + 0.1)
+    assert verdict(gate(0.035, 0.0, external=True, tracking=late), -0.01, information=FEW).decision is Decision.ACCEPT
+    early = Tracking(lost_time=P.odometry.coast_time - 0.1)
+    assert verdict(gate(0.035, 0.0, external=True, tracking=early), -0.01, information=FEW).decision is Decision.REJECT
+
+
+@pytest.mark.parametrize(('status', 'x', 'tracking', 'asks'), [
+    (Status.AMBIGUOUS, 0.5, Tracking(), True), (Status.DEGENERATE, 0.5, Tracking(), True),
+    (Status.OK, 0.5, Tracking(), False), (Status.FAILED, 0.5, Tracking(), False),
+    (Status.AMBIGUOUS, 0.03, Tracking(), False), (Status.AMBIGUOUS, 0.5, Tracking(lost_time=0.1), False)])
+def test_a_search_within_the_gate_follows_a_result_outside_that_is_not_ok(status, x, tracking, asks):
+    assert gate(tracking=tracking).asks_for_search_within(SE2(x), result(status)) is asks
+
+
+def test_no_search_within_the_gate_of_an_imprecise_prior():
+    wide = np.diag((0.25, 0.25, 0.01)) ** 2
+    assert not gate(covariance=wide).asks_for_search_within(SE2(2.0), result(Status.AMBIGUOUS))
+
+
+def calibrated():
+    """Wheels that proved ten times as precise as they say."""
+    wheels = WheelCalibration()
+    for _ in range(1000):
+        wheels.learn(Prior(SE2(0.5, 0.2, 0.3), SIGMA), SE2(0.5, 0.2, 0.3), 1.0, 300.0)
+    return wheels
+
+
+def test_wheels_that_proved_precise_are_tightened_where_the_match_agrees():
+    at = gate(0.0, 0.0, external=True)
+    assert at.used_prior(SE2(0.004), calibrated()).covariance[0, 0] < 0.1 * SIGMA[0, 0]
+    assert at.used_prior(SE2(0.03), calibrated()).covariance[0, 0] == SIGMA[0, 0]
+    assert gate().used_prior(SE2(), calibrated()).covariance[0, 0] == SIGMA[0, 0]
+
+
+def test_a_prior_that_the_match_contradicts_has_no_information():
+    at = gate()
+    prior = at.predictions.best.prior
+    np.testing.assert_allclose(at.prior_information(SE2(0.039), prior), np.linalg.inv(SIGMA))
+    np.testing.assert_array_equal(at.prior_information(SE2(0.041), prior), np.zeros((3, 3)))
+
+
+def test_errors_of_wheels_are_learned_where_they_agree_and_the_time_is_known():
+    assert gate(external=True).supports_external(SE2(0.03))
+    assert not gate(external=True).supports_external(SE2(0.05))
+    assert not gate().supports_external(SE2())
+    jumped = dataclasses.replace(TICK, jump=Jump.FORWARD)
+    assert not gate(external=True, interval=jumped).supports_external(SE2())
+
+
+@pytest.mark.parametrize(('x', 'status', 'interval', 'moves'), [
+    (0.051, Status.OK, TICK, True), (0.049, Status.OK, TICK, False), (0.051, Status.DEGENERATE, TICK, False),
+    (0.051, Status.OK, ScanInterval(), False), (0.051, Status.OK, ScanInterval(0.1, 3.0), False)])
+def test_a_start_in_motion_is_proved_beyond_the_zero_velocity_gate(x, status, interval, moves):
+    """Five standard deviations of 1 cm."""
+    assert gate(interval=interval).starts_in_motion(SE2(x), result(status), SE2()) is moves
+
+
+def test_few_points_after_a_weak_prior_are_no_longer_ok():
+    weak = np.diag((0.51, 0.51, 0.01)) ** 2
+    assert gate(covariance=weak).demoted(result(information=FEW)).status is Status.DEGENERATE
+    assert gate(covariance=weak).demoted(result(information=MANY)).status is Status.OK
+    assert gate().demoted(result(information=FEW)).status is Status.OK

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The modes of a track, through drives in which scans are not found."""
+import dataclasses
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan
+from dbscan_reg_ros.core.odometry.state import Mode
+
+ROOM = outline(L_ROOM)
+TENTH = 100_000_000
+P = Parameters().odometry
+
+
+def seen(index, x=0.0):
+    """A scan of the room from `x` [m], at a tenth of a second for each index."""
+    return dataclasses.replace(look(ROOM, SE2(x), FULL, 0.01, index), stamp=index * TENTH)
+
+
+def noise(index):
+    return Scan(index * TENTH, np.random.default_rng(index).uniform(0.3, 8.0, FULL.size), FULL)
+
+
+def modes(odometry, scans, prior=None):
+    for scan in scans:
+        odometry.process(scan, prior)
+        yield odometry._state.tracking.mode
+
+
+@pytest.fixture
+def odometry():
+    """After ten scans at 0.3 m/s."""
+    odometry = Odometry()
+    assert list(modes(odometry, [seen(i, 0.03 * i) for i in range(10)])) == [Mode.STARTING, *[Mode.TRACKING] * 9]
+    return odometry
+
+
+def test_a_track_coasts_is_lost_and_starts_again(odometry):
+    found = list(modes(odometry, map(noise, range(10, 70))))
+    coasting, restart = round(10 * P.coast_time), round(10 * P.restart_time)
+    assert found[:coasting] == [Mode.COASTING] * coasting
+    assert found[coasting + 1:restart - 1] == [Mode.LOST] * (restart - coasting - 2)
+    assert Mode.STARTING in found[restart - 1:restart + 2]
+
+
+@pytest.mark.parametrize(('lost', 'mode'), [(1, Mode.COASTING), (5, Mode.COASTING), (20, Mode.LOST)])
+def test_a_scan_that_is_found_ends_coasting_and_loss(odometry, lost, mode):
+    assert list(modes(odometry, map(noise, range(10, 10 + lost))))[-1] is mode
+    tracking = odometry._state.tracking
+    assert tracking.lost_time == pytest.approx(0.1 * lost, abs=1e-6)
+    assert tracking.observability == 0.0
+    found = list(modes(odometry, [seen(10 + lost, 0.3), seen(11 + lost, 0.3)]))
+    assert found[-1] is Mode.TRACKING
+    assert odometry._state.tracking.lost_time == 0.0
+
+
+def test_the_velocity_is_reset_when_the_track_is_lost(odometry):
+    list(modes(odometry, map(noise, range(10, 15))))
+    assert odometry._state.motion.has_velocity
+    list(modes(odometry, map(noise, range(15, 25))))
+    assert not odometry._state.motion.has_velocity
+
+
+def test_lost_with_an_external_prior_the_pose_follows_it(odometry):
+    start = odometry._state.pose
+    prior = Prior(SE2(0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
+    assert list(modes(odometry, map(noise, range(10, 30)), prior))[-1] is Mode.LOST
+    moved = start.inverse() @ odometry._state.pose
+    assert moved.x == pytest.approx(20 * 0.03, abs=0.01)
+
+
+def test_stamps_that_go_back_start_a_track(odometry):
+    assert list(modes(odometry, [dataclasses.replace(seen(0, 0.3), stamp=-1000 * TENTH)])) == [Mode.STARTING]
+
+
+def test_a_jump_forward_to_where_nothing_is_known_starts_a_track(odometry):
+    assert list(modes(odometry, [noise(1000)])) == [Mode.STARTING]
+
+
+def test_a_jump_forward_in_a_known_place_goes_on(odometry):
+    assert list(modes(odometry, [seen(1000, 0.3)])) == [Mode.TRACKING]
+
+
+def test_a_jump_out_of_every_gate_is_tracked_once_the_next_scan_confirms_it():
+    """The sensor is carried 2.5 m away between two scans of a room in which no place looks like another."""
+    walls = outline([(-2.0, -1.5), (6.0, -1.5), (6.0, 1.0), (1.5, 1.0), (1.5, 3.0), (-2.0, 3.0)])
+    odometry = Odometry()
+    def at(index, x):
+        return dataclasses.replace(look(walls, SE2(x), FULL, 0.01, index), stamp=index * TENTH)
+    list(modes(odometry, [at(i, 0.0) for i in range(10)]))
+    assert list(modes(odometry, [at(10, 2.5)])) == [Mode.COASTING]
+    unconfirmed = odometry._state.tracking.unconfirmed
+    assert unconfirmed.x == pytest.approx(2.5, abs=0.02)
+    assert list(modes(odometry, [at(11, 2.5)])) == [Mode.TRACKING]
+    assert odometry._state.pose.x == pytest.approx(2.5, abs=0.02)
+    assert odometry._state.motion.twist == pytest.approx(np.zeros(3), abs=0.3)
+
+
+def test_a_reset_starts_a_track(odometry):
+    odometry.reset(SE2(1.0))
+    assert odometry._state.tracking.mode is Mode.STARTING
+    assert list(modes(odometry, [seen(20), seen(21)])) == [Mode.STARTING, Mode.TRACKING]
