@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``dbscan-reg-ros COMMAND ...``, ``python -m dbscan_reg_ros COMMAND ...``: as ``ros2 run dbscan_reg_ros COMMAND ...``."""
+"""Entry point of ``dbscan-reg-ros COMMAND`` and ``python -m dbscan_reg_ros COMMAND``."""
 import signal
 import sys
 from collections.abc import Sequence
@@ -34,10 +34,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog=prog, formatter_class=argparse.RawDescriptionHelpFormatter,
         description='2D lidar scan registration and odometry.\n\ncommands:\n' + '\n'.join(
             f'  {name:24}{summary}' for name, (_, summary) in COMMANDS.items()),
-        epilog='COMMAND --help says more of each')
+        epilog='COMMAND --help explains its arguments')
     add_version(parser)
-    parser.add_argument('command', metavar='COMMAND', choices=COMMANDS, help='one of the above')
-    parser.add_argument('arguments', metavar='...', nargs=argparse.REMAINDER, help='its arguments')
+    parser.add_argument('command', metavar='COMMAND', choices=COMMANDS, help='one of the commands above')
+    parser.add_argument('arguments', metavar='...', nargs=argparse.REMAINDER, help='arguments of the command')
     args = parser.parse_args(argv)
     return int(import_module(f'dbscan_reg_ros.{COMMANDS[args.command][0]}').main(args.arguments))
 

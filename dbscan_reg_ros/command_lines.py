@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command lines that users are shown: they run as they are printed, in a shell and from any folder."""
+"""Command lines that are shown to users; each runs as printed, in a shell and from any folder."""
 import os
 import shlex
 import shutil
@@ -9,27 +9,27 @@ from pathlib import Path
 
 PACKAGE = 'dbscan_reg_ros'
 PROGRAM = 'dbscan-reg-ros'
-"""What pip installs."""
+"""Name of the script that pip installs."""
 COMMANDS = {
     'scan_matcher': ('node.scan_matcher', 'laser odometry as a ROS 2 node'),
-    'scan_matcher_lifecycle': ('node.scan_matcher_lifecycle', 'the same as a managed node'),
-    'replay': ('commands.replay', 'odometry of recordings, offline, with a report of each'),
-    'register': ('commands.register', 'one scan onto another, in numbers and in the figures of the paper'),
+    'scan_matcher_lifecycle': ('node.scan_matcher_lifecycle', 'laser odometry as a ROS 2 lifecycle node'),
+    'replay': ('commands.replay', 'run the odometry over recordings, offline, with a report of each'),
+    'register': ('commands.register', 'register one scan to another; print and draw every step'),
     'play': ('commands.play', 'publish a recording to a running node'),
-    'demo': ('commands.demo', 'the node on a simulated building or a recording, with its error'),
-    'compare': ('commands.compare', 'two parameter sets or methods on the same recordings: is B worse?'),
-    'tune': ('commands.tune', 'search the parameters that suit recordings'),
-    'simulate': ('commands.simulate', 'a recording of any lidar in a simulated building, with exact truth'),
-    'dump': ('commands.dump', 'the parameters of a running node as a file'),
-    'convert': ('commands.convert', 'CARMEN logs and ROS 1 and ROS 2 bags into one another'),
+    'demo': ('commands.demo', 'run the node on a simulated building or a recording and print its error'),
+    'compare': ('commands.compare', 'compare two parameter sets or methods on the same recordings'),
+    'tune': ('commands.tune', 'search parameter values on recordings'),
+    'simulate': ('commands.simulate', 'simulate a recording of any lidar, with exact truth'),
+    'dump': ('commands.dump', 'write the parameters of a running node to a file'),
+    'convert': ('commands.convert', 'convert between CARMEN logs, ROS 1 bags and ROS 2 bags'),
 }
-"""Name -> module in this package, and what it does."""
+"""Command -> module in this package, and its purpose."""
 ROOT = Path(__file__).absolute().parent.parent
-"""The folder that Python finds the package in."""
+"""Folder in which Python finds the package."""
 
 
 def command_line(command, *words) -> str:
-    """The line that runs the `command` of the package with the `words`, the way that this process was started.
+    """Return the command line that runs `command` with `words` in the same manner as this process was started.
 
     Relative paths among the `words` stay relative.
     """
@@ -37,7 +37,7 @@ def command_line(command, *words) -> str:
 
 
 def python_line(*words) -> str:
-    """The line that runs this interpreter with the `words`."""
+    """Return the command line that runs this interpreter with `words`."""
     return shlex.join([sys.executable, *map(os.fspath, words)])
 
 

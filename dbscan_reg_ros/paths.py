@@ -45,7 +45,7 @@ def check_writable(path, error_type):
 
 
 def config_folder() -> Path:
-    """The folder of ready-made parameter files, of the source or installed."""
+    """Return the folder of ready-made parameter files, of the source or installed."""
     package = Path(__file__).absolute().parent
     source = package.parent / 'config'
     return source if source.is_dir() else package.parents[3] / 'share' / package.name / 'config'

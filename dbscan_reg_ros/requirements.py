@@ -74,7 +74,7 @@ def check_packages(command, also=()):
 
 
 def missing_line(modules) -> str:
-    """What to say where the `modules` are missing: which, and a command that installs them here."""
+    """Return what to say where the `modules` are missing: which, and a command that installs them here."""
     names = [SOURCES[module].pypi if module in SOURCES else f'ROS 2 ({module})' if _is_ros(module) else module
              for module in modules]
     remedies = ' && '.join(_remedies(modules))
@@ -104,7 +104,7 @@ def _remedies(modules):
 
 
 def _pip(wheels):
-    """The command that installs `wheels`; a Python that belongs to the system takes them in a virtual environment only."""
+    """Return the command that installs `wheels`; a Python that belongs to the system takes them in a virtual environment only."""
     if sys.prefix != sys.base_prefix or not Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').exists():
         return python_line('-m', 'pip', 'install', *wheels)
     folder = Path.home() / '.venvs' / PACKAGE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all commands share: the way they take arguments, fail and end."""
+"""Arguments, errors and exit statuses that all commands share."""
 import argparse
 import itertools
 import os
@@ -24,9 +24,9 @@ MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
-"""How the names of files end, of recordings that are bags and of CARMEN logs."""
+"""Endings of the file names of bags and of CARMEN logs."""
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-"""The signals that ask a command to end."""
+"""Signals that ask a command to end."""
 
 
 class CommandError(DbscanRegError):
@@ -41,15 +41,16 @@ class CommandParser(argparse.ArgumentParser):
         self._lists = {}
 
     def end_list(self, option, belongs):
-        """Have the list of the `option` hold one word, and of those that follow it the ones that pass ``belongs(word)``."""
+        """End the list of `option` at the first word after its first that does not pass ``belongs(word)``."""
         self._lists[option] = belongs
 
     def parse_args(self, args=None, namespace=None):
+        """Parse options and positional arguments in any order."""
         args = list(sys.argv[1:] if args is None else args)
         return self.parse_intermixed_args(self._ended_lists(args), namespace)
 
     def _ended_lists(self, args):
-        """The arguments, with what follows a list and does not belong to it in front of its option."""
+        """Reorder the arguments: words that do not belong to a list go in front of its option."""
         ordered = []
         while args:
             option = args.pop(0)
@@ -65,7 +66,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def make_parser(command, description) -> CommandParser:
-    """A parser with the options that every command takes."""
+    """Make a parser with the options that every command takes."""
     parser = CommandParser(prog=command, description=description)
     parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
     add_version(parser)
@@ -73,69 +74,69 @@ def make_parser(command, description) -> CommandParser:
 
 
 def add_recording(parser):
-    """The arguments that name a recording."""
+    """Add the arguments that name a recording."""
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
-                        'looked for below the data folder as well')
-    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+                        'also searched for below the data folder')
+    parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
 
 
 def add_recordings(parser):
-    """The arguments that name recordings."""
+    """Add the arguments that name recordings."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
-                        'looked for below the data folder as well')
-    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+                        'also searched for below the data folder')
+    parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
 
 
 def add_workers(parser):
-    """The arguments that say who does the work."""
+    """Add the arguments that choose processes or a cluster."""
     parser.add_argument('--processes', type=positive, metavar='N',
-                        help='processes at a time (default: one for each processor)')
+                        help='number of parallel processes (default: one per processor)')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='use the Dask cluster of this scheduler instead, '
-                        'such as tcp://10.0.0.1:8786; its workers have to see the same files')
+                        'for example tcp://10.0.0.1:8786; its workers must have access to the same files')
 
 
 def positive(text) -> int:
-    """A whole number above 0, as an argument."""
+    """Read an argument that is a whole number above 0."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
     return int(text)
 
 
 def seed(text) -> int:
-    """What makes random numbers the same again, as an argument."""
+    """Read an argument that is the seed of random numbers."""
     if not text.isdecimal() or int(text) > LARGEST_SEED:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number from 0 to {LARGEST_SEED}')
     return int(text)
 
 
 def shortened(problems) -> list:
-    """The first `MOST_SHOWN` of the lines, and one that says how many there are more."""
+    """Return the first `MOST_SHOWN` lines, and one with the number of those left out."""
     more = len(problems) - MOST_SHOWN
     return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
 def note_unused(command, path, parameters, used):
-    """Say which of the `NodeParameters` that the file at `path` sets do not count in `command`, which goes by those `used`."""
+    """Print which parameters set in the file at `path` have no effect in `command`; `used` are those with an effect."""
     if names := parameters.unused(used):
         print(f'{command}: {path}: does not count here: {", ".join(names)}', file=sys.stderr)
 
 
 def note_warnings(command, recording, most=None):
-    """Say what was assumed to read a recording, and what is odd about its scans, or about the first `most`."""
+    """Print what was assumed to read a recording, and warnings about its scans, or its first `most` scans."""
     for line in [*recording.notes, *recording.look_through(most).lines()]:
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
 def add_data(parser):
-    """The argument that names the folder of public recordings."""
+    """Add the argument that names the folder of public recordings."""
     parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '
                         '(default: $DBSCAN_REG_DATA, else ../shared/data beside the project)')
 
 
 def run(parser, work, argv=None) -> int:
-    """Parse `argv`, do `work(args)` and turn what goes wrong into one line and an exit code.
+    """Parse `argv`, run `work(args)`; report an error in one line and as an exit status.
 
     Returns
     -------
@@ -153,15 +154,15 @@ def run(parser, work, argv=None) -> int:
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # Whoever read the output has gone, as `head` does; what is left of it goes nowhere.
+        # The reader of the output has ended, as `head` does; discard the rest.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - whatever it is, the user gets one line
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - any error becomes one line
         return complain(parser.prog, error, args.verbose)
 
 
 def asked_for(args):
-    """Modules that only some arguments of a command need."""
+    """Yield the modules that only some arguments of a command need."""
     given = vars(args)
     if given.get('scheduler'):
         yield 'distributed'
@@ -179,7 +180,7 @@ def asked_for(args):
 
 
 def check_outputs(args):
-    """CommandError where what the arguments name cannot be written."""
+    """Raise CommandError where an output named by the arguments cannot be written."""
     given = vars(args)
     if 'out' in given and not isinstance(given['out'], Path):
         check_writable(given['out'] or 'results', CommandError)
@@ -199,7 +200,7 @@ def is_topic(word) -> bool:
 
 
 def complain(command, error, verbose=False) -> int:
-    """Print the one line, and the traceback where wanted, that `error` is worth; its exit code."""
+    """Print the line that explains `error`, and its traceback if `verbose`; return the exit status."""
     if verbose:
         traceback.print_exception(error)
     code, message = explain(error)
@@ -209,10 +210,10 @@ def complain(command, error, verbose=False) -> int:
 
 @contextmanager
 def interruptible(*signals, once=False):
-    """Turn `signals` that are not ignored into a KeyboardInterrupt, and what libraries make of one back into one.
+    """Turn `signals` that are not ignored into a KeyboardInterrupt.
 
-    rclpy's C++ turns an exception that is raised while it converts a message into one of its own. With `once` all that come
-    after the first are ignored until the process ends.
+    An exception that follows a signal is raised as a KeyboardInterrupt too: rclpy replaces an exception that is raised while
+    it converts a message by one of its own. With `once`, signals after the first are ignored until the process ends.
     """
     came = []
 
@@ -236,7 +237,7 @@ def interruptible(*signals, once=False):
 
 @contextmanager
 def held(*signals):
-    """Handle the `signals` that come only once the block is over, so that it is done in whole."""
+    """Delay the `signals` until the end of the block, so that it runs completely."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -253,7 +254,7 @@ def held(*signals):
 
 
 def explain(error):
-    """Exit code and one line for what went wrong; a fault of ours is told without the name of its Python exception."""
+    """Return exit status and one line for an error, without the name of its Python exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, 'interrupted'
     if isinstance(error, MissingPackages):
@@ -263,7 +264,7 @@ def explain(error):
     if isinstance(error, ModuleNotFoundError) and error.name:
         return FAILED, missing_line([error.name.partition('.')[0]])
     if isinstance(error, BrokenExecutor):
-        return FAILED, 'a worker process was killed, perhaps for want of memory: fewer --processes need less'
+        return FAILED, 'a worker process was killed, possibly for lack of memory: use fewer --processes'
     if isinstance(error, OSError) and error.filename:
         return FAILED, f'{error.filename}: {error.strerror}'
     return FAILED, f'internal error: {error} (-v shows where)'

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``compare A B FILE...``: two parameter sets or methods on the same recordings."""
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,23 +21,25 @@ from .command_line import (
 ALL = 'all'
 
 
-def main(argv=None) -> int:
-    parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and say whether B is '
-                         'worse: paired differences of the errors over 1 m with confidence intervals (95 % for both '
-                         'measures together), as a table and a picture. Exit status 0: B is not worse; 1: B is worse.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
+                         'worse. Prints and draws the paired differences of the errors over 1 m with confidence '
+                         'intervals (95 % for translation and rotation together). Exit status 0: B is not worse; 1: B '
+                         'is worse.')
     for name in 'ab':
-        parser.add_argument(name, metavar=name.upper(), help=f'parameter file; or a parameter set, one of defaults, '
-                            f'{", ".join(ready_made())}; or a method, one of {", ".join(METHODS)} (dbscan: the defaults)')
+        parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or a parameter set: defaults, '
+                            f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults)')
     add_recordings(parser)
-    parser.add_argument('--seed', type=seed, default=0, help='of the resampling (default: 0)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='the table and the picture go to '
-                        'DIR/compare/DATE, with a link DIR/compare/latest (default: results)')
+    parser.add_argument('--seed', type=seed, default=0, help='seed of the bootstrap (default: 0)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the table and the picture to '
+                        'DIR/compare/DATE and link it as DIR/compare/latest (default: results)')
     add_workers(parser)
     return run(parser, compare, argv)
 
 
 def compare(args):
-    """Follow every recording twice, print and write the comparison; the exit status says whether B is worse."""
+    """Run both over every recording, print and write the comparison; return 1 if B is worse, else 0."""
     from ..evaluation.comparison import known_motion, paired
     from ..recordings import find_recording, open_recording
     from ..replays.result_folder import new_folder, point_latest
@@ -72,14 +75,14 @@ def compare(args):
 
 @dataclass(frozen=True)
 class Competitor:
-    """Who finds the motion: the odometry with `parameters`, or else the method called `method`."""
+    """One side of the comparison: the odometry with `parameters`, or the method called `method`."""
 
     parameters: object = None
     method: str = ''
 
     @classmethod
     def named(cls, name) -> 'Competitor':
-        """The competitor that an argument names: a method, ``defaults`` or a parameter file."""
+        """Return the competitor that an argument names: a method, ``defaults`` or a parameter file."""
         from ..evaluation.methods import FACTORIES, method
         from ..robot.parameter_files import read_parameters
         from ..robot.parameters import NodeParameters
@@ -97,14 +100,14 @@ class Competitor:
         return cls(read_parameters(name))
 
     def tracker(self):
-        """What has ``process(scan)``, at its start."""
+        """Make a tracker with ``process(scan)`` in its initial state."""
         from ..core.odometry.pipeline import Odometry
         from ..evaluation.trackers import tracker
         return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
 
 
 def follow_one(path, topic, competitor):
-    """The `Trajectory` of the recording at `path`."""
+    """Run the competitor over the recording at `path`; return its `Trajectory`."""
     from ..recordings import open_recording
     from ..replays.trajectory import Trajectory
     from .workers import watched
@@ -116,7 +119,7 @@ def follow_one(path, topic, competitor):
 
 
 def unique(names):
-    """The names, those that come again with a number."""
+    """Make names distinct: append a number to each repetition."""
     return [name if names.index(name) == place else f'{name} ({names[:place + 1].count(name)})'
             for place, name in enumerate(names)]
 
@@ -146,7 +149,7 @@ def write_comparison(folder, table, text, a, b):
 
 
 def describe(table, a, b) -> str:
-    """The comparison as a table, and in one sentence."""
+    """Format the comparison as a table with a concluding sentence."""
     width = max(len(name) for name in (*table, 'recording'))
     lines = [f'{"recording":{width}}  error over 1 m          A          B      B - A    interval']
     for name, row in table.items():

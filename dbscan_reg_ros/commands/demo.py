@@ -2,6 +2,7 @@
 """``demo [FILE]``: the whole chain, from scans over the real node to odometry, trajectory and map."""
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -11,16 +12,17 @@ STARTING = 30
 """The node has to be up after this many seconds."""
 
 
-def main(argv=None) -> int:
-    parser = make_parser('demo', 'Starts the node scan_matcher as a process of its own, plays a recording to it over ROS '
-                         'as fast as it answers, or a simulated building with known truth, and says how good the '
-                         'odometry is. Writes trajectory.tum and map.png.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('demo', 'Start the node scan_matcher in a process of its own, play a recording or a simulated '
+                         'building with known truth to it over ROS, as fast as it answers, and print the error of its '
+                         'odometry. Writes trajectory.tum and map.png.')
     parser.add_argument('file', metavar='FILE', nargs='?', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag '
                         '(default: the simulated building)')
-    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+    parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameters of the node (default: the defaults)')
-    parser.add_argument('--out', metavar='DIR', help='where the results go (default: results/demo-NAME)')
+    parser.add_argument('--out', metavar='DIR', help='folder of the results (default: results/demo-NAME)')
     return run(parser, demo, argv)
 
 
@@ -47,7 +49,7 @@ def _recording(args):
 
 
 def _play(recording, out, params_file):
-    """The `Answers` of a node of our own to all scans of the recording."""
+    """Start a node, play the recording to it and return its `Answers`."""
     from tqdm import tqdm
 
     from ..node.playback.player import Player
@@ -113,7 +115,7 @@ def _report(recording, answers, out, faults):
 
 
 def _errors(recording, stamps, poses) -> list:
-    """What is known of the error, in words."""
+    """Describe the known errors in words."""
     from ..evaluation.known_motion import errors_of
 
     errors = errors_of(recording, stamps, poses)

@@ -1,26 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """``dump``: the parameters of a running node as a file."""
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import make_parser, run
 
 
-def main(argv=None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
-    parser = make_parser('dump', 'Print the parameters of a running scan_matcher, with their help, as a file that it takes '
-                         'back with --ros-args --params-file FILE.')
+    parser = make_parser('dump', 'Print the parameters of a running scan_matcher with their help, as a file for '
+                         '--ros-args --params-file FILE.')
     parser.add_argument('--node', default='/scan_matcher', metavar='NAME',
                         help='full name of the node (default: /scan_matcher)')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='write to this file (default: the terminal)')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='file to write (default: the terminal)')
     parser.add_argument('--wait', type=float, default=10.0, metavar='S', help='wait at most S seconds for the node '
                         '(default: 10)')
     return run(parser, lambda args: dump(args, ros), own)
 
 
 def dump(args, ros_arguments):
-    """Ask the node and write what it says."""
+    """Read the parameters of the node and write them."""
     from ..node.interfaces.remote_parameters import read_remote
     from ..robot.parameter_files import format_parameters
 

@@ -4,12 +4,14 @@ import argparse
 import math
 import signal
 import sys
+from collections.abc import Sequence
 
 from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import INTERRUPTED, add_recording, interruptible, is_topic, make_parser, run, shortened
 
 
-def main(argv=None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     parser = make_parser('play', 'Publish a recording to a running node, by default with its original timing: the scans on scan, '
                          'and what else the node can use, where it was recorded: /tf, /tf_static, the wheels on wheel_odom, the '
@@ -58,7 +60,7 @@ def play(args, ros_arguments):
 
 
 def counted(items, bar):
-    """The items, and a progress bar that counts the scans among them."""
+    """Yield the items, and a progress bar that counts the scans among them."""
     for item in items:
         bar.update(item.channel is None)
         yield item

@@ -36,7 +36,7 @@ class Process:
         return self._popen.poll() is None
 
     def output(self) -> str:
-        """What it has printed so far."""
+        """Return what it has printed so far."""
         with open(self.log, encoding='utf-8', errors='replace') as log:
             return log.read()
 
@@ -83,5 +83,5 @@ def _kill_group(popen):
 
 
 def package_command(*words) -> list:
-    """The command line that runs ``python -m dbscan_reg_ros`` with `words`, in this interpreter."""
+    """Return the command line that runs ``python -m dbscan_reg_ros`` with `words`, in this interpreter."""
     return [sys.executable, '-m', 'dbscan_reg_ros', *words]

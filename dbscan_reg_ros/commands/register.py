@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: one scan onto another, in numbers and in figures."""
 import math
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -8,28 +9,29 @@ from typing import NamedTuple
 from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
-"""How the names of the parameters begin that do not count for a pair of scans."""
+"""Prefixes of parameters that have no effect on the registration of a single pair."""
 
 
-def main(argv=None) -> int:
-    parser = make_parser('register', 'Register one scan onto another, without a guess; of a snapshot, tell what the node '
-                         'thought. Prints the motion, its covariance and status, and the hypotheses, and draws what each '
-                         'step of the method made of the two: one picture each, and all of them on sheet.png.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('register', 'Register one scan to another without an initial guess, or show a registration from a '
+                         'snapshot of the node. Prints the motion, its covariance and status, and the hypotheses; draws '
+                         'the result of each step of the method as a picture of its own and all of them on sheet.png.')
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
-                        '(.npz) of the node; looked for below the data folder as well')
-    parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='of a recording two: the numbers of the '
-                        'reference and of the current scan, from 0; of a snapshot that of the scan (default: the last)')
-    parser.add_argument('--topic', help='topic of the scans, needed where there are several')
+                        '(.npz) of the node; also searched for below the data folder')
+    parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the reference '
+                        'scan and of the current scan, from 0; for a snapshot: the number of the scan (default: the last)')
+    parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameters in the form of ROS 2 (default: the defaults; for '
-                        'a snapshot its own: with others it is registered anew, without what was known of the motion)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='the pictures go to DIR/NAME_N_N/DATE, with a link '
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the defaults; '
+                        'for a snapshot, the parameters stored in it; others register it again, without a prior)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and link it as '
                         'DIR/NAME_N_N/latest (default: results)')
     return run(parser, register, argv)
 
 
 class Pair(NamedTuple):
-    """Two scans, and what was made of them where that is known already."""
+    """Two scans to register; `registration` is their result where it is known already."""
 
     name: str
     reference: object
@@ -39,7 +41,7 @@ class Pair(NamedTuple):
 
 
 def register(args):
-    """Register the pair, print what came of it and draw how."""
+    """Register the pair, print the result and draw each step."""
     from ..figures.sheet import draw_figures
     from ..figures.steps import Steps
     from ..recordings import find_recording
@@ -65,7 +67,7 @@ def register(args):
 
 
 def describe(registration) -> list:
-    """A `Registration` in lines of words and numbers."""
+    """Describe a `Registration` in lines of text."""
     import numpy as np
 
     spread = np.sqrt(np.diag(registration.covariance))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``replay FILE...``: the odometry of recordings, offline, through the same `Odometry` as the node."""
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,22 +10,24 @@ from ..command_lines import command_line
 from .command_line import add_recordings, add_workers, complain, explain, make_parser, note_unused, run, shortened
 
 
-def main(argv=None) -> int:
-    parser = make_parser('replay', 'Odometry of recordings, offline, as fast as it goes. Each gets a dated folder with '
-                         'report.html, a page that shows it all; trajectory.tum, map.png and metrics.json; a bag with '
-                         '/odom, /tf and /segments; and the parameters used.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('replay', 'Run the odometry over recordings, offline and as fast as possible. Each recording gets '
+                         'a dated folder with report.html (a page with map, errors and scans to review), '
+                         'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
+                         'parameters used.')
     add_recordings(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameters in the form of ROS 2 (default: the defaults)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='the results go to DIR/NAME/DATE, with a link '
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the defaults)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link it as '
                         'DIR/NAME/latest (default: results)')
-    parser.add_argument('--close-loops', action='store_true', help='when all is over, bend the way until places seen again '
-                        'lie on one another: closed.tum and map_closed.png as well')
+    parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the trajectory '
+                        'where the sensor returned to a place, and also write closed.tum and map_closed.png')
     add_workers(parser)
     return run(parser, replay, argv)
 
 
 def replay(args):
-    """Replay every recording, and print what came of each; the exit status is that of the first that failed."""
+    """Replay every recording and print its summary; return the exit status of the first that failed, else 0."""
     from ..recordings import find_recording
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
@@ -41,7 +44,7 @@ def replay(args):
         for future in [executor.submit(replay_one, job) for job in jobs]:
             try:
                 replayed = future.result()
-            except Exception as error:  # noqa: BLE001 - the other recordings go on
+            except Exception as error:  # noqa: BLE001 - the other recordings continue
                 failed = complain('replay', error, args.verbose)
                 code = code or failed
             else:
@@ -54,8 +57,20 @@ def replay(args):
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be replayed, `path` and `topic` of the recording; the results go below `out`; whether loops are closed, and
-    whether the traceback of a fault is printed."""
+    """One recording to replay.
+
+    Attributes
+    ----------
+    path : Path
+    topic : str or None
+        Topic of the scans; None where there is only one.
+    parameters : NodeParameters
+    out : Path
+        Folder below which the results are written.
+    close_loops : bool
+    verbose : bool
+        Print the traceback of a fault.
+    """
 
     path: Path
     topic: str | None
@@ -67,8 +82,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of a recording: the `lines` that say how it went, one of the `faults` for each part of the results that is not
-    whole, and the exit status."""
+    """Outcome of a replay.
+
+    Attributes
+    ----------
+    lines : list of str
+        Summary.
+    faults : list of str
+        One line for each part of the results that could not be written completely.
+    code : int
+        Exit status.
+    """
 
     lines: list
     faults: list
@@ -120,7 +144,7 @@ def replay_one(job) -> Replayed:
 
 
 def _follow(results, mounting):
-    """Feed the scans to an `Odometry`, and what it says to the trajectory, the bag and what is reported later."""
+    """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..core.odometry.pipeline import Odometry
     from ..replays.bag import odometry_bag
     from ..replays.sensor_mounting import turned
@@ -143,7 +167,7 @@ def _follow(results, mounting):
 
 
 def _too_few(recording, trajectory):
-    """The error of a recording of which fewer than two scans can be used."""
+    """Make the error for a recording with fewer than two usable scans."""
     from ..core.errors import DbscanRegError
 
     count = len(trajectory.used)
@@ -155,6 +179,6 @@ def _too_few(recording, trajectory):
 
 
 def register_command(folder, recording) -> str:
-    """What shows a pair of the recording with the parameters of the replay in `folder`, once the numbers are added."""
+    """Return the command line that registers a pair of the recording again, once its two numbers are appended."""
     parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
     return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)

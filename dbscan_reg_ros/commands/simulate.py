@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """``simulate TARGET``: a seeded recording of any lidar with exact truth."""
+from collections.abc import Sequence
+
 from .command_line import CommandError, make_parser, run, seed
 
 WORLDS = ('rooms', 'corridor', 'hall')
 PRESETS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'rplidar_a', 'rplidar_s', 'sick_lms200', 'sick_lms5xx')
 LIDAR = (
-    ('--beams', int, 'N', 'beams'),
+    ('--beams', int, 'N', 'number of beams'),
     ('--angle-min', float, 'DEG', 'bearing of the first beam'),
-    ('--angle-increment', float, 'DEG', 'from beam to beam; negative: clockwise'),
-    ('--range-min', float, 'M', 'nearest return'),
-    ('--range-max', float, 'M', 'farthest return'),
-    ('--rate', float, 'HZ', 'scans a second'),
-    ('--duration', float, 'S', 'from the first beam to the last; 0: at once'),
-    ('--noise', float, 'M', 'least standard deviation of a range'),
-    ('--noise-share', float, 'SHARE', 'the same as a share of the range, where that is more'),
-    ('--resolution', float, 'M', 'ranges are multiples of it'),
-    ('--dropouts', float, 'SHARE', 'beams without a return, 0..1'),
-    ('--outliers', float, 'SHARE', 'random ranges, 0..1'),
+    ('--angle-increment', float, 'DEG', 'angle between beams; negative: clockwise'),
+    ('--range-min', float, 'M', 'smallest range of a return'),
+    ('--range-max', float, 'M', 'largest range of a return'),
+    ('--rate', float, 'HZ', 'scans per second'),
+    ('--duration', float, 'S', 'time from the first to the last beam; 0: all beams at once'),
+    ('--noise', float, 'M', 'smallest standard deviation of a range'),
+    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where that is larger'),
+    ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
+    ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
+    ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
@@ -25,37 +27,38 @@ LIMITS = {
 }
 
 
-def main(argv=None) -> int:
-    parser = make_parser('simulate', 'A robot drives through a floor plan and records what its lidar, wheels and '
-                         'gyroscope say, with the exact truth. The same arguments give the same recording. A picture '
-                         'of the floor plan and the path is written beside it, TARGET.png.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('simulate', 'Simulate a robot that drives through a floor plan, and record its lidar, wheel odometry '
+                         'and gyroscope with the exact truth. The same arguments give the same recording. Also draws '
+                         'the floor plan and the path as TARGET.png.')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log, the truth as the poses '
                         'of the laser; any other name: folder of a ROS 2 bag with /scan, /wheel_odom, /imu, /truth and '
                         '/tf_static')
-    parser.add_argument('--seed', type=seed, default=0, help='of everything that is random (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='seed of all random numbers (default: 0)')
     world = parser.add_argument_group('the world and the path')
-    world.add_argument('--world', choices=WORLDS, default='rooms', help='what is driven through (default: rooms)')
-    world.add_argument('--people', type=int, default=0, metavar='N', help='who walk about (default: 0)')
-    world.add_argument('--laps', type=int, default=1, metavar='N', help='the tour forth, back, forth (default: 1)')
-    world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='limit (default: 0.8)')
-    world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='limit (default: 0.9)')
+    world.add_argument('--world', choices=WORLDS, default='rooms', help='kind of floor plan (default: rooms)')
+    world.add_argument('--people', type=int, default=0, metavar='N', help='number of people who walk about (default: 0)')
+    world.add_argument('--laps', type=int, default=1, metavar='N', help='number of laps, alternately forwards and backwards (default: 1)')
+    world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='largest speed (default: 0.8)')
+    world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='largest turn rate (default: 0.9)')
     lidar = parser.add_argument_group('the lidar')
     lidar.add_argument('--lidar', choices=PRESETS, default='sick_lms200',
-                       help='what the others change, called as the file of parameters that suits it in config '
-                       '(default: sick_lms200)')
+                       help='lidar model; the options below override its properties. The file config/MODEL.yaml holds '
+                       'parameters for it (default: sick_lms200)')
     for option, kind, unit, words in LIDAR:
         lidar.add_argument(option, type=kind, metavar=unit, help=words)
     lidar.add_argument('--mounting', type=float, nargs=3, metavar=('X', 'Y', 'DEG'),
-                       help='on the robot (default: 0 0 0)')
+                       help='pose of the lidar on the robot (default: 0 0 0)')
     others = parser.add_argument_group('wheels and gyroscope')
-    others.add_argument('--wheel-scale', type=float, nargs=2, default=(1.02, 0.98), metavar=('DISTANCE', 'TURN'),
-                        help='measured over true (default: 1.02 0.98)')
-    others.add_argument('--wheel-noise', type=float, nargs=2, default=(0.02, 0.02), metavar=('DISTANCE', 'TURN'),
-                        help='share of each step and turn (default: 0.02 0.02)')
+    others.add_argument('--wheel-scale', type=float, nargs=2, default=(1.02, 0.98), metavar=('DISTANCE', 'ROTATION'),
+                        help='ratio of measured to true distance and rotation (default: 1.02 0.98)')
+    others.add_argument('--wheel-noise', type=float, nargs=2, default=(0.02, 0.02), metavar=('DISTANCE', 'ROTATION'),
+                        help='noise as a fraction of the distance and rotation of each step (default: 0.02 0.02)')
     others.add_argument('--slip', type=float, nargs=3, action='append', default=[], metavar=('BEGIN', 'END', 'FACTOR'),
-                        help='between these times [s] the wheels turn FACTOR times as far; may be given several times')
-    others.add_argument('--gyro-bias', type=float, default=0.002, metavar='RAD/S', help='(default: 0.002)')
-    others.add_argument('--gyro-noise', type=float, default=0.005, metavar='RAD/S', help='(default: 0.005)')
+                        help='between these times [s] the wheels measure FACTOR times the distance; may be repeated')
+    others.add_argument('--gyro-bias', type=float, default=0.002, metavar='RAD/S', help='constant error of the yaw rate (default: 0.002)')
+    others.add_argument('--gyro-noise', type=float, default=0.005, metavar='RAD/S', help='noise of the yaw rate (default: 0.005)')
     return run(parser, simulate, argv)
 
 
@@ -65,8 +68,8 @@ def simulate(args):
 
     from ..figures.plots import plot_world
     from ..recordings.conversion import check_target
+    from ..simulation import WheelErrors, wheel_odometry, yaw_rates
     from ..simulation import simulate as record
-    from ..simulation import wheel_odometry, yaw_rates
     from ..simulation.sensors import RobotRecording, check_simulated
 
     check_limits(args)
@@ -77,7 +80,7 @@ def simulate(args):
     check_target(picture)
     world, path = world_and_path(args)
     simulation = record(world, path, lidar, args.seed)
-    wheels = wheel_odometry(path, seed=args.seed, scale=args.wheel_scale, noise=args.wheel_noise, slips=args.slip)
+    wheels = wheel_odometry(path, WheelErrors(args.wheel_scale, args.wheel_noise, args.slip), seed=args.seed)
     turning = yaw_rates(path, seed=args.seed, bias=args.gyro_bias, noise=args.gyro_noise)
     counts = RobotRecording(simulation, wheels, turning).write(target)
     print(f'{target}  ' + ', '.join(f'{count} {name}' for name, count in counts.items()))
@@ -87,7 +90,7 @@ def simulate(args):
 
 
 def check_limits(args):
-    """CommandError for the first number that makes no world, path or lidar."""
+    """Raise CommandError for the first number outside its limits."""
     for name, (low, high) in LIMITS.items():
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
@@ -95,7 +98,7 @@ def check_limits(args):
 
 
 def chosen_lidar(args):
-    """The preset with what was changed of it; CommandError where it can see nothing."""
+    """Return the lidar model with the given changes; raise CommandError if its range limits are empty."""
     import dataclasses
     import math
 
@@ -119,7 +122,7 @@ def chosen_lidar(args):
 
 
 def world_and_path(args):
-    """The `World` with its people, and the `Path` of the robot."""
+    """Return the `World` with its people, and the `Path` of the robot."""
     import numpy as np
 
     from .. import simulation

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``tune FILE...``: search the parameters that suit recordings."""
 from collections import defaultdict
+from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import ParameterError
@@ -19,50 +21,52 @@ from .command_line import (
 
 SEARCHED = ('refinement.map_scale', 'refinement.map_first_scale', 'refinement.damping', 'density.max_distance',
             'density.violation_weight', 'selection.preselection_tolerance')
-"""Unless parameters are named."""
+"""Parameters searched by default."""
 
 
-def main(argv=None) -> int:
-    parser = make_parser('tune', 'Search the values of chosen parameters with which the odometry errs least over 1 m. '
-                         'The best are written as a file for --params-file, with the gain on recordings that were held '
-                         'out. The same command again goes on where a killed one was; with one seed the result is the '
-                         'same, whatever the number of processes.')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    parser = make_parser('tune', 'Search the parameter values with the smallest odometry error over 1 m. Writes the best '
+                         'values as a parameter file and reports the gain on held-out recordings. Running the same '
+                         'command again continues an interrupted search. The result depends on the seed, not on the '
+                         'number of processes.')
     add_recordings(parser)
-    parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth to '
-                        'measure the gain on, not used by the search')
-    parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='what to search '
-                        f'(default: {" ".join(SEARCHED)}); a range not given is a fifth to five times the default')
+    parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth '
+                        'that the search does not use; the gain is measured on them')
+    parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='parameters to search, '
+                        'each with an optional range; without one, from a fifth to five times the default '
+                        f'(default: {" ".join(SEARCHED)})')
     parser.end_list('--parameters', is_parameter)
-    parser.add_argument('--params-file', metavar='YAML', help='where to start, and what the other parameters are '
-                        '(default: the defaults)')
-    parser.add_argument('--trials', type=positive, default=100, metavar='N', help='(default: 100)')
-    parser.add_argument('--seed', type=seed, default=0, help='of the search (default: 0)')
+    parser.add_argument('--params-file', metavar='YAML', help='start of the search, and values of all other '
+                        'parameters (default: the defaults)')
+    parser.add_argument('--trials', type=positive, default=100, metavar='N', help='number of trials (default: 100)')
+    parser.add_argument('--seed', type=seed, default=0, help='seed of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
-                        help='auto: Optuna where it is installed, else random (default: auto)')
+                        help='auto: Optuna if it is installed, else random (default: auto)')
     parser.add_argument('--objective', choices=('auto', 'truth', 'consistency'), default='auto',
-                        help='truth: the error over 1 m; consistency: forward and backward pass agree and closed loops '
-                        'close; auto: truth where it is known (default: auto)')
-    parser.add_argument('--scans', type=positive, metavar='N', help='use the first N scans of each recording')
-    parser.add_argument('--live', metavar='NODE', help='set the result on the running node of this full name')
-    parser.add_argument('--out', metavar='DIR', help='the search and its result are kept there '
-                        '(default: results/tune/NAME, after the first recording)')
+                        help='cost to minimise. truth: the error over 1 m; consistency: the disagreement of a forward and a '
+                        'backward pass and the gaps at loops; auto: truth if it is known (default: auto)')
+    parser.add_argument('--scans', type=positive, metavar='N', help='use only the first N scans of each recording')
+    parser.add_argument('--live', metavar='NODE', help='also set the result on the running node with this full name')
+    parser.add_argument('--out', metavar='DIR', help='folder of the search and its result '
+                        '(default: results/tune/NAME, named after the first recording)')
     add_workers(parser)
     return run(parser, tune, argv)
 
 
 def is_parameter(word) -> bool:
-    """Whether the word of a command line says what to search, perhaps with a slip in it, and no file."""
+    """Whether a word of the command line names a parameter, possibly misspelt, and no file."""
     try:
         from ..robot.parameters import NodeParameters
     except ModuleNotFoundError:
         return True
     name, names = word.partition('=')[0], [d.name for d in NodeParameters().describe()]
     groups = {known.partition('.')[0] for known in names if '.' in known}
-    return name in names or name.partition('.')[0] in groups and '.' in name and not Path(word).exists()
+    return name in names or (name.partition('.')[0] in groups and '.' in name and not Path(word).exists())
 
 
 def tune(args):
-    """Search, write the best and print what it is worth."""
+    """Search, write the best parameters and print their gain."""
     from ..evaluation.comparison import known_motion
     from ..recordings import find_recording, open_recording
     from ..robot.parameter_files import read_parameters, write_parameters
@@ -93,19 +97,19 @@ def tune(args):
     folder = Path(args.out or Path('results', 'tune', names[0]))
     study = Study(folder, settings, axes)
     print(f'search      {search}, {study.known} of {args.trials} trials known, kept in {folder}', flush=True)
-    jobs = (paths, args.topic, args.objective, args.scans)
+    task = Task(paths, args.topic, args.objective, args.scans)
     with workers(args.processes or processors(), args.scheduler) as executor:
         with progress(args.trials) as watch, said_when_interrupted(study, args.trials, folder):
-            cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, *jobs), watch)
+            cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, task), watch)
         first = study.cost_of_start
         if cost >= HOPELESS:
-            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans was found; expected '
-                               'a longer drive, or more of it (--scans)')
+            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans could be registered; '
+                               'expected a longer drive, or more of its scans (--scans)')
         best = start.replace(values)
         head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
-        head += gain(executor, held_out, known, args.topic, start, best, args.seed)
+        head += gain(followed(executor, held_out, args.topic, (start, best)), known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join(head))
     changed = [f'{name}: {start_values[name]} -> {value}' for name, value in values.items() if value != start_values[name]]
@@ -117,24 +121,34 @@ def tune(args):
         print(f'live        set on {args.live}')
 
 
-def evaluated(executor, trials, start, paths, topic, objective, limit):
-    """(number, cost) of the `trials`, number -> values, as they are done: the mean over the recordings."""
+@dataclass(frozen=True)
+class Task:
+    """Recordings to search on, as `cost_of` takes them: files, topic of the scans, objective, number of scans."""
+
+    paths: list
+    topic: str | None
+    objective: str
+    limit: int | None
+
+
+def evaluated(executor, trials, start, task):
+    """Yield (number, mean cost over the recordings) of the `trials` (number -> values) in the order they are done."""
     from ..tuning.objective import HOPELESS, cost_of
     from .workers import as_done
 
     candidates = {number: made for number, values in trials.items() if (made := candidate(start, values))}
-    asked = [(path, topic, made, objective, limit) for made in candidates.values() for path in paths]
+    asked = [(path, task.topic, made, task.objective, task.limit) for made in candidates.values() for path in task.paths]
     yield from ((number, HOPELESS) for number in trials if number not in candidates)
-    numbers, costs = [number for number in candidates for _ in paths], defaultdict(dict)
+    numbers, costs = [number for number in candidates for _ in task.paths], defaultdict(dict)
     for job, cost in as_done(executor, cost_of, asked):
         known = costs[numbers[job]]
         known[job] = cost
-        if len(known) == len(paths):
-            yield numbers[job], sum(known[job] for job in sorted(known)) / len(paths)
+        if len(known) == len(task.paths):
+            yield numbers[job], sum(known[job] for job in sorted(known)) / len(task.paths)
 
 
 def candidate(start, values):
-    """The parameters `start` with some `values` changed, or None where these contradict each other."""
+    """Return the parameters `start` with some `values` changed, or None where these contradict each other."""
     try:
         return start.replace(values)
     except ParameterError:
@@ -143,7 +157,7 @@ def candidate(start, values):
 
 @contextmanager
 def progress(total):
-    """A bar with the best so far: gives ``watch(done, best)``."""
+    """Show a progress bar; provide ``watch(done, best)``, which updates it."""
     from tqdm import tqdm
 
     with tqdm(total=total, desc='tune', unit=' trials', disable=None) as shown:
@@ -155,27 +169,33 @@ def progress(total):
 
 @contextmanager
 def said_when_interrupted(study, total, folder):
-    """Print what is kept of a search that is interrupted."""
+    """Print how many trials are kept when the search is interrupted."""
     try:
         yield
     except KeyboardInterrupt:
-        print(f'kept        {study.known} of {total} trials, in {folder}: the same command goes on from there', flush=True)
+        print(f'kept        {study.known} of {total} trials in {folder}; the same command continues from there', flush=True)
         raise
 
 
-def gain(executor, paths, known, topic, start, best, seed):
-    """Lines that say what `best` is worth against `start` on recordings that the search has not seen."""
-    from ..evaluation.comparison import difference, paired
-    from .compare import Competitor, track_one
+def followed(executor, paths, topic, parameter_sets):
+    """Run every parameter set over every recording; return one list of `Trajectory` for each recording."""
+    from .compare import Competitor, follow_one
 
-    if not paths:
-        return ['No recording was held out: the gain on others is not known, and likely smaller.']
-    futures = [[executor.submit(track_one, path, topic, Competitor(parameters)) for parameters in (start, best)]
+    futures = [[executor.submit(follow_one, path, topic, Competitor(parameters)) for parameters in parameter_sets]
                for path in paths]
-    pairs = [paired(motion, *(future.result() for future in pair)) for motion, pair in zip(known, futures, strict=True)]
+    return [[future.result() for future in row] for row in futures]
+
+
+def gain(trajectories, known, seed):
+    """Describe the gain on held-out recordings; `trajectories` are (before, after) for each `KnownMotion` in `known`."""
+    from ..evaluation.comparison import difference, paired
+
+    if not trajectories:
+        return ['No recording was held out: the gain on others is not known, and likely smaller.']
+    pairs = [paired(motion, *pair) for motion, pair in zip(known, trajectories, strict=True)]
     d = difference(pairs, 0, seed, confidence=0.95)
     shares = [100.0 * (1.0 - each.b / each.a) for each in (difference([pair], 0, seed) for pair in pairs)]
-    lines = [f'Held out ({len(paths)}): {d.a:.5f} m before, {d.b:.5f} m after, over 1 m; gain {d.a - d.b:+.5f} m, '
+    lines = [f'Held out ({len(pairs)}): {d.a:.5f} m before, {d.b:.5f} m after, over 1 m; gain {d.a - d.b:+.5f} m, '
              f'95 % between {-d.high:+.5f} and {-d.low:+.5f} m; by recording '
              + ', '.join(f'{share:+.1f} %' for share in shares) + '.']
     if not (d.worse or d.better):

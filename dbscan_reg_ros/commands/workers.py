@@ -31,7 +31,7 @@ class SchedulerError(DbscanRegError):
 
 @contextmanager
 def workers(processes, scheduler=None):
-    """An executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
+    """Provide an executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
 
     One process is this one. What is submitted has to be importable by other processes. An interruption (Ctrl-C, SIGTERM
     or SIGHUP) is passed on once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched` gets it
@@ -48,7 +48,7 @@ def workers(processes, scheduler=None):
 
 
 def as_done(executor, function, jobs):
-    """(number of the job, result) of ``function(*job)`` for each of the `jobs`, as they are done.
+    """Yield (number of the job, result) of ``function(*job)`` for each of the `jobs`, as they are done.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def as_done(executor, function, jobs):
 
 
 def watched(items, title, total):
-    """The `items` with a progress bar, wherever this process shows it; an interruption is raised in between."""
+    """Yield the `items` with a progress bar, wherever this process shows it; an interruption is raised in between."""
     if _worker is None:
         from tqdm import tqdm
         with _interruptions() as interrupted:
@@ -88,7 +88,7 @@ def watched(items, title, total):
 
 @contextmanager
 def _interruptions():
-    """An event that is set where Python would raise a KeyboardInterrupt."""
+    """Provide an event that is set where Python would raise a KeyboardInterrupt."""
     interrupted = threading.Event()
     if (threading.current_thread() is not threading.main_thread()
             or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
@@ -136,7 +136,7 @@ class _Local(ProcessPoolExecutor):
 
 @contextmanager
 def local_workers(processes):
-    """The same as `workers` of so many local processes, also where that is one."""
+    """Provide the same as `workers` of so many local processes, also where that is one."""
     context = multiprocessing.get_context('spawn')
     reports, reporter = context.Pipe(duplex=False)
     over, end = context.Pipe(duplex=False)
@@ -207,7 +207,7 @@ def _end_with_parent():
 
 
 def _work(function, args, kwargs):
-    """What a local worker does with each job."""
+    """Return what a local worker does with each job."""
     try:
         return function(*args, **kwargs)
     finally:

@@ -59,5 +59,5 @@ class KnownMotion(NamedTuple):
 
 
 def errors_of(recording, stamps, poses) -> dict:
-    """The `measures` of what is known of a recording's motion."""
+    """Return the `measures` of what is known of a recording's motion."""
     return KnownMotion.of(recording).measures(stamps, poses)

@@ -51,7 +51,7 @@ class Method:
 
 
 def method(name) -> Method:
-    """The method called `name`.
+    """Return the method called `name`.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def method(name) -> Method:
 
 
 def chosen(names=None) -> list:
-    """The methods called `names`; without names every one that can run here."""
+    """Return the methods called `names`; without names every one that can run here."""
     if names:
         return [method(name) for name in names]
     found = []
@@ -107,7 +107,7 @@ def _paper(name):
 
 
 def paper_parameters() -> Parameters:
-    """The method to the letter, from ``config/paper.yaml``."""
+    """Return the method to the letter, from ``config/paper.yaml``."""
     from ..robot.parameter_files import read_parameters
     return read_parameters(config_folder() / 'paper.yaml')
 
@@ -143,7 +143,7 @@ def _small_gicp(name):
 
 
 def _kiss_icp(name):
-    """The reference fills the map, the current scan is registered to it with the first threshold."""
+    """Return the reference fills the map, the current scan is registered to it with the first threshold."""
     from kiss_icp.kiss_icp import KissICP
 
     def prepare(scan):
@@ -176,7 +176,7 @@ def lifted(scan, heights):
 
 
 def spatial(transform):
-    """The (4, 4) motion of space of an `SE2`."""
+    """Return the (4, 4) motion of space of an `SE2`."""
     matrix = np.eye(4)
     matrix[:2, :2] = transform.rotation()
     matrix[:2, 3] = transform.x, transform.y
@@ -184,7 +184,7 @@ def spatial(transform):
 
 
 def planar(matrix):
-    """The `SE2` in a (4, 4) motion of space."""
+    """Return the `SE2` in a (4, 4) motion of space."""
     return SE2(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
 
 

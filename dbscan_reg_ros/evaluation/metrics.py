@@ -60,7 +60,7 @@ def relation_errors(stamps, poses, relations) -> dict:
 
 
 def related(stamps, relations):
-    """Indices of the first and of the second scan of every relation that has both, and which relations these are."""
+    """Return indices of the first and of the second scan of every relation that has both, and which relations these are."""
     first, first_found = _scans_at(stamps, relations.stamps[:, 0])
     second, second_found = _scans_at(stamps, relations.stamps[:, 1])
     found = first_found & second_found
@@ -88,7 +88,7 @@ def distance_errors(poses, reference, metres) -> dict:
 
 
 def apart(reference, metres):
-    """Indices of the scans, and for each of the first scan whose path in the reference is `metres` longer."""
+    """Return indices of the scans, and for each of the first scan whose path in the reference is `metres` longer."""
     path = path_lengths(reference)
     later = np.searchsorted(path, path + metres)
     scans = np.flatnonzero(later < len(path))

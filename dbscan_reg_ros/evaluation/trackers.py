@@ -114,7 +114,7 @@ class Still:
 
 
 def tracker(name):
-    """A fresh tracker by the name of its method.
+    """Return a fresh tracker by the name of its method.
 
     Raises
     ------
@@ -132,12 +132,12 @@ def tracker(name):
 
 
 def nobody(course) -> list:
-    """What each scan's motion is told to be: nothing."""
+    """Return what each scan's motion is told to be: nothing."""
     return [None] * len(course.scans)
 
 
 def wheels(course) -> list:
-    """What the node takes the course's wheels to say."""
+    """Return what the node takes the course's wheels to say."""
     def told(motion):
         return lambda expected: Prior(motion, np.diag(SPREAD(motion)) ** 2)
     if course.wheels is None:
@@ -146,7 +146,7 @@ def wheels(course) -> list:
 
 
 def gyroscope(course, seed=0) -> list:
-    """What the node takes a gyroscope to say that follows the true turns, 1 % too far and with noise of 3 mrad."""
+    """Return what the node takes a gyroscope to say that follows the true turns, 1 % too far and with noise of 3 mrad."""
     def told(turn):
         return lambda expected: expected.with_rotation(turn, SPREAD(SE2(0.0, 0.0, turn))[2])
     turns = relative(course.reference[:-1], course.reference[1:])[:, 2]

@@ -11,7 +11,7 @@ CLOSE = 0.4
 
 
 def draw_rotation(figure, steps):
-    """The angle differences of all pairs of segments with their clusters, and the k-dist graph with eps."""
+    """Draw the angle differences of all pairs of segments with their clusters, and the k-dist graph with eps."""
     rotations, result = steps.rotations, np.degrees(steps.registration.transform.theta)
     axes = panels(figure, ['all', 'all'], ['close', 'graph'])
     row = np.broadcast_to(np.arange(len(rotations.difference))[:, None], rotations.difference.shape)
@@ -40,7 +40,7 @@ def _k_distances(axes, steps):
 
 
 def draw_translation(figure, steps):
-    """The translations that pairs of matched lines and ends ask for, at the rotation nearest to the result."""
+    """Draw the translations that pairs of matched lines and ends ask for, at the rotation nearest to the result."""
     samples, result = steps.translations, steps.registration.transform
     axes = panels(figure, ['all', 'close'])
     own = samples.rotation == steps.rotation

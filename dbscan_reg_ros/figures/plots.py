@@ -29,7 +29,7 @@ class DensityMap(NamedTuple):
 
 
 def density_map(scans, poses) -> DensityMap:
-    """The returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
+    """Return the returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
     return _density(_laid_out(scans, poses), poses)
 
@@ -182,7 +182,7 @@ def _laid_out(scans, poses):
 
 
 def _density(points, poses):
-    """The `DensityMap` of points ``(P, 2)`` that shows the poses ``(N, 3)`` as well."""
+    """Return the `DensityMap` of points ``(P, 2)`` that shows the poses ``(N, 3)`` as well."""
     seen = np.concatenate((np.quantile(points, (0.001, 0.999), axis=0) if len(points) else np.zeros((0, 2)),
                            poses[:, :2], np.zeros((0 if len(poses) else 1, 2))))
     low, high = seen.min(axis=0), seen.max(axis=0)

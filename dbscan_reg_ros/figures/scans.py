@@ -36,7 +36,7 @@ def draw_points(figure, steps):
 
 
 def draw_scan_segments(figure, steps):
-    """The segments of both scans, the breakpoints between surfaces, and what ends each segment."""
+    """Draw the segments of both scans, the breakpoints between surfaces, and what ends each segment."""
     axes = panels(figure, [name for name, _ in steps.scans])
     for name, scan in steps.scans:
         panel, segments, points = axes[name], scan.features.segments, scan.features.points

@@ -44,7 +44,7 @@ class ScanSteps:
 
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
-        """Raises ScanError when the scan has too few returns."""
+        """Return raises ScanError when the scan has too few returns."""
         features = extract_features(scan, parameters)
         measured = usable_points(scan, parameters.scan)
         filtered, outcome, *_ = filtered_points(scan, parameters)
@@ -76,7 +76,7 @@ class Steps:
 
     @classmethod
     def of(cls, reference: Scan, current: Scan, parameters: Parameters, registration: Registration | None = None) -> 'Steps':
-        """The steps that lead from two scans to their `registration`; without one they are registered anew.
+        """Return the steps that lead from two scans to their `registration`; without one they are registered anew.
 
         Raises
         ------
@@ -104,6 +104,6 @@ class Steps:
         return int(np.argmin(off)) if len(off) else None
 
     def rotation_distances(self):
-        """The k-dist graph of the angle differences [rad], and its k."""
+        """Return the k-dist graph of the angle differences [rad], and its k."""
         k = max(self.parameters.rotation.min_samples - 1, 1)
         return k_distances(self.rotations.difference.ravel(), k), k

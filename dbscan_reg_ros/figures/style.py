@@ -28,7 +28,7 @@ def panels(figure, *rows, widths=None) -> dict:
 
 
 def legend(axes, source, columns):
-    """The legend of the axes `source`, in a strip of its own."""
+    """Return the legend of the axes `source`, in a strip of its own."""
     axes.axis('off')
     axes.legend(*source.get_legend_handles_labels(), loc='center', ncol=columns, frameon=False)
 
@@ -60,7 +60,7 @@ def grid(axes):
 
 
 def draw_segments(axes, segments, style, label, chosen=slice(None), moved=SE2()):
-    """The `chosen` line segments, moved by the motion `moved`, as one entry of the legend."""
+    """Draw the `chosen` line segments, moved by the motion `moved`, as one entry of the legend."""
     start, end = segments.start[chosen], segments.end[chosen]
     ends = moved.apply(np.stack((start, end, np.full_like(end, np.nan)), axis=1))
     axes.plot(*ends.reshape(-1, 2).T, label=label, **style)

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings from one format into another: CARMEN logs, ROS 1 bags and ROS 2 bags."""
+"""Conversion between CARMEN logs, ROS 1 bags and ROS 2 bags."""
 import contextlib
 import gzip
 import math
 import shutil
 from collections import Counter
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import RecordingError
@@ -17,13 +19,37 @@ from .opening import is_bag, open_recording
 
 SECOND = 1_000_000_000
 LONGEST = 4e9
-"""No recording goes on for so long [s]."""
+"""No recording is longer than this [s]."""
 STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/truth': ODOMETRY, '/scan': LASER_SCAN}
-"""What a CARMEN log becomes in a bag, in this order; see `_topics_of`."""
+"""Topics of the bag made from a CARMEN log, in this order; see `_topics_of`."""
 
 
-def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, storage='mcap', progress=None):
+@dataclass(frozen=True)
+class Kept:
+    """Part of a recording that is converted.
+
+    Attributes
+    ----------
+    topic : str or None
+        Topic of the scans, where a log is read or written and there are several.
+    topics : collection of str
+        Topics of the bag; all when empty.
+    start, end : float
+        Time since the first message [s].
+    """
+
+    topic: str | None = None
+    topics: Collection[str] = ()
+    start: float = 0.0
+    end: float = math.inf
+
+
+ALL = Kept()
+
+
+def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage: str = 'mcap',
+            progress: Callable[[Iterable, int], Iterable] | None = None) -> tuple[Counter, list[str]]:
     """Write the recording `source` anew as `target`.
 
     The messages keep their order and their own stamps. The record times of a bag made from a log are the stamps,
@@ -35,14 +61,10 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     target : str or Path
         ``NAME.log`` or ``NAME.log.gz`` becomes a CARMEN log, ``NAME.bag`` a ROS 1 bag, any other name the folder of
         a ROS 2 bag.
-    topic : str, optional
-        The topic of the scans, where a log is read or written and there are several.
-    topics : collection of str
-        The topics of the bag that are kept; all when empty.
-    start, end : float
-        What is kept of the recording's time [s], from its first message on.
+    kept : Kept
+        What of the recording is converted.
     storage : str
-        Of a ROS 2 bag: ``mcap`` or ``sqlite3``.
+        Storage of a ROS 2 bag: ``mcap`` or ``sqlite3``.
     progress : callable, optional
         ``progress(iterable, total)`` gives an iterable of the same items.
 
@@ -61,21 +83,23 @@ def convert(source, target, topic=None, topics=(), start=0.0, end=math.inf, stor
     source, target = Path(source), Path(target)
     progress = progress or (lambda items, total: items)
     check_target(target)
-    if not 0.0 <= start <= end:
-        raise RecordingError(f'from {start:g} to {end:g} s: expected a start of 0 s or later, and an end that is not before it')
+    if not 0.0 <= kept.start <= kept.end:
+        raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end that is not '
+                             'before it')
     from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
-    if to_log and topics:
-        raise RecordingError(f'{target}: topics to keep ({", ".join(topics)}) are for bags; a log takes the scans of one topic')
+    if to_log and kept.topics:
+        raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans of one '
+                             'topic')
     if from_bag and not to_log:
-        if topic:
-            raise RecordingError(f'{target}: one topic of scans ({topic}) is for logs; name topics to keep for a bag')
-        return _bag_to_bag(source, target, topics, start, end, storage, progress)
-    recording = open_recording(source, topic)
-    records = _timed(progress(recording.records(), recording.count), start, end)
+        if kept.topic:
+            raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a bag')
+        return _bag_to_bag(source, target, kept, storage, progress)
+    recording = open_recording(source, kept.topic)
+    records = _timed(progress(recording.records(), recording.count), kept.start, kept.end)
     if to_log:
         counts = write_log(target, (record for _, record in records))
     else:
-        counts = _log_to_bag(records, target, topics, storage, _topics_of(recording))
+        counts = _log_to_bag(records, target, kept.topics, storage, _topics_of(recording))
     return counts, [*recording.notes, *recording.problems]
 
 
@@ -146,17 +170,14 @@ def _log_to_bag(records, target, topics, storage, held):
     return counts
 
 
-def _bag_to_bag(source, target, topics, start, end, storage, progress):
+def _bag_to_bag(source, target, kept, storage, progress):
     counts, problems = Counter(), []
     with open_reader(source) as reader:
-        _check_topics(topics, {connection.topic for connection in reader.connections}, source)
+        _check_topics(kept.topics, {connection.topic for connection in reader.connections}, source)
         if not reader.message_count:
             raise RecordingError(f'{source}: holds no message')
-        connections = [c for c in reader.connections if not topics or c.topic in topics]
-        window = {'start': reader.start_time + round(min(start, LONGEST) * SECOND)}
-        if end < LONGEST:
-            window['stop'] = reader.start_time + round(end * SECOND) + 1
-        messages = safely(reader, connections, problems.append, **window)
+        connections = [c for c in reader.connections if not kept.topics or c.topic in kept.topics]
+        messages = safely(reader, connections, problems.append, **_window(reader, kept))
         with bag_writer(target, storage, source) as (writer, _):
             convert_message = writer.add_topics_of(reader, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
@@ -168,13 +189,21 @@ def _bag_to_bag(source, target, topics, start, end, storage, progress):
                 writer.write(added, time, message)
                 counts[connection.topic] += 1
             if not counts:
-                raise RecordingError(problems[0]) if problems else _nothing(start, end, reader.duration / SECOND)
+                raise RecordingError(problems[0]) if problems else _nothing(kept.start, kept.end, reader.duration / SECOND)
     return counts, problems
+
+
+def _window(reader, kept):
+    """Make the arguments ``start`` and ``stop`` [ns] of the reader."""
+    window = {'start': reader.start_time + round(min(kept.start, LONGEST) * SECOND)}
+    if kept.end < LONGEST:
+        window['stop'] = reader.start_time + round(kept.end * SECOND) + 1
+    return window
 
 
 @contextlib.contextmanager
 def bag_writer(target, storage='mcap', source=None):
-    """The writer of a bag, perhaps of what another one holds, and the function that serialises messages for it.
+    """Provide the writer of a bag, perhaps of what another one holds, and the function that serialises messages for it.
 
     Leaves a valid bag when it is interrupted, and none when it fails.
     """

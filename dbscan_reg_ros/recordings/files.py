@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path, binary=False):
-    """A file to write to, text or `binary`, that takes the place of `path` once it is complete."""
+    """Provide a file to write to, text or `binary`, that takes the place of `path` once it is complete."""
     path = Path(path)
     unfinished = path.with_name(path.name + '.part')
     try:

@@ -36,7 +36,7 @@ COLORS = {
 
 
 def filled(message, fields):
-    """A ROS `message` with its `fields` set; the others stay as they are."""
+    """Return a ROS `message` with its `fields` set; the others stay as they are."""
     for name, value in fields.items():
         if isinstance(value, dict):
             filled(getattr(message, name), value)
@@ -58,7 +58,7 @@ def message_class(kind):
 
 @cache
 def _element_class(kind, name):
-    """The class of what the sequence `name` of a class of messages holds."""
+    """Return the class of what the sequence `name` of a class of messages holds."""
     return message_class(kind.get_fields_and_field_types()[name].removeprefix('sequence<').removesuffix('>'))
 
 
@@ -156,7 +156,7 @@ def _yaw(theta):
 
 
 def _spatial(planar):
-    """The 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
+    """Return the 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
     covariance = UNKNOWN.copy()
     covariance[PLANE] = planar + LEAST
     return covariance.ravel()

@@ -12,7 +12,7 @@ from .recording import Recording
 
 
 def open_recording(path, topic=None) -> 'Recording':
-    """The recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
+    """Return the recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def is_bag(path) -> bool:
 
 
 def _starts_of(path, size=512):
-    """The first bytes of a file as they are, and unpacked where it is gzip."""
+    """Return the first bytes of a file as they are, and unpacked where it is gzip."""
     with open(path, 'rb') as file:
         start = file.read(size)
     if start.startswith(b'\x1f\x8b'):

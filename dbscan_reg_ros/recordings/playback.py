@@ -79,7 +79,7 @@ def inputs_of(kinds, wheels) -> dict:
 
 
 def choose(channels, topics=(), everything=False) -> list:
-    """The channels to play: what the node can use, those recorded on `topics`, or all.
+    """Return the channels to play: what the node can use, those recorded on `topics`, or all.
 
     Raises
     ------
@@ -93,6 +93,6 @@ def choose(channels, topics=(), everything=False) -> list:
 
 
 def only(names):
-    """The one of `names` where there is just one, else None."""
+    """Return the one of `names` where there is just one, else None."""
     names = list(names)
     return names[0] if len(names) == 1 else None

@@ -81,18 +81,18 @@ class Recording:
         return self._watch
 
     def scans(self):
-        """Iterator of `Scan`, in the order of the file, which is the physical one; stamps may go back.
+        """Return iterator of `Scan`, in the order of the file, which is the physical one; stamps may go back.
 
         Scans whose beams point the same way share one `ScanGeometry`.
         """
         raise NotImplementedError
 
     def records(self):
-        """Iterator of `Record`, as `scans`."""
+        """Return iterator of `Record`, as `scans`."""
         raise NotImplementedError
 
     def stamps(self) -> list:
-        """The stamps of all scans [ns], in the order of the file."""
+        """Return the stamps of all scans [ns], in the order of the file."""
         return [scan.stamp for scan in self.scans()]
 
     def wheel_odometry(self):
@@ -102,11 +102,11 @@ class Recording:
         """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
     def channels(self) -> list:
-        """The `Channel` of every topic besides that of the scans."""
+        """Return the `Channel` of every topic besides that of the scans."""
         return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []
 
     def play(self, channels):
-        """Iterator of `Played`: the scans as from `scans`, and between them what the channels carry."""
+        """Yield iterator of `Played`: the scans as from `scans`, and between them what the channels carry."""
         wheels = _wheels(*self.wheel_odometry(), channels[0]) if channels else iter(())
         schedule, ahead = Schedule(), next(wheels, None)
         for scan in self.scans():
@@ -147,7 +147,7 @@ class Recording:
 
 
 def _wheels(stamps, poses, channel):
-    """The odometry of the wheels as `Played`, in the order of the file."""
+    """Yield the odometry of the wheels as `Played`, in the order of the file."""
     schedule = Schedule()
     for stamp, pose in zip(map(int, stamps), poses, strict=True):
         yield Played(pose_only_fields(stamp, 'base_link', pose), schedule.time(stamp), channel)

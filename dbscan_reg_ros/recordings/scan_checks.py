@@ -108,7 +108,7 @@ class ScanChecks:
         self._stamps = deque(maxlen=RECENT + 1)
 
     def look(self, fields, now=0) -> list:
-        """What is odd about a scan.
+        """Return what is odd about a scan.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class ScanChecks:
         return None
 
     def _lasting(self, kind, key, text):
-        """The warning that was given for the same `key`, or else a new one."""
+        """Return the warning that was given for the same `key`, or else a new one."""
         if self._said.get(kind, (None,))[0] != key:
             self._said[kind] = key, ScanWarning(kind, text())
         return self._said[kind][1]
@@ -286,5 +286,5 @@ class ScanWatch:
         return list(self._sightings.values())
 
     def lines(self) -> list:
-        """The same, a line each."""
+        """Return the same, a line each."""
         return [f'{s.warning.text} ({s.count} of {self.seen} scans, first scan {s.first})' for s in self.sightings]

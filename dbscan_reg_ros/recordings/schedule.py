@@ -16,7 +16,7 @@ class Schedule:
         self._offset = 0
 
     def time(self, stamp) -> int:
-        """The time [ns] for the next `stamp` [ns]: no earlier than that for the one before."""
+        """Return the time [ns] for the next `stamp` [ns]: no earlier than that for the one before."""
         if self._last is not None and stamp + self._offset <= self._last - RESTART:
             self._offset = self._last - stamp
         time = stamp + self._offset
@@ -32,7 +32,7 @@ class Timeline:
         self._due = self._recorded = None
 
     def due(self, played):
-        """The time [ns] for the next `Played`; None, at once, before the first scan."""
+        """Return the time [ns] for the next `Played`; None, at once, before the first scan."""
         if played.channel is None:
             self._due, self._recorded = self._schedule.time(played.content.stamp), played.time
         elif self._recorded is not None:

@@ -131,7 +131,7 @@ def write_snapshot(path, snapshot: Snapshot):
 
 
 def read_snapshot(path) -> Snapshot:
-    """The snapshot in the file at `path`.
+    """Return the snapshot in the file at `path`.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def usable(stamps) -> bool:
 
 
 def _unwrap(stamps):
-    """The stamps with counters of 32 bits unwrapped, and the units of those that start at 0 again."""
+    """Return the stamps with counters of 32 bits unwrapped, and the units of those that start at 0 again."""
     found = []
     for unit, wrap in WRAPS.items():
         if not stamps or not (1 - NEAR) * wrap < max(stamps) < (1 + NEAR) * wrap:

@@ -28,7 +28,7 @@ def write_tum(path, stamps, poses):
 
 
 def read_tum(path):
-    """A trajectory in TUM's form: stamps ``(N,)`` int64 [ns], poses ``(N, 3)`` [m, m, rad].
+    """Return a trajectory in TUM's form: stamps ``(N,)`` int64 [ns], poses ``(N, 3)`` [m, m, rad].
 
     Raises
     ------
@@ -66,7 +66,7 @@ def write_csv(path, poses, indices=None, ms=None):
 
 
 def read_csv(path):
-    """Indices ``(N,)`` and poses ``(N, 3)`` of a file with the columns index, x, y, theta and perhaps more.
+    """Return indices ``(N,)`` and poses ``(N, 3)`` of a file with the columns index, x, y, theta and perhaps more.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_csv(path):
 
 
 def finite_numbers(words) -> list:
-    """The numbers that `words` say; ValueError where one is none, not finite or far beyond what a pose can be."""
+    """Return the numbers that `words` say; ValueError where one is none, not finite or far beyond what a pose can be."""
     numbers = [float(word) for word in words]
     if not possible(numbers):
         raise ValueError(f'expected finite numbers below {FARTHEST:g}')
@@ -99,7 +99,7 @@ def finite_numbers(words) -> list:
 
 
 def numbered_lines(path):
-    """Number and text of the lines of a small file that are neither empty nor a ``#`` comment.
+    """Return number and text of the lines of a small file that are neither empty nor a ``#`` comment.
 
     Raises
     ------

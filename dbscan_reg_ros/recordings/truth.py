@@ -15,7 +15,7 @@ DATA_VARIABLE = 'DBSCAN_REG_DATA'
 
 
 def data_folder(argument=None) -> Path:
-    """The folder that holds ``intel/`` and the other public recordings.
+    """Return the folder that holds ``intel/`` and the other public recordings.
 
     `argument` where given, else ``$DBSCAN_REG_DATA``, else ``../shared/data`` beside the project's root.
 

@@ -35,7 +35,7 @@ class Faults:
             self._reasons.setdefault(part, self._explain(error))
 
     def attempt(self, part, function, *args):
-        """What `function(*args)` returns; None when it fails, which is noted, or when `part` failed before."""
+        """Return what `function(*args)` returns; None when it fails, which is noted, or when `part` failed before."""
         if part in self._reasons:
             return None
         with self.noted(part):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def new_folder(parent) -> Path:
-    """A new folder in `parent`, named after the time of day; two runs never get the same."""
+    """Return a new folder in `parent`, named after the time of day; two runs never get the same."""
     parent = Path(parent)
     parent.mkdir(parents=True, exist_ok=True)
     name, number = time.strftime('%Y-%m-%d_%H-%M-%S'), 1

@@ -74,7 +74,7 @@ class Results:
         return self.faults.attempt('errors against the truth', KnownMotion.of, self.recording) or NOTHING_KNOWN
 
     def _truth(self, known):
-        """True poses ``(N, 3)`` of the scans, not a number where unknown, or None."""
+        """Return true poses ``(N, 3)`` of the scans, not a number where unknown, or None."""
         if known.truth is None:
             return None
         truth = interpolate(*known.truth, self.trajectory.stamps)
@@ -102,7 +102,7 @@ class Results:
 
 
 def _aligned(truth, poses):
-    """The true poses moved as one onto the `poses`; None where fewer than two are known."""
+    """Return the true poses moved as one onto the `poses`; None where fewer than two are known."""
     if truth is None:
         return None
     there = np.isfinite(truth).all(axis=1)

@@ -21,7 +21,7 @@ def mounting_of(parameters) -> Mounting:
 
 
 def turned(scans, yaw):
-    """`scans` of a laser that is turned by `yaw` [rad] on the base, one by one as a sensor that looks along the base
+    """Yield `scans` of a laser that is turned by `yaw` [rad] on the base, one by one as a sensor that looks along the base
     sees them."""
     geometry = None
     for scan in scans:

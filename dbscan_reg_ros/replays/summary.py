@@ -8,8 +8,11 @@ from ..recordings.files import replacing
 
 
 def write_metrics(path, recording, measures):
-    """Write ``metrics.json``: the recording's name and file, what was assumed to read it, what is odd about its scans, and
-    every measure by its name; null for one that is not finite."""
+    """Write ``metrics.json``.
+
+    It holds the recording's name and file, notes on how it was read, warnings about its scans, and every measure by its
+    name; null for one that is not finite.
+    """
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic, 'notes': recording.notes,
                'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
@@ -18,24 +21,33 @@ def write_metrics(path, recording, measures):
 
 
 def summarise(measures) -> list:
-    """(what, how much) of what matters most among the measures of a replay."""
+    """Return (what, how much) of what matters most among the measures of a replay."""
     counts = [f'{name} {measures[name]}' for name in (*(status.value for status in Status), 'restarts') if measures[name]]
     lines = [('scans', ' '.join([f'{measures["scans"]} skipped {measures["skipped"]}', *counts]))]
     if 'driven_m' in measures:
         lines.append(('driven', _driven(measures)))
     if 'ms_p50' in measures:
         lines.append(('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan'))
+    return [*lines, *_errors(measures), *_closed(measures)]
+
+
+def _errors(measures):
+    """Yield the errors against relations and truth."""
     for name, words in (('neighbour', 'neighbours'), ('loop', 'loops'), ('all', 'relations')):
         if f'relations_{name}_mean_m' in measures:
-            lines.append((words, f'mean {measures[f"relations_{name}_mean_m"]:.3f} m '
-                                 f'{measures[f"relations_{name}_mean_deg"]:.2f} deg'))
+            yield (words, f'mean {measures[f"relations_{name}_mean_m"]:.3f} m '
+                    f'{measures[f"relations_{name}_mean_deg"]:.2f} deg')
     for metres in (1, 5):
         if f'rpe_{metres}m_mean_m' in measures:
-            lines.append((f'over {metres} m', f'mean {measures[f"rpe_{metres}m_mean_m"]:.4f} m '
+            yield (f'over {metres} m', f'mean {measures[f"rpe_{metres}m_mean_m"]:.4f} m '
                                               f'{measures[f"rpe_{metres}m_mean_deg"]:.2f} deg, '
-                                              f'median {measures[f"rpe_{metres}m_median_m"]:.4f} m'))
+                                              f'median {measures[f"rpe_{metres}m_median_m"]:.4f} m')
     if 'ate_m' in measures:
-        lines.append(('position', f'{measures["ate_m"]:.3f} m root mean square after alignment'))
+        yield ('position', f'{measures["ate_m"]:.3f} m root mean square after alignment')
+
+
+def _closed(measures):
+    """Yield the errors after loop closing."""
     if 'loops' in measures:
         closed = [f'{measures["loops"]} places seen again']
         if 'closed_relations_all_mean_m' in measures:
@@ -43,8 +55,7 @@ def summarise(measures) -> list:
                           f'{measures["closed_relations_all_mean_deg"]:.2f} deg')
         if 'closed_ate_m' in measures:
             closed.append(f'position {measures["closed_ate_m"]:.3f} m')
-        lines.append(('closed', ', '.join(closed)))
-    return lines
+        yield 'closed', ', '.join(closed)
 
 
 def _driven(measures):

@@ -94,7 +94,7 @@ class Trajectory:
 
 
 def trajectory_of(scans, parameters) -> Trajectory:
-    """The whole way of the sensor that saw `scans`."""
+    """Return the whole way of the sensor that saw `scans`."""
     trajectory = Trajectory()
     for _ in trajectory.follow(scans, Odometry(parameters)):
         pass

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated lidar recordings with exact truth: a world, a path and a lidar in, scans and poses out."""
-from .dead_reckoning import wheel_odometry, yaw_rates
+from .dead_reckoning import WheelErrors, wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar
 from .paths import Path, follow
 from .simulate import Simulation, demo, measure, simulate
 from .worlds import Person, World, corridor, hall, rooms, with_people
 
-__all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'World', 'corridor', 'demo', 'follow', 'hall', 'measure',
+__all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'WheelErrors', 'World', 'corridor', 'demo', 'follow', 'hall', 'measure',
            'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']

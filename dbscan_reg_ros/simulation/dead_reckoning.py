@@ -1,26 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What wheels and a gyroscope say of a path: small errors at every step, scale, bias and slip."""
+"""Simulated wheel odometry and gyroscope: noise at every step, scale, bias and slip."""
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..core.geometry.se2 import wrap
+from .paths import Path
 from .simulate import START
 
 
-def wheel_odometry(path, rate=20.0, seed=0, scale=(1.02, 0.98), noise=(0.02, 0.02), slips=(), start=START):
-    """Poses of the robot by its wheels.
+@dataclass(frozen=True)
+class WheelErrors:
+    """Errors of wheel odometry.
+
+    Attributes
+    ----------
+    scale : (float, float)
+        Ratio of measured to true distance and rotation.
+    noise : (float, float)
+        Standard deviation of the error of each step, as a fraction of its distance and of its rotation; the second is
+        also the rotation error per distance [rad/m].
+    slips : sequence of (begin, end, factor)
+        Between these times [s] the wheels measure `factor` times the distance.
+    """
+
+    scale: tuple[float, float] = (1.02, 0.98)
+    noise: tuple[float, float] = (0.02, 0.02)
+    slips: Sequence[tuple[float, float, float]] = ()
+
+
+USUAL_ERRORS = WheelErrors()
+
+
+def wheel_odometry(path: Path, errors: WheelErrors = USUAL_ERRORS, *, rate: float = 20.0, seed: int = 0,
+                   start: int = START) -> tuple[np.ndarray, np.ndarray]:
+    """Simulate the poses of the robot by its wheels.
 
     Parameters
     ----------
     path : Path
+    errors : WheelErrors
     rate : float [Hz]
     seed : int
-    scale : (float, float)
-        Measured over true, of distance and of turning.
-    noise : (float, float)
-        Standard deviation of the errors that every step adds, as a share of its distance and of its turn, and as much
-        again of turn for distance [rad/m].
-    slips : sequence of (begin, end, factor)
-        Between these times [s] the wheels turn `factor` times as far as the robot drives.
     start : int [ns]
 
     Returns
@@ -35,20 +57,21 @@ def wheel_odometry(path, rate=20.0, seed=0, scale=(1.02, 0.98), noise=(0.02, 0.0
     steps = np.diff(poses, axis=0)
     turns = wrap(steps[:, 2])
     distances = steps[:, 0] * np.cos(poses[:-1, 2]) + steps[:, 1] * np.sin(poses[:-1, 2])
-    for begin, end, factor in slips:
+    for begin, end, factor in errors.slips:
         distances[(times[:-1] >= begin) & (times[:-1] < end)] *= factor
-    turns = turns * (scale[1] + noise[1] * rng.normal(size=len(turns))) \
-        + noise[1] * distances * rng.normal(size=len(turns))
-    distances = distances * (scale[0] + noise[0] * rng.normal(size=len(distances)))
+    turns = turns * (errors.scale[1] + errors.noise[1] * rng.normal(size=len(turns))) \
+        + errors.noise[1] * distances * rng.normal(size=len(turns))
+    distances = distances * (errors.scale[0] + errors.noise[0] * rng.normal(size=len(distances)))
     headings = np.concatenate(([0.0], np.cumsum(turns)))
     middle = headings[:-1] + 0.5 * turns
-    way = np.cumsum(distances[:, None] * np.stack((np.cos(middle), np.sin(middle)), axis=1), axis=0)
-    measured = np.column_stack((np.concatenate((np.zeros((1, 2)), way)), wrap(headings)))
+    positions = np.cumsum(distances[:, None] * np.stack((np.cos(middle), np.sin(middle)), axis=1), axis=0)
+    measured = np.column_stack((np.concatenate((np.zeros((1, 2)), positions)), wrap(headings)))
     return start + np.round(times * 1e9).astype(np.int64), measured
 
 
-def yaw_rates(path, rate=100.0, seed=0, bias=0.002, noise=0.005, start=START):
-    """What a gyroscope measures: stamps (N,) int64 [ns] and yaw rates (N,) [rad/s], `bias` and `noise` in [rad/s]."""
+def yaw_rates(path: Path, *, rate: float = 100.0, seed: int = 0, bias: float = 0.002, noise: float = 0.005,
+              start: int = START) -> tuple[np.ndarray, np.ndarray]:
+    """Simulate a gyroscope: stamps (N,) int64 [ns] and yaw rates (N,) [rad/s]; `bias` and `noise` in [rad/s]."""
     rng = np.random.default_rng(seed)
     times = np.arange(0.0, path.duration, 1.0 / rate)
     turned = np.interp(times + 0.5 / rate, path.times, path.poses[:, 2]) \

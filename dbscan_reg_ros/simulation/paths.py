@@ -46,7 +46,7 @@ class Path:
 
 
 def follow(way_points, speed=0.8, acceleration=0.5, turn_rate=0.9, radius=0.4, pauses=None) -> Path:
-    """The path of a robot that looks where it drives.
+    """Return the path of a robot that looks where it drives.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _stand(point, heading, seconds):
 
 
 def _turn(pose, heading, turn_rate):
-    """A turn on the spot that starts and ends gently."""
+    """Return a turn on the spot that starts and ends gently."""
     angle = wrap(heading - pose[2])
     seconds = 1.5 * abs(angle) / turn_rate
     times = np.linspace(0.0, seconds, 2 + int(seconds / STEP))

@@ -64,7 +64,7 @@ class RobotRecording:
         return counts
 
     def _records(self):
-        """The scans with the sensor's true pose and the robot's by its wheels."""
+        """Yield the scans with the sensor's true pose and the robot's by its wheels."""
         stamps = self.simulation.stamps
         wheels = interpolate(*self.wheels, np.clip(stamps, self.wheels[0][0], self.wheels[0][-1]))
         for scan, truth, robot in zip(self.simulation.scans, self.simulation.truth, wheels, strict=True):

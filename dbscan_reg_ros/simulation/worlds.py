@@ -59,7 +59,7 @@ class World:
 
 
 def with_people(world, count, seed=0) -> World:
-    """The world with `count` people who walk to and fro beside a stretch of the tour each."""
+    """Return the world with `count` people who walk to and fro beside a stretch of the tour each."""
     rng = np.random.default_rng(seed)
     people = []
     for _ in range(count):
@@ -72,7 +72,7 @@ def with_people(world, count, seed=0) -> World:
 
 
 def rooms(seed=0, count=4) -> World:
-    """A corridor with `count` furnished rooms (an even number) on either side, joined in pairs by a second door.
+    """Return a corridor with `count` furnished rooms (an even number) on either side, joined in pairs by a second door.
 
     The tour passes every room in loops: in by one room's door, out by its neighbour's, back along the corridor.
     """
@@ -101,7 +101,7 @@ def rooms(seed=0, count=4) -> World:
 
 
 def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
-    """A closed corridor along x; `doors` of either side are recesses, 0 leaves it without a feature."""
+    """Return a closed corridor along x; `doors` of either side are recesses, 0 leaves it without a feature."""
     rng = np.random.default_rng(seed)
     y = 0.5 * (width + WALL)
     walls = [wall((x, -y), (x, y)) for x in (0.0, length)]
@@ -115,7 +115,7 @@ def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
 
 
 def hall(seed=0, length=26.0, depth=18.0) -> World:
-    """A hall with two rows of columns, pilasters along its walls and clutter; the tour weaves between the columns."""
+    """Return a hall with two rows of columns, pilasters along its walls and clutter; the tour weaves between the columns."""
     rng = np.random.default_rng(seed)
     corners = np.array([(0.0, 0.0), (length, 0.0), (length, depth), (0.0, depth)])
     walls = [wall(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
@@ -184,7 +184,7 @@ def clearance(points, segments, circles):
 
 
 def furnished(walls, boxes, bins, tour):
-    """The world of all walls and of those boxes and bins that keep clear of the tour."""
+    """Return the world of all walls and of those boxes and bins that keep clear of the tour."""
     way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(tour)])
     bins = np.array(bins, dtype=float).reshape(-1, 3)
     none = np.empty((0, 3))

@@ -69,7 +69,7 @@ def _inconsistency(scans, parameters):
 
 
 def _backward(scans):
-    """The same scans as time runs back, within each scan too."""
+    """Return the same scans as time runs back, within each scan too."""
     ends = scans[0].stamp + scans[-1].stamp
     return [dataclasses.replace(scan, stamp=ends - scan.stamp, time_increment=-scan.time_increment)
             for scan in reversed(scans)]

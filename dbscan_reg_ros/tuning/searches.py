@@ -18,7 +18,7 @@ class RandomSearch:
                 for number in numbers]
 
     def tell(self, costs):
-        """What came of the values last asked for; less is better."""
+        """Return what came of the values last asked for; less is better."""
 
 
 class OptunaSearch:
@@ -38,7 +38,7 @@ class OptunaSearch:
                 for trial in self._pending]
 
     def tell(self, costs):
-        """What came of the values last asked for; less is better."""
+        """Return what came of the values last asked for; less is better."""
         for trial, cost in zip(self._pending, costs, strict=True):
             self._study.tell(trial, cost)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is searched: parameters and the values that they may take."""
+"""Search space: parameters and the values that they may take."""
 import math
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from ..core.errors import ParameterError
 from ..core.parameters.schema import check, suggest
 
 FACTOR = 5.0
-"""A number is searched between its default over this and its default times this, unless a range is given."""
+"""Without a range, a number is searched between its default divided by this and multiplied by this."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Axis:
     low, high : float
         Bounds of a number.
     choices : tuple
-        The values of what is no number.
+        Values of a parameter that is not a number.
     """
 
     name: str
@@ -34,11 +34,11 @@ class Axis:
 
     @property
     def is_log(self):
-        """Searched by its order of magnitude."""
+        """Whether the values are searched on a logarithmic scale."""
         return self.low > 0.0 and self.high / self.low > 3.0
 
     def at(self, share):
-        """The value at `share`, 0..1, of the way through."""
+        """Return the value at the fraction `share`, 0..1, of the range."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         value = self.low * (self.high / self.low) ** share if self.is_log else self.low + share * (self.high - self.low)
@@ -46,7 +46,7 @@ class Axis:
 
 
 def read_axis(text, parameters) -> Axis:
-    """The axis that ``NAME`` or ``NAME=LOW:HIGH`` says.
+    """Read an axis from ``NAME`` or ``NAME=LOW:HIGH``.
 
     Raises
     ------
@@ -58,22 +58,13 @@ def read_axis(text, parameters) -> Axis:
     if name not in descriptions:
         raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
     d = descriptions[name]
-    if d.read_only or not d.choices and d.type not in (int, float, bool):
+    if d.read_only or (not d.choices and d.type not in (int, float, bool)):
         raise ParameterError(f'{name}: cannot be searched')
     if d.type is bool or d.choices:
         if given:
             raise ParameterError(f'{text}: {name} has no range; every value is tried')
         return Axis(name, d.type, choices=tuple(d.choices or (False, True)))
-    if given:
-        try:
-            low, high = (float(word) for word in given.split(':'))
-        except ValueError:
-            raise ParameterError(f'{text}: expected NAME=LOW:HIGH') from None
-    elif d.default > 0:
-        low = max(d.default / FACTOR, -math.inf if d.minimum is None else d.minimum)
-        high = min(d.default * FACTOR, math.inf if d.maximum is None else d.maximum)
-    else:
-        raise ParameterError(f'{name}: its default is {d.default}; say what to search, {name}=LOW:HIGH')
+    low, high = _read_range(text, given) if given else _usual_range(d)
     if d.type is int:
         low, high = math.ceil(low), math.floor(high)
     if not low < high:
@@ -81,3 +72,19 @@ def read_axis(text, parameters) -> Axis:
     for value in (low, high):
         check(d, d.type(value))
     return Axis(name, d.type, low, high)
+
+
+def _read_range(text, given):
+    try:
+        low, high = (float(word) for word in given.split(':'))
+    except ValueError:
+        raise ParameterError(f'{text}: expected NAME=LOW:HIGH') from None
+    return low, high
+
+
+def _usual_range(d):
+    """Choose bounds around the default, within the bounds of the parameter."""
+    if d.default <= 0:
+        raise ParameterError(f'{d.name}: its default is {d.default}; give a range, {d.name}=LOW:HIGH')
+    return (max(d.default / FACTOR, -math.inf if d.minimum is None else d.minimum),
+            min(d.default * FACTOR, math.inf if d.maximum is None else d.maximum))

@@ -41,7 +41,7 @@ class Study:
         self.cost_of_start = None
 
     def run(self, trials, evaluate, watch):
-        """The best (cost, values) of so many trials.
+        """Return the best (cost, values) of so many trials.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class Study:
         return len(self._known)
 
     def _read(self):
-        """Number -> cost; a last line that was cut off by a kill is dropped."""
+        """Return number -> cost; a last line that was cut off by a kill is dropped."""
         known, whole = {}, 0
         for line in self._file.read_text().splitlines(keepends=True) if self._file.exists() else ():
             if not line.endswith('\n'):

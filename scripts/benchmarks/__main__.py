@@ -92,7 +92,7 @@ def add_processes(command):
 
 
 def add_overlap(command):
-    """The options of ``bench overlap``."""
+    """Add the options of ``bench overlap``."""
     command.add_argument('--pairs', type=positive, default=500, metavar='N', help='of each class and world (default: 500)')
     command.add_argument('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360')
     command.add_argument('--world', nargs='+', metavar='NAME', help='only these, of corridors, halls, rooms, and each of them '
@@ -103,7 +103,7 @@ def add_overlap(command):
 
 
 def add_fingerprint(command):
-    """The options of ``bench fingerprint``."""
+    """Add the options of ``bench fingerprint``."""
     command.add_argument('--against', metavar='COMMIT', required=True, help='the commit that this source tree is compared with')
     command.add_argument('--quick', action='store_true', help='only the first 500 scans of each recording, 200 of three drives of each '
                          'course, and 50 pairs')

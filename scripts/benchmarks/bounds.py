@@ -12,7 +12,7 @@ class Bound:
     highest: float = math.inf
 
     def holds(self, value):
-        """False for `nan`: what was not measured is not shown."""
+        """Return false for `nan`: what was not measured is not shown."""
         return self.lowest <= value <= self.highest
 
     def __str__(self):

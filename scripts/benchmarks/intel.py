@@ -25,7 +25,7 @@ class Intel:
 
     @classmethod
     def below(cls, data=None) -> 'Intel':
-        """The folder ``intel`` below `data`, or where it is by default."""
+        """Return the folder ``intel`` below `data`, or where it is by default."""
         return cls(data_folder(data) / 'intel')
 
     @cached_property
@@ -58,7 +58,7 @@ class Intel:
         return self._table('reference.csv')[:, 1:4]
 
     def index(self, stamp) -> int:
-        """The scan of that `stamp` [ns]."""
+        """Return the scan of that `stamp` [ns]."""
         return int(np.abs(self.stamps - stamp).argmin())
 
     def _table(self, name):

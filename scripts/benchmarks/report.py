@@ -53,7 +53,7 @@ class Report:
         self.tables.append(_table(f'{title}, {method}', names, rows))
 
     def measured(self) -> dict:
-        """The metrics without those that could not be measured."""
+        """Return the metrics without those that could not be measured."""
         return {method: {name: value for name, value in row.items() if not math.isnan(value)}
                 for method, row in self.metrics.items()}
 

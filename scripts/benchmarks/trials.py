@@ -63,7 +63,7 @@ def attempt(method, trial) -> Outcome:
 
 
 def run(methods, trials, title) -> dict:
-    """Method name -> list of `Outcome`; the methods take turns on each trial, so that they share the machine's mood."""
+    """Return method name -> list of `Outcome`; the methods take turns on each trial, so that they share the machine's mood."""
     from tqdm import tqdm
     outcomes = {method.name: [] for method in methods}
     for method in methods:
@@ -75,7 +75,7 @@ def run(methods, trials, title) -> dict:
 
 
 def rates(args, trials, bounds, more=None):
-    """A `Report` on `trials` for the methods that `args` names; ``--verbose`` lists the failures.
+    """Return a `Report` on `trials` for the methods that `args` names; ``--verbose`` lists the failures.
 
     `more(outcomes)` adds metrics of its own.
     """

@@ -33,7 +33,7 @@ def correct_paths():
 
 
 def missing():
-    """What this machine lacks, or None."""
+    """Return what this machine lacks, or None."""
     include = Path(sysconfig.get_paths()['include'])
     if not shutil.which(os.environ.get('CC', 'cc')) or not shutil.which(os.environ.get('CXX', 'c++')):
         return 'no C++ compiler here (Debian and Ubuntu: apt-get install g++)'

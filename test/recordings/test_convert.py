@@ -11,7 +11,7 @@ from bags import SECOND, laser_scan, needs_rosbags, write_bag
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
 from dbscan_reg_ros.recordings import conversion, open_recording
-from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.poses import relative
 
 BAGS = ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag']
@@ -91,7 +91,7 @@ def test_a_bag_changes_its_version_and_back_without_any_loss(data, tmp_path, bag
 
 
 def test_record_times_increase_where_the_stamps_of_intel_go_back(data, tmp_path):
-    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'bag', topics=['/scan'])
+    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'bag', Kept(topics=['/scan']))
     scans = messages(tmp_path / 'bag')
     times = np.array([time for _, time, _ in scans])
     stamps = np.array([stamp_of(message) for _, _, message in scans])
@@ -103,7 +103,7 @@ def test_record_times_increase_where_the_stamps_of_intel_go_back(data, tmp_path)
 
 
 def test_a_bag_of_a_log_is_a_proper_laser_scan(data, tmp_path):
-    convert(data / 'aces' / 'aces.log.gz', tmp_path / 'bag', end=0.0)
+    convert(data / 'aces' / 'aces.log.gz', tmp_path / 'bag', Kept(end=0.0))
     kinds = {topic: message for topic, _, message in messages(tmp_path / 'bag')}
     assert set(kinds) == {'/scan', '/wheel_odom', '/laser_pose'}
     scan = kinds['/scan']
@@ -114,7 +114,7 @@ def test_a_bag_of_a_log_is_a_proper_laser_scan(data, tmp_path):
 
 
 def test_a_time_range_and_topics_are_kept(data, tmp_path):
-    counts, _ = convert(data / 'urg04lx' / 'exp1', tmp_path / 'part', topics=['/scan'], start=10.0, end=20.0)
+    counts, _ = convert(data / 'urg04lx' / 'exp1', tmp_path / 'part', Kept(topics=['/scan'], start=10.0, end=20.0))
     whole, kept = messages(data / 'urg04lx' / 'exp1'), messages(tmp_path / 'part')
     expected = [time for topic, time, _ in whole if topic == '/scan' and 10.0 <= (time - whole[0][1]) / SECOND <= 20.0]
     assert [time for _, time, _ in kept] == expected and {topic for topic, _, _ in kept} == {'/scan'}
@@ -124,12 +124,12 @@ def test_a_time_range_and_topics_are_kept(data, tmp_path):
 @pytest.mark.parametrize('storage', conversion.STORAGES)
 def test_an_end_beyond_all_time_keeps_everything(data, tmp_path, storage):
     convert(data / 'lms511' / 'static', tmp_path / 'first', storage=storage)
-    counts, _ = convert(tmp_path / 'first', tmp_path / 'all', end=1e300)
+    counts, _ = convert(tmp_path / 'first', tmp_path / 'all', Kept(end=1e300))
     assert counts == {'/scan': 173}
 
 
 def test_a_time_range_of_a_log_follows_the_increasing_times(data, tmp_path):
-    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'part.log', start=100.0, end=200.0)
+    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'part.log', Kept(start=100.0, end=200.0))
     stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
     passed = (np.maximum.accumulate(stamps) - stamps[0]) / SECOND
     expected = [stamp for stamp, time in zip(stamps, passed, strict=True) if 100.0 <= time <= 200.0]
@@ -170,7 +170,7 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
     counts, problems = convert(tmp_path / 'bag', tmp_path / 'a.log')
     assert counts == {'ROBOTLASER1': 2} and len(problems) == 1
     with pytest.raises(RecordingError, match='bag: damaged message on /scan skipped'):
-        convert(tmp_path / 'bag', tmp_path / 'none.bag', start=1e-9, end=1e-9)
+        convert(tmp_path / 'bag', tmp_path / 'none.bag', Kept(start=1e-9, end=1e-9))
     assert not (tmp_path / 'none.bag').exists()
 
 
@@ -221,7 +221,7 @@ def break_off(patch, count, error):
 def test_what_cannot_be_converted_is_refused_and_nothing_is_written(data, tmp_path, source, target, options, reason):
     (tmp_path / 'there').mkdir()
     with pytest.raises(RecordingError, match=reason):
-        convert(data / source, tmp_path / target, **options)
+        convert(data / source, tmp_path / target, Kept(**options))
     assert [file.name for file in tmp_path.iterdir()] == ['there']
 
 

@@ -18,7 +18,7 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.recordings import data_folder, open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.messages import MessageMaker
-from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
@@ -94,7 +94,7 @@ def test_every_recording_at_hand_ends_with_a_result_or_one_clear_line(path, caps
         if path.name in WHOLE:
             pytest.skip('with --long: takes long')
         if path.name in CUT:
-            convert(path, tmp_path / 'cut', end=CUT[path.name])
+            convert(path, tmp_path / 'cut', Kept(end=CUT[path.name]))
             path = tmp_path / 'cut'
     folder = result_or_line(capsys, path, tmp_path / 'out')
     if folder:

@@ -14,7 +14,7 @@ MAX_DISTANCE = 2.0
 
 
 def prepare(scan):
-    """The scan's `Segments`; None where it has none."""
+    """Return the scan's `Segments`; None where it has none."""
     try:
         segments = extract_features(scan).segments
     except ScanError:

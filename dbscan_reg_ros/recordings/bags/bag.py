@@ -108,7 +108,7 @@ class Bag(Recording):
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
     def _messages(self, topics, passed=()):
-        """Number in the topic, counted from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
+        """Yield number in the topic, counted from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
         numbers = Counter()
         with open_reader(self.path) as reader:
             connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
@@ -125,7 +125,7 @@ class Bag(Recording):
 
 @contextmanager
 def open_reader(path):
-    """The reader of a bag, of the library that can read it.
+    """Provide the reader of a bag, of the library that can read it.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def open_reader(path):
 
 
 def safely(reader, connections, report, **window):
-    """The reader's messages (connection, record time [ns], bytes) up to where the bag is damaged, which is reported."""
+    """Yield the reader's messages (connection, record time [ns], bytes) up to where the bag is damaged, which is reported."""
     messages = reader.messages(connections=connections, **window)
     number = 0
     while True:
@@ -164,7 +164,7 @@ def safely(reader, connections, report, **window):
 
 
 def describe(error):
-    """What an exception says, in one line."""
+    """Return what an exception says, in one line."""
     return ' '.join(str(error).split()) or 'no reason given'
 
 

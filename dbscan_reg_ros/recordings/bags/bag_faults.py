@@ -17,17 +17,17 @@ CONVERTERS = {'sensor_msgs/msg/PointCloud2': 'the ROS package pointcloud_to_lase
 
 
 def kind_of(start):
-    """What a file of a bag is by its first bytes, or None."""
+    """Return what a file of a bag is by its first bytes, or None."""
     return _by_start(KINDS, start)
 
 
 def kind_at(path):
-    """What the file at `path` is by its first bytes; None where it is no bag, or no file."""
+    """Return what the file at `path` is by its first bytes; None where it is no bag, or no file."""
     return kind_of(_start(path)) if path.is_file() else None
 
 
 def unpacking_advice(path, start):
-    """That the file is compressed and how to unpack it, by its first bytes; None where it is not."""
+    """Return that the file is compressed and how to unpack it, by its first bytes; None where it is not."""
     packed = _by_start(PACKED, start)
     if packed is None:
         return None
@@ -53,7 +53,7 @@ def fault_of(path, words) -> str:
 
 
 def other_contents(connections) -> str:
-    """What a bag without laser scans holds, and what makes laser scans of it."""
+    """Return what a bag without laser scans holds, and what makes laser scans of it."""
     kinds = sorted({(connection.topic, connection.msgtype) for connection in connections})
     held = ', '.join(f'{topic} ({kind})' for topic, kind in kinds) or 'no topic'
     advice = [f'{CONVERTERS[kind]} makes laser scans of {kind}' for kind in CONVERTERS if kind in dict(kinds).values()]
@@ -107,7 +107,7 @@ def _of_file(file):
 
 
 def _quoted(path):
-    """The whole path as a word of a command line."""
+    """Return the whole path as a word of a command line."""
     return shlex.quote(str(path.absolute()))
 
 

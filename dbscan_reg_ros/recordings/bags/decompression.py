@@ -23,7 +23,7 @@ def limit_decompression():
 
 
 def limited(decompressor):
-    """A function from packed to unpacked bytes, by what ``decompressor()`` makes.
+    """Return a function from packed to unpacked bytes, by what ``decompressor()`` makes.
 
     That function raises RecordingError when there are more than `LIMIT`, or the packed ones end too early.
     """

@@ -22,7 +22,7 @@ class MessageMaker:
         self._members = cache(self._members)
 
     def serialize(self, kind, fields):
-        """The message of type `kind`, such as ``nav_msgs/msg/Odometry``, as CDR.
+        """Return the message of type `kind`, such as ``nav_msgs/msg/Odometry``, as CDR.
 
         Parameters
         ----------
@@ -41,7 +41,7 @@ class MessageMaker:
         return [self._make(kind, item) for item in value] if isinstance(value, list) else self._make(kind, value)
 
     def _members(self, kind):
-        """The message's class, name -> default of every field, and name -> type of those that are messages or sequences of them.
+        """Return the message's class, name -> default of every field, and name -> type of those that are messages or sequences of them.
         """
         from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}

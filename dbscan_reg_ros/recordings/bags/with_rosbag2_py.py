@@ -51,7 +51,7 @@ class BagReader:
         """Each pass has a reader of its own, which closes its files when it goes."""
 
     def messages(self, connections, start=None, stop=None):
-        """Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
+        """Yield Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
         wanted = {connection.topic: connection for connection in connections}
         if not wanted:
             return
@@ -63,7 +63,7 @@ class BagReader:
                 yield wanted[topic], time, raw
 
     def deserialize(self, raw, kind):
-        """The message of type `kind`, as ROS knows that type."""
+        """Return the message of type `kind`, as ROS knows that type."""
         from rclpy.serialization import deserialize_message
         return deserialize_message(bytes(raw), message_class(kind))
 
@@ -72,7 +72,7 @@ class BagReader:
         return False
 
     def to_ros2(self, raw, kind):
-        """The bytes of a message as ROS 2 sends them."""
+        """Return the bytes of a message as ROS 2 sends them."""
         return bytes(raw)
 
 
@@ -95,7 +95,7 @@ class BagWriter:
         self._writer.close()
 
     def add_topic(self, topic, kind, latched=False):
-        """What `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
+        """Add what `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
         from rosbag2_py._storage import QoS
         return self._add(topic, kind, [QoS(1).reliable().transient_local()] if latched else [])
 
@@ -106,7 +106,7 @@ class BagWriter:
         return topic
 
     def add_topics_of(self, _reader, connections):
-        """The function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
+        """Add the function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
         for connection in connections:
             self._add(connection.topic, connection.msgtype, connection.qualities)
         return lambda connection, raw: (connection.topic, raw)
@@ -117,7 +117,7 @@ class BagWriter:
 
 
 def serializer(_target):
-    """The function from type and fields to the bytes of a message.
+    """Return the function from type and fields to the bytes of a message.
 
     Fields that are left out are zero, empty, or no rotation.
     """

@@ -50,11 +50,11 @@ class BagReader:
         self.reader.close()
 
     def messages(self, connections, start=None, stop=None):
-        """Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
+        """Return Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
         return self.reader.messages(connections, start, stop)
 
     def deserialize(self, raw, kind):
-        """The message of type `kind`, as that type is known to us: a file may describe it in any way."""
+        """Return the message of type `kind`, as that type is known to us: a file may describe it in any way."""
         return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
 
     def is_latched(self, connection):
@@ -64,7 +64,7 @@ class BagReader:
         return bool(connection.ext.latching)
 
     def to_ros2(self, raw, kind):
-        """The bytes of a message as ROS 2 sends them, as its type is known to us."""
+        """Return the bytes of a message as ROS 2 sends them, as its type is known to us."""
         return bytes(raw if self.reader.is2 else get_typestore(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
 
 
@@ -93,12 +93,12 @@ class BagWriter:
         return self._writer.__exit__(*error)
 
     def add_topic(self, topic, kind, latched=False):
-        """What `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
+        """Add what `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
         options = {'offered_qos_profiles': [LATCHED]} if latched and not self._ros1 else {}
         return self._writer.add_connection(topic, kind, typestore=self._store, **options)
 
     def add_topics_of(self, reader, connections):
-        """The function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
+        """Add the function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
         store = None if reader.reader.is2 != self._ros1 else self._store
         with contextlib.redirect_stdout(io.StringIO()):
             written, converted = create_connections_converters(connections, store, reader.reader, self._writer)
@@ -110,7 +110,7 @@ class BagWriter:
 
 
 def serializer(target):
-    """The function from type and fields to the bytes of a message, in the form that the bag `target` holds.
+    """Return the function from type and fields to the bytes of a message, in the form that the bag `target` holds.
 
     Fields that are left out are zero, empty, or no rotation.
     """

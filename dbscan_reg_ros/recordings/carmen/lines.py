@@ -51,7 +51,7 @@ class Line(NamedTuple):
         return ScanGeometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
 
     def scan(self, settings, geometry, stamp, no_return=None) -> Scan:
-        """The scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none; `geometry` as in `from_fields`."""
+        """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none; `geometry` as in `from_fields`."""
         ranges = self.ranges if no_return is None else np.where(self.ranges >= no_return, np.inf, self.ranges)
         made = self.geometry(settings)
         return Scan(stamp, ranges, geometry if geometry == made else made, float(settings['laser_time_increment']),
@@ -59,7 +59,7 @@ class Line(NamedTuple):
 
 
 def read_line(kind, words) -> Line:
-    """The line of a message of one of the `KINDS`.
+    """Return the line of a message of one of the `KINDS`.
 
     Raises
     ------
@@ -85,14 +85,14 @@ def set_parameter(settings, words):
 
 
 def settings_of(scan) -> dict:
-    """What only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
+    """Return what only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
     values = scan.geometry.range_min, scan.time_increment, scan.frame_id or SETTINGS['laser_frame']
     return {name: str(value) if isinstance(value, str) else np.format_float_positional(np.float32(value), trim='0')
             for name, value in zip(SETTINGS, values, strict=True)}
 
 
 def format_line(record: Record) -> str:
-    """A `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
+    """Return a `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
     scan, geometry = record.scan, record.scan.geometry
     n = geometry.size
     is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
@@ -152,12 +152,12 @@ def _flaser_angles(n):
 
 
 def _before(limit):
-    """The longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
+    """Return the longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
     return np.nextafter(np.float32(limit), np.float32(0.0))
 
 
 def _after(range_max):
-    """The inverse of `_before`."""
+    """Return the inverse of `_before`."""
     return np.nextafter(np.float32(range_max), np.float32(np.inf))
 
 

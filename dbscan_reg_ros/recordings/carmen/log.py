@@ -70,11 +70,11 @@ class CarmenLog(Recording):
         return list(self._found.stamps)
 
     def wheel_odometry(self):
-        """The poses of the wheels; None where all of them are zero, as in the log of a sensor alone."""
+        """Return the poses of the wheels; None where all of them are zero, as in the log of a sensor alone."""
         return self._poses(self._found.robot) if self._found.robot.any() else None
 
     def truth(self):
-        """The laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
+        """Return the laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
         return self._poses(self._found.laser) if self._found.corrected else None
 
     def _poses(self, poses):

@@ -48,7 +48,7 @@ class NoReturn:
             self._values[name] = [a + b for a, b in zip(self._values.get(name, (0, 0, 0)), found, strict=True)]
 
     def limit(self):
-        """Readings of this [m] or more are no return; None where the file tells of none.
+        """Return readings of this [m] or more are no return; None where the file tells of none.
 
         A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the group
         have to lie across a jump.

@@ -35,7 +35,7 @@ class Survey:
         self.wheels.add_scan(line.stamp, line.robot_pose)
 
     def findings(self, filtered=False) -> 'Findings':
-        """What holds for the scans of the whole log; `filtered` where it holds lines of a particle filter."""
+        """Return what holds for the scans of the whole log; `filtered` where it holds lines of a particle filter."""
         notes = []
         stamps, note = mend(self._stamps)
         if note:
@@ -100,13 +100,13 @@ class Wheels:
         self._different = 0
 
     def add_scan(self, stamp, pose):
-        """A scan with its stamp [ns] and the robot's pose ``(x, y, theta)`` [m, m, rad], or None."""
+        """Add a scan with its stamp [ns] and the robot's pose ``(x, y, theta)`` [m, m, rad], or None."""
         self._open.append((len(self._scans) // 3, stamp, pose, self._lines))
         self._scans.extend(self._way)
         self._lines = 0
 
     def add_odometry(self, stamp, pose):
-        """An ``ODOM`` line with its stamp [ns] and pose ``(x, y, theta)`` [m, m, rad]."""
+        """Add an ``ODOM`` line with its stamp [ns] and pose ``(x, y, theta)`` [m, m, rad]."""
         if self._last is None:
             self._way = pose
             for index, *_ in self._open:
@@ -156,7 +156,7 @@ class Wheels:
 
 
 def _step(a, b):
-    """The pose `b` in the frame of the pose `a`."""
+    """Return the pose `b` in the frame of the pose `a`."""
     pose = SE2(*a).inverse() @ SE2(*b)
     return pose.x, pose.y, pose.theta
 

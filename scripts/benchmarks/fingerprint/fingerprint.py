@@ -90,7 +90,7 @@ def measure(args) -> Report:
 
 
 def chosen_groups(only):
-    """The groups of drives called `only`, or all; BenchmarkError for an unknown one."""
+    """Return the groups of drives called `only`, or all; BenchmarkError for an unknown one."""
     unknown = [name for name in only or () if name not in GROUPS]
     if unknown:
         raise BenchmarkError(f'unknown drive {unknown[0]!r}; expected {", ".join(GROUPS)}')
@@ -98,7 +98,7 @@ def chosen_groups(only):
 
 
 def root() -> Path:
-    """The source tree that this module lies in: the first folder above with a ``setup.py``."""
+    """Return the source tree that this module lies in: the first folder above with a ``setup.py``."""
     for folder in Path(__file__).resolve().parents:
         if (folder / 'setup.py').exists():
             return folder
@@ -114,12 +114,12 @@ def _git(*words):
 
 
 def resolved(commit) -> str:
-    """The full name of a commit."""
+    """Return the full name of a commit."""
     return _git('rev-parse', '--verify', '--quiet', f'{commit}^{{commit}}').decode().strip()
 
 
 def unpacked(commit, scratch) -> Path:
-    """A folder with the files of a commit."""
+    """Return a folder with the files of a commit."""
     folder = scratch / commit
     with tarfile.open(fileobj=io.BytesIO(_git('archive', '--format=tar', commit))) as archive:
         # The archive is that of git itself; older Pythons know no filter.
@@ -213,7 +213,7 @@ class Recorder:
 
 
 def recorded_and_compared(given, other, commit, cache, scratch) -> list:
-    """A `Comparison` of each drive, in the order of their names; the records of the other commit are kept in `cache`."""
+    """Return a `Comparison` of each drive, in the order of their names; the records of the other commit are kept in `cache`."""
     from tqdm import tqdm
 
     from dbscan_reg_ros.commands.private_graph import private_graph
@@ -277,7 +277,7 @@ def different(a, b):
 
 
 def table(comparisons, commit) -> str:
-    """A line for each drive."""
+    """Return a line for each drive."""
     lines = [f'against {commit[:12]}', *(f'{each.drive:18} {each.count:6}  {each}' for each in comparisons)]
     different = sum(each.first is not None for each in comparisons)
     lines.append(f'{different} of {len(comparisons)} drives differ' if different else f'all {len(comparisons)} drives are equal')

@@ -62,7 +62,7 @@ def inputs(group, folder, limit=None) -> dict:
 
 
 def packed(scans, kind='odometry', **more) -> dict:
-    """`Scan`s as plain arrays."""
+    """Return `Scan`s as plain arrays."""
     geometries = [scan.geometry for scan in scans]
     angles = [(g.angle_min, g.angle_increment, g.range_min, g.range_max, scan.time_increment)
               for g, scan in zip(geometries, scans, strict=True)]
@@ -72,7 +72,7 @@ def packed(scans, kind='odometry', **more) -> dict:
 
 
 def with_wheels(recording, limit=None) -> dict:
-    """The scans with the motion since the last one as the wheels tell it."""
+    """Return the scans with the motion since the last one as the wheels tell it."""
     scans = list(recording.scans())[:limit]
     _, wheels = recording.wheel_odometry()
     told = np.vstack((np.full((1, 3), np.nan), relative(wheels[:-1], wheels[1:])))[:len(scans)]
@@ -81,7 +81,7 @@ def with_wheels(recording, limit=None) -> dict:
 
 
 def pairs(log, limit=None) -> dict:
-    """The first pairs of ``pairs.csv``."""
+    """Return the first pairs of ``pairs.csv``."""
     chosen = np.array([(i, j) for i, j, _ in log.pairs[:min(limit or PAIRS, PAIRS)]])
     used, numbered = np.unique(chosen, return_inverse=True)
     return packed([log.scans[k] for k in used], 'register', pairs=numbered.reshape(-1, 2))
@@ -94,7 +94,7 @@ def places(kind, times):
 
 
 def mounted(kind, limit=None):
-    """A drive through rooms with a laser that sits as `kind` says: the scans of an upright sensor that looks along the base,
+    """Return a drive through rooms with a laser that sits as `kind` says: the scans of an upright sensor that looks along the base,
     and those of the laser as its driver gives them."""
     lidar, world = LIDARS['rplidar_a'], rooms(seed=1)
     path, rng = follow(world.tour[:6], speed=1.0), np.random.default_rng(1)
@@ -111,14 +111,14 @@ def mounted(kind, limit=None):
 
 
 def regarded(scan, angle_min, angle_increment):
-    """The scan with other bearings."""
+    """Return the scan with other bearings."""
     g = scan.geometry
     return scan.from_fields(scan.stamp, scan.ranges, angle_min, angle_increment, g.range_min, g.range_max, scan.time_increment,
                             scan.frame_id)
 
 
 def through_node(kind, limit=None) -> dict:
-    """The same drive for the node, which is told where the laser sits."""
+    """Return the same drive for the node, which is told where the laser sits."""
     _, raw = mounted(kind, limit)
     if kind == 'moving':
         seconds = 1e-9 * (np.array([scan.stamp for scan in raw]) - raw[0].stamp)

@@ -122,7 +122,7 @@ class Listener:
 
 
 def laser_scan(fields):
-    """The LaserScan message with the `fields`."""
+    """Return the LaserScan message with the `fields`."""
     from sensor_msgs.msg import LaserScan
     made = LaserScan()
     made.header.stamp.sec, made.header.stamp.nanosec = fields.header.stamp.sec, fields.header.stamp.nanosec
@@ -134,7 +134,7 @@ def laser_scan(fields):
 
 
 def transforms(stamps, places):
-    """The TFMessage with the laser's `places` on the base (K, 3) at `stamps` [ns]."""
+    """Return the TFMessage with the laser's `places` on the base (K, 3) at `stamps` [ns]."""
     from geometry_msgs.msg import TransformStamped
     from tf2_msgs.msg import TFMessage
     made = []
@@ -149,7 +149,7 @@ def transforms(stamps, places):
 
 
 def numbers(odometry):
-    """What an Odometry message says, as numbers."""
+    """Return what an Odometry message says, as numbers."""
     plane = np.ix_([0, 1, 5], [0, 1, 5])
     position, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular

@@ -45,7 +45,7 @@ REGISTRATION_FIELDS = {
 
 
 def find(name):
-    """The public object called `name` of the package, wherever this commit has it; AttributeError where it has none."""
+    """Return the public object called `name` of the package, wherever this commit has it; AttributeError where it has none."""
     for home in HOMES[name]:
         with contextlib.suppress(ImportError, AttributeError):
             found = getattr(import_module(f'{PACKAGE}.{home}' if home else PACKAGE), name)
@@ -56,7 +56,7 @@ def find(name):
 
 
 def read(record, names):
-    """The first attribute of `record` among `names`."""
+    """Return the first attribute of `record` among `names`."""
     for name in names:
         if hasattr(record, name):
             return getattr(record, name)
@@ -65,7 +65,7 @@ def read(record, names):
 
 
 def as_numbers(value):
-    """A pose, an array or a number as an array; a status as its text."""
+    """Return a pose, an array or a number as an array; a status as its text."""
     if hasattr(value, 'theta'):
         return np.array([value.x, value.y, value.theta])
     if hasattr(value, 'value') and isinstance(value.value, str):

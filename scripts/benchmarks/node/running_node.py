@@ -34,7 +34,7 @@ BOUNDS = {
 
 
 def measure(args):
-    """A `Report`; ``--limit N`` makes each stream N scans long."""
+    """Return a `Report`; ``--limit N`` makes each stream N scans long."""
     report = Report()
     report.add('start', {'dbscan': start_up()}, BOUNDS['start'], prefix='start_')
     for name, stream in STREAMS.items():
@@ -64,7 +64,7 @@ def _start_up():
 
 
 def run(beams, fov, rate, count, seconds=None) -> dict:
-    """What a stream of `count` scans costs."""
+    """Return what a stream of `count` scans costs."""
     from dbscan_reg_ros.node.playback.player import Player
     scans = _scans(beams, fov, rate, count)
     with graph() as folder, running_node(folder) as node, Player() as player:
@@ -102,7 +102,7 @@ class _Usage:
 
 
 def _scans(beams, fov, rate, count):
-    """A drive to and fro through a building, so often that there are `count` scans."""
+    """Return a drive to and fro through a building, so often that there are `count` scans."""
     from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
     step = np.radians(fov) / (beams - 1)
     world = rooms(seed=1)
@@ -112,7 +112,7 @@ def _scans(beams, fov, rate, count):
 
 
 def to_and_fro(drive, rate):
-    """The scans of a drive, backwards, and so on for ever, with stamps that go on at `rate` [Hz]."""
+    """Yield the scans of a drive, backwards, and so on for ever, with stamps that go on at `rate` [Hz]."""
     period = round(1e9 / rate)
     for k, scan in enumerate(cycle([*drive, *drive[-2:0:-1]])):
         yield Scan(drive[0].stamp + k * period, scan.ranges, scan.geometry, 0.0, scan.frame_id)
@@ -120,14 +120,14 @@ def to_and_fro(drive, rate):
 
 @contextmanager
 def graph():
-    """A ROS graph of its own, and a folder for the node's log."""
+    """Provide a ROS graph of its own, and a folder for the node's log."""
     from dbscan_reg_ros.commands.private_graph import private_graph
     with private_graph(), tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
 
 def running_node(folder, variables=None):
-    """A `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`.
+    """Return a `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`.
 
     `variables` are added to its environment.
     """

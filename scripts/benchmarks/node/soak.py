@@ -42,7 +42,7 @@ BOUNDS = {
 
 
 def measure(args):
-    """A `Report`; ``--limit N`` drives N scans."""
+    """Return a `Report`; ``--limit N`` drives N scans."""
     count = max(args.limit or SCANS, 2 * BLOCK)
     figures, blocks = in_a_process(drive, count)
     again = [in_a_process(drive, max(round(TENTH * count), BLOCK), seed, seed)[1] for seed in range(1, RUNS + 1)]
@@ -81,7 +81,7 @@ def scans():
 
 
 def drive(count):
-    """The odometry of `count` scans: its figures, and what tells each block of its answers from others."""
+    """Return the odometry of `count` scans: its figures, and what tells each block of its answers from others."""
     odometry, seconds, blocks, memory = Odometry(), np.full(count, np.nan), Blocks(), []
     for k, scan in enumerate(islice(scans(), count)):
         begin = time.thread_time()
@@ -161,7 +161,7 @@ def _numbers(fields):
 
 
 def _numbers_of(message):
-    """The same of the message."""
+    """Return the same of the message."""
     pose, twist = message.pose, message.twist
     position, turn, velocity = pose.pose.position, pose.pose.orientation, twist.twist
     return [position.x, position.y, turn.z, turn.w, *pose.covariance, velocity.linear.x, velocity.linear.y,

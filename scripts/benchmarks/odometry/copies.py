@@ -9,7 +9,7 @@ NOISE = 0.002
 
 
 def noised(course, seed):
-    """The course with noise on every range that is a return, the same for the same seed."""
+    """Return the course with noise on every range that is a return, the same for the same seed."""
     rng = np.random.default_rng(seed)
     scans = []
     for scan in course.scans:

@@ -54,7 +54,7 @@ class Course:
         return 1e-9 * (self.stamps - self.stamps[0])
 
     def take(self, chosen) -> 'Course':
-        """The scans `chosen`, by index or mask."""
+        """Return the scans `chosen`, by index or mask."""
         def rows(values):
             return None if values is None else values[chosen]
         picked = np.arange(len(self.scans))[chosen]
@@ -64,7 +64,7 @@ class Course:
 
 
 def simulated(world, lidar=Lidar(), seed=0, axis=None, **motion) -> Course:
-    """The tour of a world, with the `motion` of `follow`."""
+    """Return the tour of a world, with the `motion` of `follow`."""
     result = simulate(world, follow(world.tour, **motion), lidar, seed)
     wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
     course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)

@@ -22,7 +22,7 @@ URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
 
 
 def intel(folder) -> list:
-    """The Intel log."""
+    """Return the Intel log."""
     log = Intel(folder / 'intel')
     _, wheels = log.recording.wheel_odometry()
     return [Course(log.scans, reference=log.reference, relations=log.relations, wheels=wheels)]
@@ -53,7 +53,7 @@ def person(folder) -> list:
 
 
 def strolled(scans, seed, radius=0.25) -> list:
-    """The scans with somebody, as round as that [m], who strolls to and fro about 1 m in front of the sensor."""
+    """Return the scans with somebody, as round as that [m], who strolls to and fro about 1 m in front of the sensor."""
     rng = np.random.default_rng(seed)
     bearing, hidden = 0.0, []
     for scan in scans:
@@ -66,14 +66,14 @@ def strolled(scans, seed, radius=0.25) -> list:
 
 
 def aces(folder) -> list:
-    """The ACES log: key frames half a metre and more apart; truth are its corrected poses, good to 5 cm."""
+    """Return the ACES log: key frames half a metre and more apart; truth are its corrected poses, good to 5 cm."""
     recording = open_recording(folder / 'aces' / 'aces.log.gz')
     return [Course(list(recording.scans()), reference=recording.truth()[1],
                    wheels=recording.wheel_odometry()[1])]
 
 
 def urg04lx(folder) -> list:
-    """A corridor seen no farther than 4 m; truth are the wheels, carried to the sensor."""
+    """Return a corridor seen no farther than 4 m; truth are the wheels, carried to the sensor."""
     recording = open_recording(folder / 'urg04lx' / 'exp1')
     scans = list(recording.scans())
     wheels = interpolate(*recording.wheel_odometry(), [scan.stamp for scan in scans])
@@ -83,7 +83,7 @@ def urg04lx(folder) -> list:
 
 
 def lms511(folder) -> list:
-    """A sensor that stands still for 7 s."""
+    """Return a sensor that stands still for 7 s."""
     scans = list(open_recording(folder / 'lms511' / 'static').scans())
     return [Course(scans, reference=np.zeros((len(scans), 3)))]
 
@@ -109,7 +109,7 @@ def simulated_halls(folder) -> list:
 
 
 def featureless(folder) -> list:
-    """A smooth corridor, both ends out of the sensor's range, seen by each of the common lidars."""
+    """Return a smooth corridor, both ends out of the sensor's range, seen by each of the common lidars."""
     world = corridor(length=60.0, doors=0)
     middle = dataclasses.replace(world, tour=np.array([(15.0, 0.0), (45.0, 0.0)]))
     return [simulated(middle, dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), axis=0.0)
@@ -117,7 +117,7 @@ def featureless(folder) -> list:
 
 
 def round_room(folder) -> list:
-    """A round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
+    """Return a round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
     corners = as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(181)))
     tour = np.array([(0.0, 0.0), (1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5), (0.0, 0.0)])
     world = World(np.stack((corners[:-1], corners[1:]), axis=1), tour)
@@ -125,7 +125,7 @@ def round_room(folder) -> list:
 
 
 def chairs(folder) -> list:
-    """A hall full of chairs; from its middle a lidar of 4 m sees of it no more than legs of 4 cm."""
+    """Return a hall full of chairs; from its middle a lidar of 4 m sees of it no more than legs of 4 cm."""
     lidar = LIDARS['hokuyo_urg04lx']
     return [simulated(hall_of_chairs(seed), lidar, seed=seed) for seed in SEEDS]
 
@@ -143,7 +143,7 @@ def hall_of_chairs(seed, chairs=50) -> World:
 
 
 def trees(folder) -> list:
-    """A wood of trunks 0.12 to 0.7 m thick and nothing else, of which a lidar of 180 beams sees few, with a beam or two on each."""
+    """Return a wood of trunks 0.12 to 0.7 m thick and nothing else, of which a lidar of 180 beams sees few, with a beam or two on each."""
     return [simulated(wood(seed), seed=seed) for seed in SEEDS]
 
 
@@ -159,7 +159,7 @@ def wood(seed, trunks=120) -> World:
 
 
 def lidars(folder) -> list:
-    """A corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
+    """Return a corridor whose doors are recesses, seen by each of the common lidars: some hardly see the doors."""
     return [simulated(corridor(seed=1), lidar, seed=1) for lidar in LIDARS.values()]
 
 
@@ -177,7 +177,7 @@ def far_noise(folder, share=0.03) -> list:
 
 
 def crooked(seed, walls=9, boxes=14) -> World:
-    """A room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep clear of the tour."""
+    """Return a room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep clear of the tour."""
     rng = np.random.default_rng(seed)
     bearings = np.linspace(0.0, 2.0 * math.pi, walls, endpoint=False) + rng.uniform(-0.2, 0.2, walls)
     around = np.column_stack((np.cos(bearings), np.sin(bearings)))
@@ -194,7 +194,7 @@ def losses(folder, share=0.5) -> list:
 
 
 def bursts(folder) -> list:
-    """A short corridor, there and back, by each of the lidars of 4 m, which give no scan in every third second."""
+    """Return a short corridor, there and back, by each of the lidars of 4 m, which give no scan in every third second."""
     courses = []
     for lidar in (LIDARS['hokuyo_urg04lx'], LIDARS['lds']):
         for seed in SEEDS:
@@ -206,7 +206,7 @@ def bursts(folder) -> list:
 
 
 def outages(folder) -> list:
-    """A wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
+    """Return a wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
     courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx') for seed in SEEDS]
     return [course.take(course.seconds % 15.0 < 11.0) for course in courses]
 

@@ -69,13 +69,13 @@ class Drive:
         return np.array([(step.pose.x, step.pose.y, step.pose.theta) for step in self.steps])
 
     def write(self, path):
-        """The poses that count, as ``index,x,y,theta,ms``."""
+        """Return the poses that count, as ``index,x,y,theta,ms``."""
         judged = self.course.judged
         write_csv(path, self.poses[judged], self.course.indices[judged], np.array(self.milliseconds)[judged])
 
 
 def drive(name, course, title, prior='none') -> Drive:
-    """A fresh tracker, by its name, over a course; `prior` names one of `PRIORS`, who tells of each motion."""
+    """Return a fresh tracker, by its name, over a course; `prior` names one of `PRIORS`, who tells of each motion."""
     from tqdm import tqdm
     track, result = tracker(name), Drive(course)
     scans = tqdm(course.scans, title, unit=' scans', leave=False, disable=None)
@@ -184,7 +184,7 @@ def in_copies(courses, methods, args) -> dict:
 
 
 def judged_copy(method, course, seed, prior):
-    """What `judge` says of a copy of a course; `seed` tells one copy from another."""
+    """Return what `judge` says of a copy of a course; `seed` tells one copy from another."""
     return judge(drive(method, noised(course, seed), f'copy {seed}', prior))
 
 

@@ -38,7 +38,7 @@ SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (10
 
 
 def key_frames(poses, distance, start=0):
-    """Indices of the scans that are `distance` [m], or 30 deg for each metre of it, from the one chosen before."""
+    """Return indices of the scans that are `distance` [m], or 30 deg for each metre of it, from the one chosen before."""
     chosen, (x, y, theta) = [start], poses[start]
     for k in range(start + 1, len(poses)):
         if math.hypot(poses[k, 0] - x, poses[k, 1] - y) >= distance or abs(wrap(poses[k, 2] - theta)) >= TURN * distance:
@@ -48,7 +48,7 @@ def key_frames(poses, distance, start=0):
 
 
 def thinned(course, distance, halfway=False) -> Course:
-    """The key frames of a course, 1 s apart; from its first scan, or the first that is half of the `distance` [m] farther on."""
+    """Return the key frames of a course, 1 s apart; from its first scan, or the first that is half of the `distance` [m] farther on."""
     start = 0
     if halfway:
         start = int(np.argmax(np.hypot(*(course.reference[:, :2] - course.reference[0, :2]).T) >= 0.5 * distance))
@@ -95,7 +95,7 @@ def narrow(folder=None, seeds=SEEDS) -> list:
 
 
 def _begun(world, lidar, seconds, seed, pauses=None):
-    """The first seconds of the tour of a world."""
+    """Return the first seconds of the tour of a world."""
     path = follow(world.tour, pauses=pauses)
     kept = path.times <= seconds + lidar.duration
     result = simulate(world, Path(path.times[kept], path.poses[kept]), lidar, seed)
@@ -130,7 +130,7 @@ def _passer(rng, x, y, heading):
 
 
 def spinup(folder=None, seeds=SEEDS) -> list:
-    """A lidar that spins up: its first scans hold none or few of its beams; the robot stands, or drives already.
+    """Return a lidar that spins up: its first scans hold none or few of its beams; the robot stands, or drives already.
 
     The poor scans are not judged.
     """

@@ -70,7 +70,7 @@ def summary(rows) -> dict:
 
 
 def judged(args, groups, title, judge=figures, methods=METHODS) -> dict:
-    """Method -> course -> metric -> number, for `groups`: name -> list of courses; ``--limit N`` takes N scans of each."""
+    """Return method -> course -> metric -> number, for `groups`: name -> list of courses; ``--limit N`` takes N scans of each."""
     table = {}
     for method in args.method or methods:
         for name, courses in groups.items():

@@ -36,7 +36,7 @@ def measure(args) -> Report:
 
 
 def silent(drive):
-    """Counts and greatest errors, and a line for each failure, of a `Drive`."""
+    """Return counts and greatest errors, and a line for each failure, of a `Drive`."""
     poses, reference = drive.poses, drive.course.reference
     demoted_if_weak = np.array([step.status is not Status.OK for step in drive.steps])
     so_far = np.cumsum(demoted_if_weak)
@@ -55,7 +55,7 @@ def silent(drive):
 
 
 def total(rows) -> dict:
-    """The figures of several drives as one: counts added up, the greatest errors, the mean share of OK."""
+    """Return the figures of several drives as one: counts added up, the greatest errors, the mean share of OK."""
     def one(name):
         values = [row[name] for row in rows]
         return sum(values) if name.endswith('_count') else max(values) if 'worst' in name else float(np.mean(values))

@@ -37,7 +37,7 @@ def measure(args) -> Report:
 
 
 def compared(name, course, title) -> dict:
-    """Steps of the odometry beside registrations of each scan onto the one before it, without a guess.
+    """Return steps of the odometry beside registrations of each scan onto the one before it, without a guess.
 
     ``odometry`` and ``pairs``: the share of the steps that each has right; ``worse_count``: steps wrong in the odometry whose
     pair is right, and ``worse_ok_count`` whose pair is `OK` besides; ``failed_count``: scans called `FAILED`, and
@@ -71,7 +71,7 @@ def registered(registration, scans):
 
 
 def grouped(rows) -> dict:
-    """The buildings of one kind and distance as one row: counts added up, shares weighted by steps."""
+    """Return the buildings of one kind and distance as one row: counts added up, shares weighted by steps."""
     groups = {}
     for name, row in rows.items():
         kind, _, distance = name.split('_')

@@ -26,18 +26,18 @@ BOUNDS = {'figure4_exact': at_least(1.0)}
 
 
 def draw(scans, count=len(SCANS), seed=0, without=()) -> list:
-    """Indices of `count` scans with more than 150 returns."""
+    """Draw indices of `count` scans with more than 150 returns."""
     rich = [i for i, scan in enumerate(scans) if np.count_nonzero(scan.valid) > MIN_RETURNS and i not in without]
     return sorted(np.random.default_rng(seed).choice(rich, count, replace=False).tolist())
 
 
 def draw_others(scans) -> list:
-    """Indices of 200 scans that are not among the 50."""
+    """Draw indices of 200 scans that are not among the 50."""
     return draw(scans, OTHERS, 1, frozenset(SCANS))
 
 
 def trial(scan, label='', group='figure4') -> Trial:
-    """The current scan is `scan`, the reference its points moved by (-1.5, 0.8, 0.3), one bearing each."""
+    """Return the current scan is `scan`, the reference its points moved by (-1.5, 0.8, 0.3), one bearing each."""
     points = PAPER_MOTION.apply(scan.points)
     moved = Scan.from_points(points, scan.stamp, angle_increment=scan.geometry.angle_increment)
     return Trial(group, label, moved, scan, PAPER_MOTION)
@@ -49,7 +49,7 @@ def exact(outcome) -> bool:
 
 
 def measure(args):
-    """A `Report`: for the 50 scans and for others the share of exact results besides the usual one."""
+    """Return a `Report`: for the 50 scans and for others the share of exact results besides the usual one."""
     from dbscan_reg_ros.evaluation.methods import chosen
 
     scans = Intel.below(args.data).scans

@@ -11,7 +11,7 @@ RIVALS = 'icp', 'idc', 'icl', 'paper', 'dbscan'
 
 
 def measure(args) -> Report:
-    """A `Report`."""
+    """Return a `Report`."""
     report = Report()
     rivals = [method(name) for name in args.method or RIVALS]
     methods = [method(name) for name in args.method or METHODS]

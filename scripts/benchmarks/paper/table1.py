@@ -36,7 +36,7 @@ WORLDS = {'structured': rooms, 'unstructured': columns}
 
 
 def trials(limit=None) -> list:
-    """A `Trial` for each kind of world, overlap and number."""
+    """Return a `Trial` for each kind of world, overlap and number."""
     items = []
     for (kind, make), overlap in itertools.product(WORLDS.items(), OVERLAPS):
         rng = np.random.default_rng(0)

@@ -53,7 +53,7 @@ STILL = 0.03
 
 
 def simulated(lidar, limit=None) -> list:
-    """A `Trial` for each motion and number."""
+    """Return a `Trial` for each motion and number."""
     worlds = [rooms(seed) for seed in range(SEEDS)]
     return [trial for number, row in enumerate(TABLE, 1)
             for trial in views_after(row.motion, f'motion{number}', worlds, lidar, limit or PAIRS)]
@@ -67,7 +67,7 @@ def views_after(motion, group, worlds, lidar, count):
 
 
 def recorded(intel, limit=None) -> list:
-    """A `Trial` for each two scans of the Intel log, in either order, with about one of the motions between them."""
+    """Return a `Trial` for each two scans of the Intel log, in either order, with about one of the motions between them."""
     poses = intel.reference
     places = cKDTree(poses[:, :2])
     items = []
@@ -150,7 +150,7 @@ def add_noise(report, data):
 
 
 def scatter(pairs) -> float:
-    """Standard deviation of a range [m] from pairs of scans from the same place."""
+    """Return standard deviation of a range [m] from pairs of scans from the same place."""
     both = [(a, b, a.valid & b.valid) for a, b in pairs]
     changes = np.concatenate([b.ranges[seen] - a.ranges[seen] for a, b, seen in both])
     return float(np.std(changes[np.abs(changes) < STILL]) / math.sqrt(2.0))

@@ -69,13 +69,13 @@ MOTIONS = {'any': any_motion, 'near': near_motion}
 
 
 def sensor(cell):
-    """The lidar of a `Cell`, all of whose beams are measured at once."""
+    """Return the lidar of a `Cell`, all of whose beams are measured at once."""
     lidar, factor = LIDARS[LIDARS_BY_VIEW[cell.lidar]], NOISES[cell.noise]
     return dataclasses.replace(lidar, duration=0.0, noise=factor * lidar.noise, noise_ratio=factor * lidar.noise_ratio)
 
 
 def worlds(name) -> list:
-    """The worlds of one of `WORLDS`; a busy one is another world of its kind, with people and clutter."""
+    """Return the worlds of one of `WORLDS`; a busy one is another world of its kind, with people and clutter."""
     kind = name.removeprefix('busy_')
     if name == kind:
         return [KINDS[kind](seed=seed) for seed in range(SEEDS)]
@@ -83,7 +83,7 @@ def worlds(name) -> list:
 
 
 def cluttered(world, seed) -> World:
-    """The world with small boxes and posts that keep clear of its tour."""
+    """Return the world with small boxes and posts that keep clear of its tour."""
     rng = np.random.default_rng(seed)
     way = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(world.tour)])
     low, high = world.segments.min(axis=(0, 1)), world.segments.max(axis=(0, 1))
@@ -100,7 +100,7 @@ def cluttered(world, seed) -> World:
 
 
 def shared_view(reference, current, truth) -> float:
-    """The share of the current returns that lie, by the truth, within what the reference saw, with some slack.
+    """Return the share of the current returns that lie, by the truth, within what the reference saw, with some slack.
 
     A point lies within it when it is in the field of view, and no farther than the reference's range at the nearest beam,
     or than its range_max where that beam has no return.
@@ -133,7 +133,7 @@ def pairs(cell, wanted) -> list:
 
 
 def outcomes(cell, wanted, names) -> dict:
-    """Method -> (N, 3) int: class, right, `OK` of each pair of a cell."""
+    """Return method -> (N, 3) int: class, right, `OK` of each pair of a cell."""
     methods, trials = [method(name) for name in names], pairs(cell, wanted)
     rows = {each.name: np.empty((len(trials), 3), dtype=int) for each in methods}
     for k, trial in enumerate(trials):

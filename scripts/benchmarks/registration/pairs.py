@@ -13,7 +13,7 @@ BOUNDS = {
 
 
 def trials(intel, limit=None) -> list:
-    """A `Trial` for each pair; `limit` counts for each s."""
+    """Return a `Trial` for each pair; `limit` counts for each s."""
     groups = {}
     for i, j, truth in intel.pairs:
         groups.setdefault(j - i, []).append(
@@ -22,5 +22,5 @@ def trials(intel, limit=None) -> list:
 
 
 def measure(args):
-    """A `Report`."""
+    """Return a `Report`."""
     return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS)

@@ -18,7 +18,7 @@ VIEWS = (0.0, 0.3, 0.5, 0.7, 1.0)
 
 
 def trials(intel, limit=None) -> list:
-    """A `Trial` for each relation; `limit` counts for neighbours and loop closures apart."""
+    """Return a `Trial` for each relation; `limit` counts for neighbours and loop closures apart."""
     groups = {'relations_neighbour': [], 'relations_loop': []}
     for (first, second), motion in zip(intel.relations.stamps, intel.relations.motions, strict=True):
         group = 'relations_neighbour' if abs(second - first) < NEIGHBOURS_WITHIN else 'relations_loop'
@@ -28,7 +28,7 @@ def trials(intel, limit=None) -> list:
 
 
 def common_view(trial) -> float:
-    """The share of the returns, of the scan that shares less, that the other scan has at the true pose, 0..1.
+    """Return the share of the returns, of the scan that shares less, that the other scan has at the true pose, 0..1.
 
     A return is shared when the other scan has one within 0.2 m, or within two beam spacings far away.
     """
@@ -56,5 +56,5 @@ def by_view(outcomes) -> dict:
 
 
 def measure(args):
-    """A `Report`."""
+    """Return a `Report`."""
     return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS, by_view)

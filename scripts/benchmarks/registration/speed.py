@@ -31,7 +31,7 @@ def fine_trials(folder, limit=None, seed=0) -> list:
 
 
 def measure(args):
-    """A `Report`."""
+    """Return a `Report`."""
     intel = Intel.below(args.data)
     methods = [method(name) for name in args.method or METHODS]
     coarse = run(methods, pairs.trials(intel, args.limit or PAIRS), '180 beams')

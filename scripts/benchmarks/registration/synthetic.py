@@ -39,7 +39,7 @@ def disturbed(scan, noise, outlier_share, rng):
 
 
 def moved(scan, ranges, motion) -> Scan:
-    """The returns at `ranges` along the beams of `scan`, seen after `motion`: it maps the new scan to `scan`.
+    """Return the returns at `ranges` along the beams of `scan`, seen after `motion`: it maps the new scan to `scan`.
 
     The beams keep their order and get one bearing each.
     """
@@ -53,13 +53,13 @@ def random_motion(rng, translation, rotation) -> SE2:
 
 
 def chosen(scans, rng) -> list:
-    """Indices of 200 scans with more than 150 returns."""
+    """Return indices of 200 scans with more than 150 returns."""
     rich = [i for i, scan in enumerate(scans) if np.count_nonzero(scan.valid) > MIN_RETURNS]
     return sorted(rng.choice(rich, min(SCANS, len(rich)), replace=False).tolist())
 
 
 def trials(intel, limit=None, seed=0) -> list:
-    """A `Trial` for each chosen scan, kind of motion and share of outliers; `limit` counts for each combination."""
+    """Return a `Trial` for each chosen scan, kind of motion and share of outliers; `limit` counts for each combination."""
     rng = np.random.default_rng(seed)
     indices = chosen(intel.scans, rng)
     motions = {
@@ -79,5 +79,5 @@ def trials(intel, limit=None, seed=0) -> list:
 
 
 def measure(args):
-    """A `Report`."""
+    """Return a `Report`."""
     return rates(args, trials(Intel.below(args.data), args.limit), BOUNDS)

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, MotionConstraints, unknown_motion_covariance
+from dbscan_reg_ros.core.odometry.models.motion import (
+    ConstantVelocityModel,
+    MotionConstraints,
+    unknown_motion_covariance,
+)
 from dbscan_reg_ros.core.odometry.models.stamps import ScanInterval
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior

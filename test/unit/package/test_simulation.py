@@ -17,6 +17,7 @@ from dbscan_reg_ros.simulation import (
     Lidar,
     Path,
     Person,
+    WheelErrors,
     World,
     corridor,
     demo,
@@ -267,7 +268,7 @@ def test_the_demo_is_a_tour_of_60_to_100_metres_in_600_to_1000_scans():
 
 def test_perfect_wheels_follow_the_path():
     path = follow(rooms(1).tour)
-    stamps, poses = wheel_odometry(path, rate=100.0, scale=(1.0, 1.0), noise=(0.0, 0.0))
+    stamps, poses = wheel_odometry(path, WheelErrors((1.0, 1.0), (0.0, 0.0)), rate=100.0)
     truth = path.poses_at((stamps - stamps[0]) * 1e-9)
     start = SE2.from_array(truth[0])
     np.testing.assert_allclose(start.apply(poses[:, :2]), truth[:, :2], atol=0.01)
@@ -278,7 +279,7 @@ def test_wheels_that_slip_and_a_wrong_scale_show_in_the_distance():
     path = follow([(0.0, 0.0), (20.0, 0.0)], speed=1.0)
 
     def driven(**errors):
-        return wheel_odometry(path, noise=(0.0, 0.0), **errors)[1][-1, 0]
+        return wheel_odometry(path, WheelErrors(noise=(0.0, 0.0), **errors))[1][-1, 0]
 
     assert driven(scale=(1.0, 1.0)) == pytest.approx(20.0, abs=0.01)
     assert driven(scale=(1.05, 1.0)) == pytest.approx(21.0, abs=0.01)
