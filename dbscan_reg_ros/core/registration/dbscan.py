@@ -124,8 +124,8 @@ def dbscan_plane(samples: FloatArray, eps: float, min_samples: float,
     for border, neighbour in ((one, two), (two, one)):
         reached = core[neighbour] & ~core[border]
         np.minimum.at(best, border[reached], labels[neighbour[reached]])
-    border = best < size
-    labels[border] = best[border]
+    reached_by_any = best < size
+    labels[reached_by_any] = best[reached_by_any]
     return labels
 
 

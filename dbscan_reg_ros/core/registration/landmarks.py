@@ -40,7 +40,8 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     distance = np.abs(transform_points(motions, theirs)[:, :, None] - ours).min(axis=2, initial=np.inf)
     support = kernel(distance, _SAME_DISTANCE).sum(axis=1)
     motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _MIN_SUPPORT)]]
-    return motions[distinct(motions, _MAX_MOTIONS, 2.0 * _SAME_DISTANCE, _SAME_ANGLE)]
+    chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * _SAME_DISTANCE, _SAME_ANGLE)]
+    return chosen
 
 
 def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:

@@ -137,8 +137,8 @@ def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) ->
     """Return the information ``(3, 3)`` of points for a unit error of each, as far as both scans agree on it.
 
     One factor of each product is the normal of the line and one the point's own. Independent noise of the two cancels,
-    so that a smooth wall does not seem to constrain the motion along it. The result may be indefinite where there is only
-    noise.
+    so that a smooth wall does not seem to constrain the motion along it. The result may be indefinite where there is
+    only noise.
 
     Parameters
     ----------

@@ -111,6 +111,7 @@ class Registration:
     rotation_unobservable: bool = False
 
     def __repr__(self) -> str:
+        """Return one line."""
         reason = f': {self.reason}' if self.reason else ''
         return (f'Registration({self.transform.brief()}, {sigma_text(self.covariance)}, score {self.score:.3f}, '
                 f'overlap {self.overlap:.3f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
@@ -141,6 +142,7 @@ class Prior:
     velocity_change: FloatArray | None = None
 
     def __repr__(self) -> str:
+        """Return one line."""
         return f'Prior({self.transform.brief()}, {sigma_text(self.covariance)})'
 
     @property

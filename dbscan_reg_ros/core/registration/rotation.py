@@ -106,7 +106,7 @@ def pair_weights(reference: Segments, current: Segments, parameters: RotationPar
 def knee_eps(samples: FloatArray, parameters: RotationParameters) -> float:
     """Return the eps [rad] at the knee of the k-dist graph, k = min_samples - 1 (at least 1), within its bounds."""
     bend = knee(k_distances(samples, max(parameters.min_samples - 1, 1)))
-    return min(max(bend, parameters.eps_min), parameters.eps_max)
+    return float(min(max(bend, parameters.eps_min), parameters.eps_max))
 
 
 Angle = TypeVar('Angle', float, FloatArray)
@@ -114,7 +114,8 @@ Angle = TypeVar('Angle', float, FloatArray)
 
 def wrap_period(angle: Angle, period: float) -> Angle:
     """Subtract whole periods from angle(s) [rad]; the result is at most half a period from 0."""
-    return angle - period * np.rint(angle * (1.0 / period))
+    wrapped: Angle = angle - period * np.rint(angle * (1.0 / period))
+    return wrapped
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,8 @@ def preselect(candidates: FloatArray, points: OrientedPoints, profile: FreeSpace
     support = np.minimum(np.maximum(1.0 - off / parameters.preselection_tolerance, 0.0), 1.0)
     support *= near > 0.0
     support -= density.violation_weight * in_front(radius, near, parameters.preselection_tolerance)
-    return candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.preselected]]
+    chosen: FloatArray = candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.preselected]]
+    return chosen
 
 
 def promising(candidates: FloatArray, fits: point_to_line.Fit, scale: float,

@@ -44,7 +44,7 @@ class Candidates(NamedTuple):
     others: FloatArray
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """Number of hypotheses."""
         return len(self.exempt) + len(self.others)
 

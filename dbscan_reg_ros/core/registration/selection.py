@@ -26,7 +26,7 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
     min_score : float
         A result with at most this score is returned as ``FAILED``, with its score, as soon as that is known.
     """
-    if not candidates.count:
+    if not candidates.size:
         return failed('no segments of the two scans match')
     if not len(problem.current.sampled_points):
         return failed('no returns of the current scan have a normal')

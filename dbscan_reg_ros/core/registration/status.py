@@ -141,4 +141,5 @@ def match_segments(reference: Segments, current: Segments, transform: SE2, param
     step = (moved - as_complex(reference.midpoint)[:, None]) * np.exp(-1j * reference.direction)[:, None]
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
     alike = (rotation < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
-    return np.array(alike.nonzero()).T
+    pairs: IntArray = np.array(alike.nonzero()).T
+    return pairs

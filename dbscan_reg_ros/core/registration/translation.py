@@ -223,7 +223,8 @@ def knee_eps(samples: ComplexArray, rotation: IntArray, parameters: TranslationP
 def _separated(samples: ComplexArray, rotation: IntArray, max_eps: float) -> ComplexArray:
     """Move the samples of each rotation along x, so that those of different rotations are no neighbours."""
     x = samples.real
-    return samples + (10.0 * max_eps + x.max() - x.min()) * rotation
+    separated: ComplexArray = samples + (10.0 * max_eps + x.max() - x.min()) * rotation
+    return separated
 
 
 def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: TranslationParameters) -> IntArray:
@@ -248,9 +249,9 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
 def _means(group: IntArray, values: ComplexArray, weight: FloatArray | IntArray,
            sample_weight: FloatArray | float = 1.0) -> ComplexArray:
     """Return the weighted means of the complex `values` of each group; `weight` is the sum of each group's weights."""
-    values = sample_weight * values
-    means: ComplexArray = (np.bincount(group, values.real) + 1j * np.bincount(group, values.imag)) / weight
-    return means
+    weighted: ComplexArray = sample_weight * values
+    sums = np.bincount(group, weighted.real) + 1j * np.bincount(group, weighted.imag)
+    return np.asarray(sums / weight, dtype=np.complex128)
 
 
 def rank_clusters(samples: TranslationSamples, labels: IntArray, eps: float, phi: FloatArray) -> Translations:
@@ -267,7 +268,7 @@ def rank_clusters(samples: TranslationSamples, labels: IntArray, eps: float, phi
     translation, sample_weight, rotation, find_shortest = samples
     members = (labels != NOISE).nonzero()[0]
     index = without_gaps(labels[members])
-    weight = np.bincount(index, sample_weight[members])
+    weight: FloatArray = np.bincount(index, sample_weight[members]).astype(float, copy=False)
     order = (-weight).argsort(kind='stable')
     mean = _means(index, translation[members], weight, sample_weight[members])
     angle = np.empty(len(weight))

@@ -127,4 +127,4 @@ def log_density(samples: FloatArray, bandwidth: float, at: FloatArray) -> FloatA
 
 def silverman(samples: FloatArray) -> float:
     """Return the bandwidth [m] by Silverman's rule of thumb for normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
-    return max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, 1e-3)
+    return float(max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, 1e-3))
