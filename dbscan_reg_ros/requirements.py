@@ -62,7 +62,7 @@ class MissingPackages(DbscanRegError):
 
 
 def is_there(module) -> bool:
-    """Whether the module can be imported, as far as can be told without doing so."""
+    """Return whether the module is installed, without importing it."""
     return find_spec(module) is not None
 
 
@@ -74,7 +74,7 @@ def check_packages(command, also=()):
 
 
 def missing_line(modules) -> str:
-    """Return what to say where the `modules` are missing: which, and a command that installs them here."""
+    """Name the missing `modules` and a command that installs them here."""
     names = [SOURCES[module].pypi if module in SOURCES else f'ROS 2 ({module})' if _is_ros(module) else module
              for module in modules]
     remedies = ' && '.join(_remedies(modules))

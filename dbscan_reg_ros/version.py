@@ -9,7 +9,7 @@ MANIFEST = Path(__file__).absolute().parent.parent / 'package.xml'
 
 
 def version() -> str:
-    """Return the version that the manifest of the source says, else that of the installed package."""
+    """Return the version in the source's manifest, else that of the installed package."""
     if MANIFEST.exists():
         from xml.etree import ElementTree
         return str(ElementTree.parse(MANIFEST).getroot().findtext('version'))

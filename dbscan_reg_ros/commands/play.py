@@ -60,7 +60,7 @@ def play(args, ros_arguments):
 
 
 def counted(items, bar):
-    """Yield the items, and a progress bar that counts the scans among them."""
+    """Yield the items; count the scans among them in the progress bar."""
     for item in items:
         bar.update(item.channel is None)
         yield item

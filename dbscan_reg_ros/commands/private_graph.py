@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph that nobody else takes part in."""
+"""A ROS graph of its own for one process and its children."""
 import fcntl
 import os
 import tempfile
@@ -17,7 +17,7 @@ class NoFreeDomain(DbscanRegError):
 
 
 class ForeignFolder(DbscanRegError):
-    """Somebody else would decide what is written where."""
+    """The folder belongs to another user."""
 
 
 @contextmanager
@@ -70,7 +70,7 @@ def _free_domain():
     folder = _lock_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
-        raise ForeignFolder(f'{folder}: belongs to somebody else; remove it, or set TMPDIR to a folder of your own')
+        raise ForeignFolder(f'{folder}: belongs to another user; remove it, or set TMPDIR to a folder of your own')
     last = folder / 'last'
     start = int(last.read_text() or 0) if last.exists() else os.getpid()
     for offset in DOMAINS:

@@ -136,7 +136,7 @@ class _Local(ProcessPoolExecutor):
 
 @contextmanager
 def local_workers(processes):
-    """Provide the same as `workers` of so many local processes, also where that is one."""
+    """Provide an executor of local processes, even where it is one."""
     context = multiprocessing.get_context('spawn')
     reports, reporter = context.Pipe(duplex=False)
     over, end = context.Pipe(duplex=False)
@@ -207,7 +207,7 @@ def _end_with_parent():
 
 
 def _work(function, args, kwargs):
-    """Return what a local worker does with each job."""
+    """Run the jobs of a local worker."""
     try:
         return function(*args, **kwargs)
     finally:

@@ -69,7 +69,7 @@ class Difference:
 
 
 def known_motion(recording) -> KnownMotion:
-    """Return what is known of a recording's motion; RecordingError where that is too little for `paired`."""
+    """Return the `KnownMotion` of a recording; raise RecordingError if nothing is known."""
     known = KnownMotion.of(recording)
     if not (known.truth or known.relations):
         raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or reference.csv')
@@ -77,7 +77,7 @@ def known_motion(recording) -> KnownMotion:
 
 
 def paired(known, trajectory_a, trajectory_b) -> Paired:
-    """Return the errors of two tracks of a recording: over a metre of the truth, else between related scans.
+    """Compute the errors of two trajectories of a recording: over 1 m of the truth, else between related scans.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def paired(known, trajectory_a, trajectory_b) -> Paired:
 
 
 def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
-    """Return the difference of the mean errors over one or several recordings, by a block bootstrap.
+    """Compute the difference of the mean errors over one or several recordings with a block bootstrap.
 
     Blocks of related errors are drawn anew within each recording, `DRAWS` times. The interval is that of Student's
     distribution with as many degrees of freedom as there are blocks, less the recordings, about the mean, as wide as
@@ -122,7 +122,7 @@ def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
         0: translation, 1: rotation.
     seed : int
     confidence : float
-        That the interval holds the true difference. By default two measures hold theirs at once with 95 %.
+        Probability that the interval contains the true difference. By default both measures together have 95 %.
     """
     from scipy.stats import t
 

@@ -9,7 +9,7 @@ from .metrics import evaluate, final_error
 
 
 class KnownMotion(NamedTuple):
-    """What a recording, and the files beside it, say of its motion; None where they say nothing.
+    """Motion known from a recording and the files beside it; None for what is unknown.
 
     Attributes
     ----------
@@ -59,5 +59,5 @@ class KnownMotion(NamedTuple):
 
 
 def errors_of(recording, stamps, poses) -> dict:
-    """Return the `measures` of what is known of a recording's motion."""
+    """Compute the `measures` of a recording's known motion."""
     return KnownMotion.of(recording).measures(stamps, poses)

@@ -30,7 +30,7 @@ class BenchmarkError(DbscanRegError):
 
 @dataclass(frozen=True)
 class Method:
-    """One way to register two scans.
+    """A method of registration of two scans.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def _paper(name):
 
 
 def paper_parameters() -> Parameters:
-    """Return the method to the letter, from ``config/paper.yaml``."""
+    """Return the parameters of the paper's method, from ``config/paper.yaml``."""
     from ..robot.parameter_files import read_parameters
     return read_parameters(config_folder() / 'paper.yaml')
 
@@ -143,7 +143,7 @@ def _small_gicp(name):
 
 
 def _kiss_icp(name):
-    """Return the reference fills the map, the current scan is registered to it with the first threshold."""
+    """Register the current scan to a map of the reference, with the initial threshold."""
     from kiss_icp.kiss_icp import KissICP
 
     def prepare(scan):
@@ -176,7 +176,7 @@ def lifted(scan, heights):
 
 
 def spatial(transform):
-    """Return the (4, 4) motion of space of an `SE2`."""
+    """Return the (4, 4) rigid motion in 3D of an `SE2`."""
     matrix = np.eye(4)
     matrix[:2, :2] = transform.rotation()
     matrix[:2, 3] = transform.x, transform.y
@@ -184,7 +184,7 @@ def spatial(transform):
 
 
 def planar(matrix):
-    """Return the `SE2` in a (4, 4) motion of space."""
+    """Return the planar part of a (4, 4) rigid motion in 3D."""
     return SE2(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
 
 

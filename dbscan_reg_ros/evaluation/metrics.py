@@ -14,7 +14,7 @@ SAME_SCAN_WITHIN = 1_000_000
 MOVING_BEYOND = 0.03
 """A step longer than this [m] is a true motion, not noise of the reference."""
 JUMP_INTERVALS = 10.0
-"""A step of the stamps is a jump of the clock only when it is so many times as long as their median."""
+"""A step of the stamps counts as a jump of the clock only if it is this many times the median step."""
 
 
 def errors(estimate, truth):
@@ -96,7 +96,7 @@ def apart(reference, metres):
 
 
 def path_lengths(poses):
-    """``(N,)`` way from the first pose to each [m]."""
+    """Return the distance driven from the first pose to each, ``(N,)`` [m]."""
     steps = relative(poses[:-1], poses[1:])
     return np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
 

@@ -132,12 +132,12 @@ def tracker(name):
 
 
 def nobody(course) -> list:
-    """Return what each scan's motion is told to be: nothing."""
+    """Return no prior for any scan."""
     return [None] * len(course.scans)
 
 
 def wheels(course) -> list:
-    """Return what the node takes the course's wheels to say."""
+    """Return the priors that the node makes of the course's wheel odometry."""
     def told(motion):
         return lambda expected: Prior(motion, np.diag(SPREAD(motion)) ** 2)
     if course.wheels is None:
@@ -146,7 +146,7 @@ def wheels(course) -> list:
 
 
 def gyroscope(course, seed=0) -> list:
-    """Return what the node takes a gyroscope to say that follows the true turns, 1 % too far and with noise of 3 mrad."""
+    """Return the priors of a gyroscope: true rotations with a scale error of 1 % and noise of 3 mrad."""
     def told(turn):
         return lambda expected: expected.with_rotation(turn, SPREAD(SE2(0.0, 0.0, turn))[2])
     turns = relative(course.reference[:-1], course.reference[1:])[:, 2]

@@ -24,7 +24,7 @@ THIN = {'linewidth': 0.9}
 
 
 def draw_overlay(figure, steps):
-    """Both scans before and after, with the segments that came to lie on one another, and the covariance ellipse."""
+    """Draw both scans before and after the registration, the matched segments and the covariance ellipse."""
     registration = steps.registration
     axes = panels(figure, ['before', 'after', 'ellipse'], widths=[1.2, 1.2, 1.0])
     matched = registration.matches
@@ -65,7 +65,7 @@ def _draw_ellipse(axes, registration):
 
 
 def ellipse(covariance):
-    """``(N, 2)`` points on the ellipse that holds the confidence of a centred normal of `covariance` ``(2, 2)``."""
+    """Return points ``(N, 2)`` on the confidence ellipse of a centred normal of `covariance` ``(2, 2)``."""
     variance, axes = np.linalg.eigh(covariance)
     angle = np.linspace(0.0, 2.0 * math.pi, 121)
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1) * math.sqrt(-2.0 * math.log(1.0 - CONFIDENCE))

@@ -89,7 +89,7 @@ def draw_map(path, density, poses, title='', truth=None):
 
 
 def plot_world(path, segments, circles, way, routes=(), title=''):
-    """Draw a floor plan with the way of a robot through it.
+    """Draw a floor plan with the path of a robot.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ FIGURES = {
     'points': ('Points, and what the ring band filter made of them', draw_points),
     'segments': ('Segments, breakpoints and ends', draw_scan_segments),
     'rotation': ('Rotation: clusters of angle differences', draw_rotation),
-    'translation': ('Translation: clusters of what pairs of lines and ends say', draw_translation),
+    'translation': ('Translation: clusters of the samples of lines and end points', draw_translation),
     'densities': ('Densities of the coordinates', draw_densities),
     'overlay': ('The scans on one another', draw_overlay),
 }

@@ -44,7 +44,7 @@ class ScanSteps:
 
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
-        """Return raises ScanError when the scan has too few returns."""
+        """Run the steps; raise ScanError when the scan has too few returns."""
         features = extract_features(scan, parameters)
         measured = usable_points(scan, parameters.scan)
         filtered, outcome, *_ = filtered_points(scan, parameters)

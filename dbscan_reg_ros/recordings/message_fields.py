@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans and results as the plain fields of ROS messages: nested dictionaries, whoever makes the messages of them.
+"""Scans and results as fields of ROS messages: nested dictionaries, independent of the message library.
 
 Fields that are not named keep the defaults of their type. The node and `rosbag2_py` take messages of ROS made
 from these fields, `rosbags` its own: both are the same.
@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 PLANE = np.ix_([0, 1, 5], [0, 1, 5])
 """x, y and yaw in a 6x6 covariance."""
 UNKNOWN_VARIANCE = 1e6
-"""Of z, roll and pitch [m^2, rad^2], of which a planar lidar says nothing."""
+"""Variance of z, roll and pitch [m^2, rad^2], which a planar lidar does not measure."""
 LEAST_VARIANCE = 1e-9
 """Added to the planar variances [m^2, rad^2]: a filter cannot take in a covariance of zero, that of the first pose."""
 UNKNOWN = np.diag(np.full(6, UNKNOWN_VARIANCE))

@@ -13,7 +13,7 @@ import numpy as np
 from ..core.scan import SECOND
 
 FUTURE = 1.0
-"""A stamp so far ahead of the clock [s] is worth a warning."""
+"""A stamp ahead of the clock by more than this [s] causes a warning."""
 OTHER_SIZE = 0.1
 """A share of the beams: many lidars gain or lose a few from scan to scan."""
 RECENT = 20
@@ -261,7 +261,7 @@ class Sighting:
 
 
 class ScanWatch:
-    """Keeps what `ScanChecks` say of a recording: of each kind the first, and how many there are.
+    """Collect the warnings of `ScanChecks` on a recording: the first of each kind, and their number.
 
     Attributes
     ----------

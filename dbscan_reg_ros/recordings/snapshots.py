@@ -61,7 +61,7 @@ class SnapshotUpdate:
     scan : Scan
     reference : Scan or None
     prior : Prior or None
-        What the odometry was told of the motion since the update before.
+        External prior of the motion since the previous update.
     """
 
     scan: Scan

@@ -91,7 +91,7 @@ def read_csv(path):
 
 
 def finite_numbers(words) -> list:
-    """Return the numbers that `words` say; ValueError where one is none, not finite or far beyond what a pose can be."""
+    """Read numbers from `words`; raise ValueError for one that is not a number, not finite or too large for a pose."""
     numbers = [float(word) for word in words]
     if not possible(numbers):
         raise ValueError(f'expected finite numbers below {FARTHEST:g}')

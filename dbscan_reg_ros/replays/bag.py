@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node would have published on a recording, as a ROS 2 bag."""
+"""Bag of the messages that the node would have published for a recording."""
 from contextlib import contextmanager
 
 from ..recordings.conversion import bag_writer
@@ -15,7 +15,7 @@ AT_A_TIME = 50
 
 @contextmanager
 def odometry_bag(path, parameters, mounting):
-    """Write a bag; gives the function that adds the messages of an `OdometryUpdate`.
+    """Write a bag; provide the function that adds the messages of an `OdometryUpdate`.
 
     The record times are the stamps, made to increase where they go back. When the writing is interrupted, what was
     written until then is a valid bag. Some scans are written at a time: the odometry in between leaves nothing of what

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of the reporting: noted and passed over, so that they never cost the result of a replay."""
+"""Faults while results are written: noted, so that the other results are still written."""
 import traceback
 from contextlib import contextmanager
 
 
 class Faults:
-    """What could not be written of a result, and why.
+    """Notes of what could not be written, with the reasons.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ class Faults:
 
     @contextmanager
     def noted(self, part):
-        """Note what goes wrong within the block as a fault of `part`, and go on after it."""
+        """Note an error in the block as a fault of `part`, and continue after the block."""
         try:
             yield
-        except Exception as error:  # noqa: BLE001 - whatever it is, the other parts are written
+        except Exception as error:  # noqa: BLE001 - any fault: the other parts are still written
             if self._verbose:
                 traceback.print_exception(error)
             self._reasons.setdefault(part, self._explain(error))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of a whole drive that agree wherever the sensor came back to a place.
+"""Loop closing after a drive: correct the trajectory where the sensor returned to a place.
 
-The odometry looks no farther back than its window, and must not: its pose may not leap. A map that is drawn when all is
-over may be bent until the places seen twice lie on one another.
+The odometry uses only its key-frame window, because its pose must not jump. A map that is drawn after the drive may be
+corrected as a whole.
 """
 from typing import NamedTuple
 
@@ -18,26 +18,26 @@ from ..evaluation.metrics import path_lengths
 from ..recordings.poses import compose, relative
 
 AWAY = 10.0
-"""A place is seen again when the sensor has gone at least this far [m] in between,"""
+"""Two scans close a loop if the sensor has driven at least this distance [m] between them,"""
 NEAR, DRIFT = 1.0, 0.01
-"""and is back as near as this [m], and this share of the way in between."""
+"""and their poses are within this distance [m] plus this fraction of the distance driven."""
 TURNED = 0.35
-"""A loop that turns the drive by more than this [rad] is not believed."""
+"""A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
-"""Key frames, nearest first, that each is registered to."""
+"""Number of key frames, nearest first, that each key frame is registered to."""
 OVERLAP = 0.5
-"""Least share of the returns that must lie on the earlier scan's surfaces."""
+"""Smallest fraction of the returns on the earlier scan's surfaces."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
-"""Of a motion between key frames [m, m, rad], beside what the registration says: errors that neighbours share."""
+"""Standard deviation of a motion between key frames [m, m, rad], in addition to the covariance of the registration."""
 UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
-"""Of a motion over a scan that was not found."""
+"""Standard deviation of a motion across a scan that was not registered."""
 ROBUST = 3.0
-"""A relation so many standard deviations off counts half."""
+"""Scale of the robust kernel in standard deviations."""
 ROUNDS = 20
 
 
 class Stop(NamedTuple):
-    """A key frame on the way.
+    """A key frame of the drive.
 
     `number` is that of its scan among those used, `covariance` (3, 3) that of its motion since the last, in its own frame.
     """
@@ -48,15 +48,15 @@ class Stop(NamedTuple):
 
 
 class Loops:
-    """Collects the key frames of a drive; `close` makes the poses agree."""
+    """Collect the key frames of a drive; `close` corrects the poses."""
 
     def __init__(self):
         self._frames = []
-        # Whether all scans since the last key frame tell of the motion.
+        # Whether all scans since the last key frame were registered.
         self._known = True
 
     def add(self, update):
-        """Take note of the `OdometryUpdate` of the next scan."""
+        """Take the `OdometryUpdate` of the next scan."""
         if self._frames and update.reference_number == self._frames[-1].number:
             self._frames[-1] = self._frames[-1]._replace(features=update.reference)
         self._known &= update.registration is not None and not update.restarted
@@ -66,7 +66,7 @@ class Loops:
             self._known = True
 
     def close(self, poses, parameters, yaw=0.0):
-        """Poses that suit the odometry and every place that was seen again.
+        """Correct the poses so that they agree with the odometry and all loops.
 
         Parameters
         ----------
@@ -75,14 +75,14 @@ class Loops:
         parameters : Parameters
             Of the registration.
         yaw : float
-            The scans are turned by so much [rad] against the poses, as `sensor_mounting.turned` makes them.
+            Rotation of the scans against the poses [rad], as by `sensor_mounting.turned`.
 
         Returns
         -------
         poses : (N, 3) array
-            The first stays where it is.
+            Corrected; the first is unchanged.
         loops : (L, 2) int array
-            Which scans were laid on which.
+            Numbers of the two scans of each loop.
         """
         numbers = np.array([frame.number for frame in self._frames], dtype=int)
         found = list(self._loops(poses, path_lengths(poses)[numbers], parameters, yaw))
@@ -97,7 +97,7 @@ class Loops:
         return _carried(poses, numbers, after), numbers[pairs]
 
     def _loops(self, poses, way, parameters, yaw):
-        """(pair of key frames, motion between them, its covariance) wherever a place is seen again."""
+        """Yield (pair of key frames, motion between them, its covariance) of each loop."""
         turn, places = SE2(theta=yaw), poses[[frame.number for frame in self._frames]]
         for late, frame in enumerate(self._frames):
             apart = np.hypot(*(places[:late, :2] - places[late, :2]).T)
@@ -117,12 +117,12 @@ class Loops:
 
 
 def agree(poses, pairs, motions, covariances):
-    """Poses that suit relations between them: robust Gauss-Newton on the graph (Lu and Milios 1997).
+    """Optimise a pose graph by robust Gauss-Newton (Lu and Milios 1997).
 
     Parameters
     ----------
     poses : (K, 3) array [m, m, rad]
-        Where to start; the first stays.
+        Initial values; the first pose is fixed.
     pairs : (E, 2) int array
     motions : (E, 3) array
         The second pose of each pair in the frame of the first.
@@ -163,7 +163,7 @@ def agree(poses, pairs, motions, covariances):
 
 
 def _carried(poses, numbers, after):
-    """All poses, each moved as the key frames before and behind it are, by its place between them."""
+    """Correct all poses: interpolate the corrections of the key frames before and after each."""
     each = np.arange(len(poses))
     last = np.clip(np.searchsorted(numbers, each, 'right') - 1, 0, len(numbers) - 1)
     following = np.minimum(last + 1, len(numbers) - 1)

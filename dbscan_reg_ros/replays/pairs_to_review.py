@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scans of a replay that deserve a look, each with the scan that it was registered to."""
+"""Pairs of scans of a replay to review: doubtful results, each with the scan that it was registered to."""
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +8,9 @@ from ..core.registration.records import Status
 
 MOST_BAD = 100
 LEAST_SURE = 12
-"""Besides the bad ones: those whose returns lie on the reference's surfaces the least."""
+"""Number of OK scans with the least overlap that are added."""
 BLOCK = 50
-"""Of so many scans at most one is among the least sure."""
+"""At most one of the scans with least overlap is taken from each block of this many scans."""
 MOST_POINTS = 400
 
 
@@ -24,10 +24,10 @@ class PairToReview:
         Of the scan and of its reference among those used, from 0.
     status : Status
     overlap : float
-        Share of the scan's returns on the reference's surfaces, 0..1.
+        Fraction of the scan's returns on the reference's surfaces, 0..1.
     reason : str
     reference, current : (P, 2) float [m]
-        Returns of the reference, and of the scan where the odometry lays them, in the reference's frame.
+        Returns of the reference, and of the scan at its estimated pose, in the reference's frame.
     reference_lines, current_lines : (K, 2, 2) float [m]
         Start and end of the segments that are matched, likewise.
     """
@@ -44,13 +44,13 @@ class PairToReview:
 
 
 class PairsToReview:
-    """Collects the first scan of every stretch that is not ``OK``, and the least sure ones of those that are."""
+    """Collect the first scan of every section that is not ``OK``, and the OK scans with the least overlap."""
 
     def __init__(self):
         self._bad, self._least_sure, self._last = [], {}, Status.OK
 
     def add(self, update):
-        """Look at the `OdometryUpdate` of the next scan."""
+        """Take the `OdometryUpdate` of the next scan."""
         changed, self._last = update.status is not self._last, update.status
         if update.registration is None or update.reference is None:
             return

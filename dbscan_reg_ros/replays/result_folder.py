@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A dated folder for the results of each run, and ``latest``."""
+"""Result folders: one for each run, named by date and time, and the link ``latest``."""
 import os
 import time
 from pathlib import Path

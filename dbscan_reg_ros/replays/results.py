@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a finished replay, each written as far as it can be."""
+"""Write the result files of a replay; a fault of one does not prevent the others."""
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ NOTHING_KNOWN = KnownMotion(None, None, None)
 
 @dataclass(eq=False)
 class Results:
-    """What a replay found, and the folder where it is written.
+    """Results of a replay and the folder they are written to.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Results:
     loops : Loops or None
         None: loops are not closed.
     faults : Faults
-        What could not be written is noted there.
+        Takes note of what cannot be written.
     """
 
     folder: Path
@@ -47,9 +47,9 @@ class Results:
     faults: Faults
 
     def write(self, register='') -> list:
-        """Write the measures, then the pictures and the page; (what, how much) of what matters most among the measures.
+        """Write metrics, pictures and page; return the summary as (name, text) pairs.
 
-        `register` is the command that shows a pair of scans once their numbers are added.
+        `register` is the command that shows a pair of scans once their numbers are appended.
         """
         stamps, poses, name = self.trajectory.stamps, self.trajectory.pose_array(), self.recording.name
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
@@ -83,7 +83,7 @@ class Results:
         return truth
 
     def _close(self, known, measures):
-        """Close the loops and add to the measures; the closed poses and the pairs of scans."""
+        """Close the loops and add their measures; return the corrected poses and the pairs of scans."""
         closed, pairs = self.loops.close(self.trajectory.pose_array(), self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}

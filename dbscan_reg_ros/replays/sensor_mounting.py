@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The laser of a recording on the base, taken as the node takes it."""
+"""Mounting of the laser in a replay, from the same parameters as in the node."""
 from ..core.errors import ParameterError
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
@@ -7,12 +7,12 @@ from ..robot.mounting import mounting_from_parameters
 
 
 def mounting_of(parameters) -> Mounting:
-    """Where `parameters` (`NodeParameters`) say that the laser sits; with ``mounting: tf`` it is the base.
+    """Return the mounting in `parameters` (`NodeParameters`); identity with ``mounting: tf``.
 
     Raises
     ------
     ParameterError
-        When the laser hangs upside down: a replay takes the scans as they are.
+        When the laser is mounted upside down, which a replay does not support.
     """
     mounting = mounting_from_parameters(parameters) or Mounting()
     if mounting.upside_down:

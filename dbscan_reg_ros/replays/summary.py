@@ -21,7 +21,7 @@ def write_metrics(path, recording, measures):
 
 
 def summarise(measures) -> list:
-    """Return (what, how much) of what matters most among the measures of a replay."""
+    """Return the most important measures of a replay as (name, text) pairs."""
     counts = [f'{name} {measures[name]}' for name in (*(status.value for status in Status), 'restarts') if measures[name]]
     lines = [('scans', ' '.join([f'{measures["scans"]} skipped {measures["skipped"]}', *counts]))]
     if 'driven_m' in measures:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a recording's sensor, as the odometry sees it."""
+"""Trajectory of the sensor of a recording, as the odometry estimates it."""
 from collections import Counter
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -15,12 +15,12 @@ from ..evaluation.metrics import duration, errors, path_lengths
 
 @dataclass(eq=False)
 class Trajectory:
-    """What the odometry says of the scans of a recording that it can use, in the order of the file.
+    """Results of the odometry for the usable scans of a recording, in the order of the file.
 
     Attributes
     ----------
     yaw : float
-        The odometry sees scans that are turned by so much [rad], as `sensor_mounting.turned` makes them.
+        The scans are rotated by this angle [rad] before the odometry, as by `sensor_mounting.turned`.
     stamps : list of int [ns]
     poses : list of (x, y, theta) [m, m, rad]
         Of the sensor, in the frame of the first scan.
@@ -73,11 +73,11 @@ class Trajectory:
         return np.array(self.poses, dtype=float).reshape(-1, 3)
 
     def measures(self, jump) -> dict:
-        """How many scans there were and came to what, how long they took, and how far the sensor went.
+        """Count the scans by outcome; measure the time per scan and the distance driven.
 
         ``skipped`` scans could not be used, ``failed`` ones could not be registered. ``duration_s`` is the time of the stamps
-        without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` tell how far the last pose lies
-        from the first.
+        without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` are the distance and rotation
+        from the first to the last pose.
         """
         counts = Counter(self.statuses)
         measures: dict[str, float] = {'scans': len(self.used), 'skipped': self.used.count(False)}
@@ -94,7 +94,7 @@ class Trajectory:
 
 
 def trajectory_of(scans, parameters) -> Trajectory:
-    """Return the whole way of the sensor that saw `scans`."""
+    """Run the odometry over `scans`; return the `Trajectory` of the sensor."""
     trajectory = Trajectory()
     for _ in trajectory.follow(scans, Odometry(parameters)):
         pass

@@ -64,7 +64,7 @@ class Lidar:
         return self.duration / (self.beams - 1) if self.beams > 1 else 0.0
 
     def measured(self, distances, rng):
-        """(N,) ranges [m] that the sensor says of true `distances` (N,) [m]; `inf` without a return."""
+        """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `inf` without a return."""
         number = len(distances)
         spread = np.maximum(self.noise, self.noise_ratio * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)

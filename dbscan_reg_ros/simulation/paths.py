@@ -77,7 +77,7 @@ def _stand(point, heading, seconds):
 
 
 def _turn(pose, heading, turn_rate):
-    """Return a turn on the spot that starts and ends gently."""
+    """Return a rotation on the spot with limited angular acceleration."""
     angle = wrap(heading - pose[2])
     seconds = 1.5 * abs(angle) / turn_rate
     times = np.linspace(0.0, seconds, 2 + int(seconds / STEP))
@@ -109,7 +109,7 @@ def _drive(points, heading, speed, acceleration, turn_rate, radius):
 
 
 def _rounded(points, radius):
-    """Length [m] and turn [rad] of each piece: line, arc, line, ..., line."""
+    """Return length [m] and rotation [rad] of each piece: line, arc, line, ..., line."""
     steps = np.diff(points, axis=0)
     straight = np.hypot(*steps.T)
     turns = wrap(np.diff(np.arctan2(steps[:, 1], steps[:, 0])))

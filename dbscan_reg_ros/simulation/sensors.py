@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot's recording: what its lidar, its wheels and its gyroscope say of one path, with the truth."""
+"""Recording of a simulated robot: lidar, wheel odometry, gyroscope and truth along one path."""
 import heapq
 from collections import Counter
 from dataclasses import dataclass, field

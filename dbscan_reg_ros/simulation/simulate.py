@@ -39,13 +39,13 @@ class Simulation:
 
 
 def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
-    """Return what `lidar` sees along `path`; the same seed gives the same scans.
+    """Simulate the scans of `lidar` along `path`; the same seed gives the same scans.
 
     Parameters
     ----------
     world : World
     path : Path
-        Of the robot; the sensor sits on it as `lidar.mounting` says.
+        Of the robot; the sensor is mounted at `lidar.mounting`.
     lidar : Lidar
     seed : int
     start : int

@@ -23,7 +23,7 @@ HOPELESS = 1e3
 """Cost [m] of parameters that cannot be judged: hardly a scan is used, or nothing moves."""
 LOOPS = 30
 LOOP_METRES, LOOP_NEAR = 10.0, 1.0
-"""A loop closes where the way since an earlier scan is at least this long and that scan at most this far away."""
+"""A loop closes where the distance driven since an earlier scan is at least this, and that scan is within this."""
 
 
 def cost_of(path, topic, parameters, objective='auto', limit=None):
@@ -76,7 +76,7 @@ def _backward(scans):
 
 
 def _open_loops(poses, features):
-    """Mean gap [m], over 1 m of way, between the odometry and the registration of scans where a loop closes."""
+    """Return the mean gap per metre driven between odometry and registration where a loop closes."""
     way, gaps = path_lengths(poses), []
     for later in range(0, len(poses), max(len(poses) // LOOPS, 1)):
         before = np.flatnonzero(way[later] - way[:later] > LOOP_METRES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ways to choose what is tried next: ``ask(count)``, then ``tell(costs)`` in the same order."""
+"""Search strategies: ``ask(count)`` gives values to try, ``tell(costs)`` takes their costs in the same order."""
 import numpy as np
 
 
@@ -18,7 +18,7 @@ class RandomSearch:
                 for number in numbers]
 
     def tell(self, costs):
-        """Return what came of the values last asked for; less is better."""
+        """Take the costs of the values last asked for; lower is better."""
 
 
 class OptunaSearch:
@@ -38,7 +38,7 @@ class OptunaSearch:
                 for trial in self._pending]
 
     def tell(self, costs):
-        """Return what came of the values last asked for; less is better."""
+        """Take the costs of the values last asked for; lower is better."""
         for trial, cost in zip(self._pending, costs, strict=True):
             self._study.tell(trial, cost)
 

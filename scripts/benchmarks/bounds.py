@@ -12,7 +12,7 @@ class Bound:
     highest: float = math.inf
 
     def holds(self, value):
-        """Return false for `nan`: what was not measured is not shown."""
+        """Return whether the value is within the bound; False for `nan`, which was not measured."""
         return self.lowest <= value <= self.highest
 
     def __str__(self):

@@ -63,7 +63,7 @@ def attempt(method, trial) -> Outcome:
 
 
 def run(methods, trials, title) -> dict:
-    """Return method name -> list of `Outcome`; the methods take turns on each trial, so that they share the machine's mood."""
+    """Return method name -> list of `Outcome`; the methods alternate on each trial, so that load affects all alike."""
     from tqdm import tqdm
     outcomes = {method.name: [] for method in methods}
     for method in methods:

@@ -88,7 +88,7 @@ def test_verbose_shows_where_an_error_comes_from(shell):
     (ModuleNotFoundError('no', name='rosbags'), 1,
      f'work: needs rosbags, not installed here: {shlex.quote(sys.executable)} -m pip install rosbags\n'),
     (BrokenProcessPool('terminated abruptly'), 1,
-     'work: a worker process was killed, perhaps for want of memory: fewer --processes need less\n'),
+     'work: a worker process was killed, possibly for lack of memory: use fewer --processes\n'),
     (ZeroDivisionError('by zero'), 1, 'work: internal error: by zero (-v shows where)\n'),
 ])
 def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):

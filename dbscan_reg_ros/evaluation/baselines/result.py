@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a baseline says of two scans."""
+"""Result of a baseline for two scans."""
 from dataclasses import dataclass
 
 from ...core.geometry.se2 import SE2

@@ -164,7 +164,7 @@ def safely(reader, connections, report, **window):
 
 
 def describe(error):
-    """Return what an exception says, in one line."""
+    """Return the message of an exception in one line."""
     return ' '.join(str(error).split()) or 'no reason given'
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a bag cannot be opened and what helps, found in its own bytes and not in what a library says of them."""
+"""Reasons why a bag cannot be opened, and remedies, found from the bytes of its files."""
 import shlex
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def kind_at(path):
 
 
 def unpacking_advice(path, start):
-    """Return that the file is compressed and how to unpack it, by its first bytes; None where it is not."""
+    """Say how to unpack a file that its first bytes show to be compressed; None if it is not."""
     packed = _by_start(PACKED, start)
     if packed is None:
         return None
@@ -43,7 +43,7 @@ def fault_of(path, words) -> str:
     ----------
     path : Path
     words : str
-        What the reader said; shown where the bytes of the bag tell nothing better.
+        Message of the reader; shown if the bytes of the bag give no better reason.
     """
     try:
         found = _of_folder(path) if path.is_dir() else _of_file(path)

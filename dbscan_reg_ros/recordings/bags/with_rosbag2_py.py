@@ -95,7 +95,7 @@ class BagWriter:
         self._writer.close()
 
     def add_topic(self, topic, kind, latched=False):
-        """Add what `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
+        """Add a topic of type `kind`, `latched` for late subscribers; return the handle that `write` takes."""
         from rosbag2_py._storage import QoS
         return self._add(topic, kind, [QoS(1).reliable().transient_local()] if latched else [])
 
@@ -106,7 +106,7 @@ class BagWriter:
         return topic
 
     def add_topics_of(self, _reader, connections):
-        """Add the function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
+        """Add the topics of a `BagReader`; return a function from connection and bytes to what `write` takes."""
         for connection in connections:
             self._add(connection.topic, connection.msgtype, connection.qualities)
         return lambda connection, raw: (connection.topic, raw)

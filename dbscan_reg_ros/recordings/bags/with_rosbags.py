@@ -93,12 +93,12 @@ class BagWriter:
         return self._writer.__exit__(*error)
 
     def add_topic(self, topic, kind, latched=False):
-        """Add what `write` takes for the messages of a topic of type `kind`; `latched` for one that late listeners hear, too."""
+        """Add a topic of type `kind`, `latched` for late subscribers; return the handle that `write` takes."""
         options = {'offered_qos_profiles': [LATCHED]} if latched and not self._ros1 else {}
         return self._writer.add_connection(topic, kind, typestore=self._store, **options)
 
     def add_topics_of(self, reader, connections):
-        """Add the function from a connection of a `BagReader` and bytes of its to what `write` takes for them: topic and bytes."""
+        """Add the topics of a `BagReader`; return a function from connection and bytes to what `write` takes."""
         store = None if reader.reader.is2 != self._ros1 else self._store
         with contextlib.redirect_stdout(io.StringIO()):
             written, converted = create_connections_converters(connections, store, reader.reader, self._writer)

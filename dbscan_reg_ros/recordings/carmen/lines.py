@@ -24,7 +24,7 @@ FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
 
 
 class Line(NamedTuple):
-    """What a line says of a scan.
+    """A scan as a line of the log gives it.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def set_parameter(settings, words):
 
 
 def settings_of(scan) -> dict:
-    """Return what only a ``PARAM`` line of a log can say of a scan: name -> text, as in `SETTINGS`."""
+    """Return the settings of a scan for ``PARAM`` lines: name -> text, as in `SETTINGS`."""
     values = scan.geometry.range_min, scan.time_increment, scan.frame_id or SETTINGS['laser_frame']
     return {name: str(value) if isinstance(value, str) else np.format_float_positional(np.float32(value), trim='0')
             for name, value in zip(SETTINGS, values, strict=True)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The range that a file writes for "no return", told by the file itself."""
+"""Detection of the range that a file writes for "no return"."""
 import math
 
 import numpy as np
@@ -48,7 +48,7 @@ class NoReturn:
             self._values[name] = [a + b for a, b in zip(self._values.get(name, (0, 0, 0)), found, strict=True)]
 
     def limit(self):
-        """Return readings of this [m] or more are no return; None where the file tells of none.
+        """Return the smallest range [m] that means "no return"; None if the file has none.
 
         A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the group
         have to lie across a jump.

@@ -19,7 +19,7 @@ SLACK = 0.01
 
 
 class Survey:
-    """What the scans of one kind say together, gathered line by line."""
+    """Properties of all scans of one kind, gathered line by line."""
 
     def __init__(self):
         self.wheels = Wheels()

@@ -149,7 +149,7 @@ def transforms(stamps, places):
 
 
 def numbers(odometry):
-    """Return what an Odometry message says, as numbers."""
+    """Return the numbers of an Odometry message."""
     plane = np.ix_([0, 1, 5], [0, 1, 5])
     position, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular

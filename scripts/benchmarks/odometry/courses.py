@@ -53,7 +53,7 @@ def person(folder) -> list:
 
 
 def strolled(scans, seed, radius=0.25) -> list:
-    """Return the scans with somebody, as round as that [m], who strolls to and fro about 1 m in front of the sensor."""
+    """Return the scans with a person of this radius [m] who walks to and fro about 1 m in front of the sensor."""
     rng = np.random.default_rng(seed)
     bearing, hidden = 0.0, []
     for scan in scans:

@@ -75,7 +75,7 @@ class Drive:
 
 
 def drive(name, course, title, prior='none') -> Drive:
-    """Return a fresh tracker, by its name, over a course; `prior` names one of `PRIORS`, who tells of each motion."""
+    """Run a new tracker over a course; `prior` names the source of the external prior, one of `PRIORS`."""
     from tqdm import tqdm
     track, result = tracker(name), Drive(course)
     scans = tqdm(course.scans, title, unit=' scans', leave=False, disable=None)
@@ -184,7 +184,7 @@ def in_copies(courses, methods, args) -> dict:
 
 
 def judged_copy(method, course, seed, prior):
-    """Return what `judge` says of a copy of a course; `seed` tells one copy from another."""
+    """Return the result of `judge` for the copy of a course with noise of this `seed`."""
     return judge(drive(method, noised(course, seed), f'copy {seed}', prior))
 
 

@@ -19,25 +19,25 @@ SCANS = (
 EXAMPLE = 2152
 """The one of them that is shown step by step: ``config/paper.yaml`` solves it."""
 OTHERS = 200
-"""So many more scans, on which nothing was chosen: what the parameters are worth elsewhere."""
+"""Number of further scans, on which no parameter was chosen."""
 TRANSLATION_LIMIT = 0.001
 ROTATION_LIMIT = 0.001
 BOUNDS = {'figure4_exact': at_least(1.0)}
 
 
 def draw(scans, count=len(SCANS), seed=0, without=()) -> list:
-    """Draw indices of `count` scans with more than 150 returns."""
+    """Draw the indices of `count` scans with more than 150 returns at random."""
     rich = [i for i, scan in enumerate(scans) if np.count_nonzero(scan.valid) > MIN_RETURNS and i not in without]
     return sorted(np.random.default_rng(seed).choice(rich, count, replace=False).tolist())
 
 
 def draw_others(scans) -> list:
-    """Draw indices of 200 scans that are not among the 50."""
+    """Draw the indices of 200 scans that are not among the 50."""
     return draw(scans, OTHERS, 1, frozenset(SCANS))
 
 
 def trial(scan, label='', group='figure4') -> Trial:
-    """Return the current scan is `scan`, the reference its points moved by (-1.5, 0.8, 0.3), one bearing each."""
+    """Make a trial: the current scan is `scan`, the reference its points moved by (-1.5, 0.8, 0.3)."""
     points = PAPER_MOTION.apply(scan.points)
     moved = Scan.from_points(points, scan.stamp, angle_increment=scan.geometry.angle_increment)
     return Trial(group, label, moved, scan, PAPER_MOTION)

@@ -17,7 +17,7 @@ from .table3 import SICK
 PAIRS = 50
 SEEDS = 5
 TRANSLATION, ROTATION = 1.5, 0.8
-"""Largest motion between the two scans along each axis [m] and turn [rad]."""
+"""Largest translation along each axis [m] and rotation [rad] between the two scans."""
 OVERLAPS = {'high': (0.85, 1.0), 'low': (0.3, 0.6)}
 """Share of the view in common, from and to."""
 AREA, COLUMNS = 20.0, 90

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do the covariances tell the truth? Registrations in simulated worlds, where the error is known exactly."""
+"""Consistency of the covariances: registrations in simulated worlds, where the error is known exactly."""
 import dataclasses
 from collections.abc import Callable
 from functools import partial
@@ -21,7 +21,7 @@ SEEDS = 5
 SENSORS = {'plain': Lidar(), **{name: dataclasses.replace(LIDARS[name], duration=0.0)
                                 for name in ('sick_lms200', 'hokuyo_utm30lx', 'rplidar_a')}}
 TRANSLATION, ROTATION = 0.4, 0.3
-"""Largest motion between the two scans along each axis [m] and turn [rad]."""
+"""Largest translation along each axis [m] and rotation [rad] between the two scans."""
 LIMIT = 7.815
 """95 % of the squared errors, in units of their covariance, are below this with three degrees of freedom."""
 WITHIN = Bound(0.90, 0.98)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registration without a guess for any motion, by the share of the view in common: how often it is right, and what `OK` is worth."""
+"""Registration without a guess for any motion, by the share of the view in common: success rate, and precision and recall of `OK`."""
 import dataclasses
 import itertools
 import math

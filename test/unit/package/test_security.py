@@ -79,5 +79,5 @@ def test_the_list_of_ros_domains_is_not_taken_from_somebody_else(tmp_path, monke
     assert folder.stat().st_mode & 0o077 == 0
     folder.rename(tmp_path / 'elsewhere')
     folder.symlink_to(tmp_path / 'elsewhere')
-    with pytest.raises(ForeignFolder, match='belongs to somebody else'), private_graph():
+    with pytest.raises(ForeignFolder, match='belongs to another user'), private_graph():
         pass

@@ -16,8 +16,8 @@ from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, alig
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.registration.point_to_line import (
-    Alignment,
     NO_STEP,
+    Alignment,
     fit,
     jacobian,
     mean_square,

@@ -12,8 +12,8 @@ from dbscan_reg_ros import Odometry, Parameters
 from dbscan_reg_ros.core.errors import ParameterError
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.registration import dbscan
-from dbscan_reg_ros.core.registration.paper.clustering import choose_clustering
 from dbscan_reg_ros.core.registration.dbscan import dbscan_line, dbscan_plane, k_distances, knee
+from dbscan_reg_ros.core.registration.paper.clustering import choose_clustering
 
 SEEDS = range(40)
 
