@@ -76,4 +76,5 @@ class OdometryUpdate:
         marks = ', becomes a reference' * self.reference_changed
         marks += f', restarted: {self.restarted}' * bool(self.restarted)
         return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, '
-                f'{sigma_text(self.covariance)}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, {self.status.name}{marks})')
+                f'{sigma_text(self.covariance)}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, '
+                f'{self.status.name}{marks})')

@@ -190,7 +190,8 @@ class ReferenceSearch:
                 pose = predicted_along_degenerate(frame, registration, best.pose)
                 direction = _unresolved_direction(frame, registration, direction)
         verdict = self._gate.check(pose, registration, tentative is not None)
-        return Match(frame, pose, direction, registration, features, verdict)
+        return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
+                     features=features, verdict=verdict)
 
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
         """Register the `static` points; also return the features that were used.

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ..features.records import Features
 from ..geometry.se2 import SE2, turned
 from ..geometry.symmetric_matrix import inverse
-from ..parameters.odometry import OdometryParameters
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import observability_ratio
@@ -57,7 +56,8 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
         state.covariance.add_unknown_motion()
     state.window = KeyFrameWindow((KeyFrame(features, state.pose, number=state.output.number),))
     status = Status.FAILED if reason else Status.OK
-    return _report(state, features, _Step(state.pose, ScanInterval(reason=reason), status, None, None, True))
+    return _report(state, features, _Step(
+        pose=state.pose, interval=ScanInterval(reason=reason), status=status, is_key_frame=True))
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], middle_offset: float) -> None:
@@ -103,39 +103,13 @@ def coast(state: TrackState, features: Features, registration: Registration, pre
     state.motion.coast(pose, interval.middle_offset)
     state.tracking = dataclasses.replace(state.tracking, mode=mode, lost_time=lost_time, observability=0.0)
     status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
-    return _report(state, features, _Step(pose, interval, status, registration, state.key_frames.latest, False))
+    return _report(state, features, _Step(
+        pose=pose, interval=interval, status=status, registration=registration, key_frame=state.key_frames.latest))
 
 
 def follow(state: TrackState, match: Match, gate: Gate, p: Parameters) -> OdometryUpdate:
     """Update by a scan that was found: align it with the map; update motion, covariances, key frames and heading."""
-    before, interval = state.pose, gate.predictions.interval
-    if match.verdict.outlier and state.tracking.lost_time:
-        # The last pose was only predicted: the difference is a correction, not a motion.
-        state.motion.forget_position()
-    registration = gate.demoted(match.registration)
-    # Align with the map, with the prior where the match does not contradict it.
-    prior = gate.used_prior(match.pose, state.wheels)
-    map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
-    aligned = _align(state, match, gate.predictions, map_prior, p)
-    # Update covariances, motion and key frames.
-    covariance = inverse(inverse(aligned.covariance) + map_prior.information)
-    gain = np.eye(3) - covariance @ map_prior.information
-    _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
-    if state.motion.position_unknown:
-        state.covariance.reset_twist()
-    constraints = _motion_constraints(aligned, prior, registration)
-    state.pose = state.motion.update(aligned.pose, interval, constraints, p)
-    is_key_frame = _update_key_frames(state, match, aligned, registration, p)
-    # Report, and learn from the motion.
-    pose = state.output.averaged(state.pose, covariance, interval.length, p.odometry.zero_velocity_gate)
-    step = _Step(pose, interval, registration.status, registration, match.key_frame, is_key_frame)
-    update = _report(state, match.features, step)
-    observability = observability_ratio(registration, p.decision) if registration.status is Status.OK else 0.0
-    if gate.predictions.external is not None and gate.supports_external(state.pose):
-        weight = min(state.tracking.observability, observability)
-        _calibrate(state, gate.predictions.external, before.inverse() @ state.pose, weight, p)
-    state.tracking = dataclasses.replace(state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability)
-    return update
+    return _FoundScan(state, match, gate, p).update()
 
 
 class _Aligned(NamedTuple):
@@ -162,22 +136,6 @@ class _Aligned(NamedTuple):
     correspondences: Correspondences | None
 
 
-def _align(state: TrackState, match: Match, predictions: Predictions, prior: PosePrior, p: Parameters) -> _Aligned:
-    """Align the scan with the key frames of the window; without a window the match is the result."""
-    registration, direction = match.registration, match.degenerate_direction
-    if p.odometry.reference != 'window':
-        constrained = _constrained(direction, registration.weakest_information, p)
-        return _Aligned(match.pose, registration.covariance, direction, constrained, None)
-    initial = InitialAlignment(match.pose, direction, registration.rotation_unobservable)
-    # An unobservable rotation is left to an external prior; the motion model does not know it better than the match.
-    rotation_by_prior = (registration.rotation_unobservable and not predictions.by_motion_model
-                         and bool(prior.information.any()))
-    pose, correspondences = align_to_map(
-        state.key_frames, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
-    covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
-    return _Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
-
-
 def _constrained(direction: float | None, information: float | None, p: Parameters) -> float:
     """Return how well a degenerate `direction` is constrained, from 0 to 1, by its `information` [points]."""
     return 1.0 if direction is None or information is None else min(information / p.decision.min_information, 1.0)
@@ -201,55 +159,112 @@ def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterva
         state.covariance.reset_twist()
 
 
-def _update_key_frames(state: TrackState, match: Match, aligned: _Aligned, registration: Registration,
-                       p: Parameters) -> bool:
-    """Add the scan to the key frames if it is due or sees new surfaces, and then correct the heading.
+class _FoundScan:
+    """Update of the track by a scan that was found: by the match that the gate believes."""
 
-    Returns
-    -------
-    bool
-        Whether the scan became a key frame. Only one that is due becomes the latest.
-    """
-    due = _is_due(state, match, aligned.pose, registration, p.odometry)
-    added, direction, correspondences = due, match.degenerate_direction, aligned.correspondences
-    if not due and direction is not None and correspondences is not None:
-        added = sees_new_surface(match.features, aligned.pose, correspondences, direction, p)
-    constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
-    frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
-    if added:
-        size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-        state.window = state.key_frames.with_frame(frame, size, latest=due)
-    state.tracking = dataclasses.replace(state.tracking, last_scan=None if added else frame)
-    if added and registration.status is Status.OK and p.manhattan.heading_drift:
-        _correct_heading(state, match.features, p)
-    if due:
-        state.covariance.start_key_frame()
-    return added
+    def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
+        self._state, self._match, self._gate, self._parameters = state, match, gate, p
+        self._registration = gate.demoted(match.registration)
 
+    def update(self) -> OdometryUpdate:
+        """Align the scan with the map, update the state, and report."""
+        state, match, gate, registration = self._state, self._match, self._gate, self._registration
+        before, interval = state.pose, gate.predictions.interval
+        if match.verdict.outlier and state.tracking.lost_time:
+            # The last pose was only predicted: the difference is a correction, not a motion.
+            state.motion.forget_position()
+        # Align with the map, with the prior where the match does not contradict it.
+        prior = gate.used_prior(match.pose, state.wheels)
+        map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
+        aligned = self._align(map_prior)
+        # Update covariances, motion and key frames.
+        covariance = inverse(inverse(aligned.covariance) + map_prior.information)
+        gain = np.eye(3) - covariance @ map_prior.information
+        _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
+        if state.motion.position_unknown:
+            state.covariance.reset_twist()
+        constraints = _motion_constraints(aligned, prior, registration)
+        state.pose = state.motion.update(aligned.pose, interval, constraints, self._parameters)
+        is_key_frame = self._update_key_frames(aligned)
+        # Report, and learn from the motion.
+        zero_velocity_gate = self._parameters.odometry.zero_velocity_gate
+        pose = state.output.averaged(state.pose, covariance, interval.length, zero_velocity_gate)
+        update = _report(state, match.features, _Step(
+            pose=pose, interval=interval, status=registration.status, registration=registration,
+            key_frame=match.key_frame, is_key_frame=is_key_frame))
+        self._learn(before.inverse() @ state.pose)
+        return update
 
-def _is_due(state: TrackState, match: Match, pose: SE2, registration: Registration, p: OdometryParameters) -> bool:
-    """Whether the scan becomes the latest key frame: it has moved, rotated, or overlaps too little with the latest."""
-    motion = match.key_frame.pose.inverse() @ pose
-    return (p.reference == 'previous' or match.key_frame is not state.key_frames.latest
-            or math.hypot(motion.x, motion.y) > p.key_frame_distance or abs(motion.theta) > p.key_frame_angle
-            or registration.overlap < p.key_frame_overlap)
+    def _align(self, prior: PosePrior) -> _Aligned:
+        """Align the scan with the key frames of the window; without a window the match is the result."""
+        match, registration, p = self._match, self._match.registration, self._parameters
+        direction = match.degenerate_direction
+        if p.odometry.reference != 'window':
+            constrained = _constrained(direction, registration.weakest_information, p)
+            return _Aligned(match.pose, registration.covariance, direction, constrained, None)
+        initial = InitialAlignment(match.pose, direction, registration.rotation_unobservable)
+        # An unobservable rotation is left to an external prior; the motion model knows it no better than the match.
+        rotation_by_prior = (registration.rotation_unobservable and not self._gate.predictions.by_motion_model
+                             and bool(prior.information.any()))
+        pose, correspondences = align_to_map(
+            self._state.key_frames, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
+        covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
+        return _Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
 
+    def _update_key_frames(self, aligned: _Aligned) -> bool:
+        """Add the scan to the key frames if it is due or sees new surfaces, and then correct the heading.
 
-def _correct_heading(state: TrackState, features: Features, p: Parameters) -> None:
-    """Apply the Manhattan heading correction to the published poses."""
-    heading = state.output.corrected(state.pose).theta
-    rotation, ratio = state.heading.observe(features.segments, heading, p.manhattan)
-    state.output.rotate_heading(state.pose, rotation)
-    state.covariance.reduce_heading(ratio)
+        Returns
+        -------
+        bool
+            Whether the scan became a key frame. Only one that is due becomes the latest.
+        """
+        state, match, p = self._state, self._match, self._parameters
+        due = self._is_due(aligned.pose)
+        added, direction, correspondences = due, match.degenerate_direction, aligned.correspondences
+        if not due and direction is not None and correspondences is not None:
+            added = sees_new_surface(match.features, aligned.pose, correspondences, direction, p)
+        constrained = aligned.constrained >= _MIN_CONSTRAINED and not self._registration.rotation_unobservable
+        frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
+        if added:
+            size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+            state.window = state.key_frames.with_frame(frame, size, latest=due)
+        state.tracking = dataclasses.replace(state.tracking, last_scan=None if added else frame)
+        if added and self._registration.status is Status.OK and p.manhattan.heading_drift:
+            self._correct_heading()
+        if due:
+            state.covariance.start_key_frame()
+        return added
 
+    def _is_due(self, pose: SE2) -> bool:
+        """Whether the scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it."""
+        p, frame = self._parameters.odometry, self._match.key_frame
+        motion = frame.pose.inverse() @ pose
+        return (p.reference == 'previous' or frame is not self._state.key_frames.latest
+                or math.hypot(motion.x, motion.y) > p.key_frame_distance or abs(motion.theta) > p.key_frame_angle
+                or self._registration.overlap < p.key_frame_overlap)
 
-def _calibrate(state: TrackState, external: Prior, observed: SE2, weight: float, p: Parameters) -> None:
-    """Learn the systematic errors of the `external` prior from the motion as `observed` by the scans."""
-    distance = p.prior.calibration_distance
-    if distance:
-        state.wheels.learn(external, observed, weight, distance)
-    else:
-        state.wheels = WheelCalibration()
+    def _correct_heading(self) -> None:
+        """Apply the Manhattan heading correction to the published poses."""
+        state = self._state
+        heading = state.output.corrected(state.pose).theta
+        rotation, ratio = state.heading.observe(self._match.features.segments, heading, self._parameters.manhattan)
+        state.output.rotate_heading(state.pose, rotation)
+        state.covariance.reduce_heading(ratio)
+
+    def _learn(self, motion: SE2) -> None:
+        """Learn the systematic errors of the external prior from the observed `motion`, and track from now on."""
+        state, external = self._state, self._gate.predictions.external
+        distance = self._parameters.prior.calibration_distance
+        ok = self._registration.status is Status.OK
+        observability = observability_ratio(self._registration, self._parameters.decision) if ok else 0.0
+        if external is not None and self._gate.supports_external(state.pose):
+            if distance:
+                state.wheels.learn(external, motion, min(state.tracking.observability, observability), distance)
+            else:
+                state.wheels = WheelCalibration()
+        state.tracking = dataclasses.replace(
+            state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability)
 
 
 class _Step(NamedTuple):
@@ -258,9 +273,9 @@ class _Step(NamedTuple):
     pose: SE2
     interval: ScanInterval
     status: Status
-    registration: Registration | None
-    key_frame: KeyFrame | None
-    is_key_frame: bool
+    registration: Registration | None = None
+    key_frame: KeyFrame | None = None
+    is_key_frame: bool = False
 
 
 def _report(state: TrackState, features: Features, step: _Step) -> OdometryUpdate:

@@ -110,7 +110,8 @@ def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) ->
     following = np.minimum.accumulate(np.where(dynamic, order, size)[::-1])[::-1]
     padded = np.append(points.points, np.inf)
     before, after = np.abs(padded[last] - points.points), np.abs(padded[following] - points.points)
-    return np.minimum(before, after) <= margin
+    near: NDArray[np.bool_] = np.minimum(before, after) <= margin
+    return near
 
 
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> NDArray[np.bool_]:
@@ -180,7 +181,8 @@ def movable_weights(points: OrientedPoints, size: float, margin: float, min_weig
     sample = slice(None, None, stride(len(centre), _MAX_OBJECTS))
     nearby_weight = (np.abs(centre[:, None] - centre[sample]) <= size) @ weight[sample]
     ratio = (weight[sample].sum() - nearby_weight) / np.maximum(nearby_weight, 1e-9)
-    return np.clip(0.5 * ratio - 1.0, min_weight, 1.0)[label]
+    weights: NDArray[np.float64] = np.clip(0.5 * ratio - 1.0, min_weight, 1.0)
+    return weights[label]
 
 
 def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float:
@@ -206,7 +208,8 @@ def _information(normals: NDArray[np.complex128]) -> tuple[float, float, float]:
 
 def _cuts(points: OrientedPoints, margin: float) -> NDArray[np.bool_]:
     """Return ``(P - 1,)``: where a point and the next are more than the `margin` [m] apart."""
-    return np.abs(points.points[1:] - points.points[:-1]) > margin
+    cuts: NDArray[np.bool_] = np.abs(points.points[1:] - points.points[:-1]) > margin
+    return cuts
 
 
 def _run_of_point(points: OrientedPoints, margin: float) -> NDArray[np.intp]:

@@ -75,7 +75,8 @@ class KeyFrameWindow:
         pairs = self._pairs(pose, points, lookup, density.min_normal_cosine)
         weights = None if points.weights is None else points.weights.take(pairs.point)
         rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
-        return Correspondences(pose, len(points), pairs.point, pairs.rotated_points, rows, weights)
+        return Correspondences(pose=pose, size=len(points), index=pairs.point, rotated_points=pairs.rotated_points,
+                               rows=rows, weights=weights)
 
     def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
                   min_cosine: float) -> NDArray[np.float64]:

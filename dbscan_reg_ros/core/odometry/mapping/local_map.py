@@ -47,7 +47,8 @@ def _newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], 
     _, cell = np.unique(np.rint(cells.real) * _ROW + np.rint(cells.imag), return_inverse=True)
     newest = np.zeros(len(cells), dtype=int)
     np.maximum.at(newest, cell, age_rank)
-    return (age_rank == newest[cell])[:len(points)]
+    kept: NDArray[np.bool_] = age_rank == newest[cell]
+    return kept[:len(points)]
 
 
 _ROW = 2.0 ** 26

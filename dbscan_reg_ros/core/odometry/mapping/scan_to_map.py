@@ -111,11 +111,11 @@ def _strengthened(information: NDArray[np.float64], features: Features, correspo
         motions.append(degenerate_rotation(seeming, shared, p.decision))
     strengthened = information
     for motion in motions:
-        total, common = motion @ seeming @ motion, motion @ shared @ motion
+        total, common = float(motion @ seeming @ motion), float(motion @ shared @ motion)
         ratio = total / max(common, _MIN_SHARED_RATIO * total) if total > 0.0 else 1.0
         gradient = information @ motion
         added = gradient[:, None] * gradient
-        strengthened = strengthened + max(ratio - 1.0, 0.0) / max(motion @ gradient, 1e-12) * added
+        strengthened = strengthened + max(ratio - 1.0, 0.0) / max(float(motion @ gradient), 1e-12) * added
     return strengthened
 
 
@@ -145,7 +145,8 @@ def information_along(features: Features, pose: SE2, angle: float, p: Parameters
     """
     points = features.oriented_points
     cosine = (points.normals * cmath.exp(1j * (pose.theta - angle))).real
-    return points.weighted(np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2))
+    information = np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2)
+    return np.asarray(points.weighted(information))
 
 
 def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle: float,

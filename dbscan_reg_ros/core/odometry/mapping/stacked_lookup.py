@@ -107,4 +107,5 @@ class FreeSpaceStack:
         offsets *= self._rotations
         depth = self._near.take(self._first + bins(offsets, self._size))
         depth -= np.abs(offsets)
-        return (depth > points.tolerance(margin)).any(axis=0)
+        in_front: NDArray[np.bool_] = (depth > points.tolerance(margin)).any(axis=0)
+        return in_front
