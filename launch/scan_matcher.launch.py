@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``; ``--show-args`` lists what may be told.
+"""Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``; ``--show-args`` lists the arguments.
 
-What is told counts in this order, the last the most: the defaults of the node, ``sensor``, ``params_file``, the other
-arguments that are given.
+Each of these overrides those before it: the defaults of the node, ``sensor``, ``params_file``, the other arguments.
 """
 from launch.actions import OpaqueFunction
 
-from dbscan_reg_ros.node.launching import matcher_arguments, scan_matcher_actions
+from dbscan_reg_ros.node.launching import scan_matcher_actions, scan_matcher_arguments
 from launch import LaunchDescription
 
 
-def generate_launch_description():
-    return LaunchDescription([*matcher_arguments(), OpaqueFunction(function=scan_matcher_actions)])
+def generate_launch_description() -> LaunchDescription:
+    """Describe the launch."""
+    return LaunchDescription([*scan_matcher_arguments(), OpaqueFunction(function=scan_matcher_actions)])

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 node: turns messages into scans and results into messages, and decides nothing about geometry."""
+"""The ROS 2 node: converts messages to scans and results to messages."""

@@ -1,30 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files of the package have in common.
+"""Arguments and actions that the launch files share.
 
 ``launch`` and ``launch_ros`` are imported where they are used: only a ROS installation has them.
 """
+from __future__ import annotations
+
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..core.errors import DbscanRegError, ParameterError
 from ..paths import NO_SENSORS
 from ..robot.parameters import MOUNTINGS, SOURCES
 
+if TYPE_CHECKING:
+    from launch.actions import DeclareLaunchArgument, EmitEvent
+
+    from launch import LaunchContext
+
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'
-"""Topics of ours in config/scan_matcher.rviz, beside the scans."""
+"""Topics of the node that config/scan_matcher.rviz displays."""
 PARAMETERS = {'base_frame': 'base_frame', 'mounting': 'mounting', 'odom_frame': 'odom_frame', 'prior': 'prior.source',
               'publish_tf': 'publish_tf', 'use_sim_time': 'use_sim_time'}
-"""Launch argument -> the parameter that it sets when it is given."""
+"""Launch argument -> parameter that it sets when it is not empty."""
 SWITCHES = 'publish_tf', 'use_sim_time'
-"""Those of them that are true or false."""
+"""Launch arguments of boolean parameters."""
 
 
-def matcher_arguments() -> list:
-    """The launch arguments that `scan_matcher_actions` goes by; an empty one of a parameter is not given."""
+def scan_matcher_arguments() -> list[Any]:
+    """Declare the launch arguments of `scan_matcher_actions`; an empty one sets no parameter."""
     from launch.actions import DeclareLaunchArgument
 
-    def argument(name, description, default='', choices=()):
+    def argument(name: str, description: str, default: str = '', *,
+                 choices: Sequence[str] = ()) -> DeclareLaunchArgument:
         return DeclareLaunchArgument(name, default_value=default, description=description,
                                      choices=['', *choices] if choices else None)
 
@@ -32,39 +42,40 @@ def matcher_arguments() -> list:
     return [
         argument('namespace', 'namespace of the node and its topics'),
         argument('remap_tf', 'true: /tf and /tf_static are in the namespace, too', 'true'),
-        argument('scan_topic', 'topic of the scans instead of scan'),
-        argument('sensor', 'the parameters of a common sensor, a file in config', choices=sensors),
-        argument('params_file', 'parameter file; what it says counts more than sensor, and less than the arguments below'),
-        argument('odom_frame', 'frame in which the pose is given'),
+        argument('scan_topic', 'topic that the scans are published on, instead of scan'),
+        argument('sensor', 'parameter file of a common sensor, in config', choices=sensors),
+        argument('params_file', 'parameter file; overrides sensor, and is overridden by the arguments below'),
+        argument('odom_frame', 'frame of the published pose'),
         argument('base_frame', 'frame whose pose and twist are published'),
-        argument('publish_tf', 'true: send the transform between odom_frame and base_frame'),
-        argument('mounting', 'where the laser sits on the base', choices=MOUNTINGS),
-        argument('prior', 'prior.source: what tells the motion since the last scan', choices=SOURCES),
+        argument('publish_tf', 'true: publish the transform between odom_frame and base_frame'),
+        argument('mounting', 'source of the pose of the laser on the base', choices=MOUNTINGS),
+        argument('prior', 'prior.source: external source of the motion since the last scan', choices=SOURCES),
         argument('use_sim_time', 'true: take the time from /clock'),
-        argument('lifecycle', 'true: start the managed node, scan_matcher_lifecycle', 'false'),
-        argument('autostart', 'true: configure and activate the managed node', 'true'),
+        argument('lifecycle', 'true: start the lifecycle node, scan_matcher_lifecycle', 'false'),
+        argument('autostart', 'true: configure and activate the lifecycle node', 'true'),
         argument('rviz', 'true: start rviz2 with config/scan_matcher.rviz', 'false'),
         argument('log_level', 'least severity that is logged: debug, info, warn, error or fatal'),
     ]
 
 
-def scan_matcher_actions(context, defaults=()) -> list:
-    """The nodes that the arguments of `matcher_arguments` ask for.
+def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, str]] = ()) -> list[Any]:
+    """Make the actions that the arguments of `scan_matcher_arguments` ask for.
 
     Parameters
     ----------
     context : launch.LaunchContext
-    defaults : iterable of (str, str)
-        Names and values of parameters where neither ``sensor`` nor ``params_file`` nor an argument says otherwise.
+        Values of the launch arguments.
+    defaults : sequence of (str, str)
+        Names and values of parameters that ``sensor``, ``params_file`` and the launch arguments override.
 
     Raises
     ------
     ParameterError
-        When an argument is wrong, with what was expected; launch prints it and stops.
+        When an argument is invalid; launch prints the error and stops.
     """
     from launch_ros.actions import Node
 
-    given = Given(context.launch_configurations)
+    given = LaunchArguments(context.launch_configurations)
     options = {
         'package': PACKAGE, 'name': 'scan_matcher', 'output': 'screen',
         'namespace': given.text('namespace'),
@@ -72,70 +83,73 @@ def scan_matcher_actions(context, defaults=()) -> list:
         'parameters': _parameters(given),
         'ros_arguments': [word for name, value in defaults for word in ('-p', f'{name}:={value}')] + given.log_level(),
     }
-    actions = (_managed(options, given.switch('autostart')) if given.switch('lifecycle')
+    actions = (_lifecycle(options, given.switch('autostart')) if given.switch('lifecycle')
                else [Node(executable='scan_matcher', **options)])
     return [*actions, _rviz(given, dict(defaults))] if given.switch('rviz') else actions
 
 
-def player_actions(context) -> list:
-    """scan_matcher and the player of a recording, which takes the launch down when it ends; see `scan_matcher_actions`.
+def player_actions(context: LaunchContext) -> list[Any]:
+    """Make the actions of `scan_matcher_actions`, and a player of a recording that shuts the launch down when it ends.
 
-    Where the recording holds static transforms, they tell where the laser sits; otherwise the laser is the base.
+    The mounting is read from the static transforms of the recording; without any, the laser is the base.
     """
     from launch.actions import Shutdown
     from launch_ros.actions import Node
 
-    given = Given(context.launch_configurations)
+    given = LaunchArguments(context.launch_configurations)
     recording = os.path.expanduser(given.text('recording'))
     words = [recording, '--clock', '--rate', given.text('rate')]
     if given.text('topics'):
         words += ['--topics', *given.text('topics').split()]
     player = Node(
-        package=PACKAGE, executable='play', name='play', output='screen', namespace=given.text('namespace'), arguments=words,
-        remappings=given.remappings(), ros_arguments=given.log_level(), on_exit=Shutdown(reason='the recording has been played'))
-    mounting = 'tf' if _tells_mounting(recording) else 'none'
+        package=PACKAGE, executable='play', name='play', output='screen', namespace=given.text('namespace'),
+        arguments=words, remappings=given.remappings(), ros_arguments=given.log_level(),
+        on_exit=Shutdown(reason='the recording has been played'))
+    mounting = 'tf' if _has_static_transforms(recording) else 'none'
     return [*scan_matcher_actions(context, [('use_sim_time', 'true'), ('mounting', mounting)]), player]
 
 
-class Given:
-    """Launch arguments, as their values are meant.
+class LaunchArguments:
+    """Values of the launch arguments.
 
     Parameters
     ----------
     values : mapping of str to str
-        ``launch_configurations`` of the context.
+        ``launch_configurations`` of a launch context.
     """
 
-    def __init__(self, values):
+    def __init__(self, values: Mapping[str, str]) -> None:
         self._values = values
 
-    def text(self, name) -> str:
+    def text(self, name: str) -> str:
+        """Return the argument as it is given."""
         return self._values[name]
 
-    def switch(self, name) -> bool:
-        """The argument as true or false; ParameterError when it is neither."""
+    def switch(self, name: str) -> bool:
+        """Return the argument as a boolean; ParameterError when it is neither true nor false."""
         text = self._values[name].lower()
         if text not in ('true', '1', 'false', '0'):
             raise ParameterError(f'{name} = {self._values[name]!r}: expected true or false')
         return text in ('true', '1')
 
-    def log_level(self) -> list:
-        """ROS arguments."""
+    def log_level(self) -> list[str]:
+        """Return the ROS arguments that set the log level."""
         level = self.text('log_level')
         return ['--log-level', level] if level else []
 
-    def transform_remappings(self) -> list:
+    def transform_remappings(self) -> list[tuple[str, str]]:
+        """Return the remappings of /tf and /tf_static."""
         return [('/tf', 'tf'), ('/tf_static', 'tf_static')] if self.switch('remap_tf') else []
 
-    def remappings(self) -> list:
-        """Of scan_matcher and of whoever plays to it."""
+    def remappings(self) -> list[tuple[str, str]]:
+        """Return the remappings of scan_matcher and of the player."""
         topic = self.text('scan_topic')
         return self.transform_remappings() + ([('scan', topic)] if topic else [])
 
 
-def _parameters(given):
-    """Parameter files and parameters, each of which counts more than those before it."""
-    layers = []
+def _parameters(given: LaunchArguments) -> list[Any]:
+    """Return parameter files and parameters, each of which overrides those before it."""
+    layers: list[Any] = []
     if sensor := given.text('sensor'):
         layers.append(str(_config() / f'{sensor}.yaml'))
     if name := given.text('params_file'):
@@ -148,8 +162,8 @@ def _parameters(given):
     return [*layers, values] if values else layers
 
 
-def _managed(options, autostart):
-    """The managed node, and what brings it up."""
+def _lifecycle(options: dict[str, Any], autostart: bool) -> list[Any]:
+    """Make the lifecycle node and, with `autostart`, the actions that configure and activate it."""
     from launch.actions import EmitEvent, RegisterEventHandler
     from launch.events import matches_action
     from launch_ros.actions import LifecycleNode
@@ -161,16 +175,16 @@ def _managed(options, autostart):
     if not autostart:
         return [node]
 
-    def ask(transition):
+    def change_state(transition: int) -> EmitEvent:
         return EmitEvent(event=ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition))
 
     configured = OnStateTransition(target_lifecycle_node=node, start_state='configuring', goal_state='inactive',
-                                   entities=[ask(Transition.TRANSITION_ACTIVATE)])
-    return [RegisterEventHandler(configured), node, ask(Transition.TRANSITION_CONFIGURE)]
+                                   entities=[change_state(Transition.TRANSITION_ACTIVATE)])
+    return [RegisterEventHandler(configured), node, change_state(Transition.TRANSITION_CONFIGURE)]
 
 
-def _rviz(given, defaults):
-    """RViz in the namespace of the node, with its topics and frames."""
+def _rviz(given: LaunchArguments, defaults: Mapping[str, str]) -> Any:
+    """Make the action that starts RViz in the namespace of the node, with its topics and frames."""
     from ament_index_python.packages import PackageNotFoundError, get_package_prefix
     from launch_ros.actions import Node
 
@@ -188,18 +202,14 @@ def _rviz(given, defaults):
                 remappings=given.transform_remappings() + topics, parameters=[{'use_sim_time': sim_time}])
 
 
-def _tells_mounting(recording) -> bool:
-    """Whether it holds static transforms; a file that cannot be read does not, and the player says what is wrong with it."""
-    from ..recordings.bags.bag import open_reader
-    from ..recordings.opening import is_bag
+def _has_static_transforms(recording: str) -> bool:
+    """Whether the player publishes static transforms of a recording; False for one that the player cannot read."""
+    from ..recordings.opening import is_bag, open_recording
     from ..recordings.truth import find_recording
 
     try:
         path = find_recording(recording)
-        if not is_bag(path):
-            return False
-        with open_reader(path) as reader:
-            return any(c.topic == '/tf_static' and c.msgcount for c in reader.connections)
+        return is_bag(path) and any(channel.input == '/tf_static' for channel in open_recording(path).channels())
     except (DbscanRegError, ImportError):
         return False
 

@@ -1,24 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """``scan_matcher``: laser odometry as a ROS 2 node."""
+from __future__ import annotations
+
 import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from .lifecycle.spin import run_node
 
-
-def main(argv=None) -> int:
-    """Run the node until SIGINT or SIGTERM; the exit status is that of `run_node`."""
-    return run_node('scan_matcher', 'Laser odometry: subscribes to scan, publishes odom, segments, /tf and more.', _make,
-                    argv)
+if TYPE_CHECKING:
+    from rclpy.node import Node
 
 
-def _make(name):
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit status of `run_node`."""
+    description = 'Laser odometry: subscribes to scan, publishes odom, segments, /tf and more.'
+    return run_node('scan_matcher', description, _make, argv)
+
+
+def _make(name: str) -> Node:
     from rclpy.node import Node
 
     from .interfaces.live_parameters import LiveParameters
-    from .node_core import ScanMatcher
+    from .node_core import NodeCore
 
     node = Node(name, automatically_declare_parameters_from_overrides=True)
-    ScanMatcher(node, LiveParameters(node)).activate()
+    NodeCore(node, LiveParameters(node)).activate()
     return node
 
 

@@ -6,7 +6,7 @@ from .parameters import NodeParameters
 
 
 def mounting_from_parameters(parameters: NodeParameters) -> Mounting | None:
-    """Mounting that the parameters ``mounting``, ``laser_pose`` and ``upside_down`` give; None with ``mounting: tf``."""
+    """Return the mounting that the parameters give; None with ``mounting: tf``."""
     if parameters.mounting == 'tf':
         return None
     if parameters.mounting == 'none':

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files in the form that ROS 2 takes with ``--params-file``, and the parameter reference.
+"""Parameter files for ``--params-file``, and the parameter reference.
 
 ``python -m dbscan_reg_ros.robot.parameter_files`` prints the defaults as such a file, ``--write`` renews
 ``config/scan_matcher.yaml`` and ``doc/parameters.md`` in the source tree.
@@ -10,12 +10,14 @@ import itertools
 import re
 import sys
 import textwrap
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from ..core.errors import ParameterError
-from ..core.parameters.schema import ParameterGroup
+from ..core.parameters.schema import Description, ParameterGroup
 from ..paths import check_file
 from .parameters import NodeParameters, is_ros_parameter
 
@@ -25,7 +27,7 @@ REFERENCE_FILE = SOURCE / 'doc' / 'parameters.md'
 NODE_NAME = 'scan_matcher'
 WIDTH = 120
 LARGEST = 2**20
-"""Characters that a parameter file may have."""
+"""Largest number of characters of a parameter file."""
 DEFAULTS = NodeParameters()
 
 HEAD = """\
@@ -43,16 +45,16 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 """
 
 
-def read_parameters(path, node=NODE_NAME) -> NodeParameters:
-    """The parameters that the file at `path` sets for `node`; the others have their defaults.
+def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
+    """Read the parameters that the file at `path` sets for `node`; the others have their defaults.
 
     Sections may be named after the node, with or without its namespace, or by a wildcard (``/**``); names may be
-    nested or joined by dots. Sections of other nodes are passed over.
+    nested or joined by dots. Sections of other nodes are ignored.
 
     Raises
     ------
     ParameterError
-        When the file cannot be read, is no parameter file, says nothing for `node`, or sets a parameter that is
+        When the file cannot be read, is not a parameter file, has no section for `node`, or sets a parameter that is
         unknown or has a wrong value.
     """
     sections = dict(_sections(_load(path), path))
@@ -67,13 +69,13 @@ def read_parameters(path, node=NODE_NAME) -> NodeParameters:
         raise ParameterError(f'{path}: {error}') from None
 
 
-def write_parameters(path, parameters=DEFAULTS, head=HEAD):
+def write_parameters(path: str | Path, parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> None:
     """Write `parameters` to the file at `path`, each with its help, unit and bounds as a comment."""
     Path(path).write_text(format_parameters(parameters, head), encoding='utf-8')
 
 
-def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
-    """`parameters` as the text of a parameter file, those without a group first."""
+def format_parameters(parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> str:
+    """Format `parameters` as a parameter file, those without a group first."""
     values = parameters.flatten()
     lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
     current = ''
@@ -89,26 +91,27 @@ def format_parameters(parameters=DEFAULTS, head=HEAD) -> str:
 
 
 def format_reference() -> str:
-    """The parameter reference as Markdown: one table for each group, the node's own parameters first."""
+    """Format the parameter reference as Markdown: one table for each group, the node's own parameters first."""
     lines = [REFERENCE_HEAD]
     for group, descriptions in itertools.groupby(_ordered(DEFAULTS), key=lambda d: d.name.rpartition('.')[0]):
-        lines += [f'## `{group}`' if group else '## The node', '', _about(group), '', '| name | default | values | meaning |',
-                  '|---|---|---|---|']
+        lines += [f'## `{group}`' if group else '## The node', '', _about(group), '',
+                  '| name | default | values | meaning |', '|---|---|---|---|']
         lines += [f'| `{d.name}` | `{_scalar(d.default)}` | {describe_limits(d)} | {d.help} |' for d in descriptions]
         lines.append('')
     return '\n'.join(lines[:-1]) + '\n'
 
 
-def describe_limits(description) -> str:
-    """Unit and bounds of a parameter in words, empty where it has neither."""
+def describe_limits(description: Description) -> str:
+    """Describe unit and bounds of a parameter; empty where it has neither."""
     bounds = description.bounds or description.unit
     return '; '.join(filter(None, [bounds, 'read-only' if description.read_only else '']))
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads YAML as ROS does, which knows no aliases; a few lines of them could stand for any amount."""
+    """Reads YAML as ROS does, without aliases: a few lines of nested aliases would expand without limit."""
 
-    def compose_node(self, parent, index):
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Compose a node; YAML error for an alias."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.MarkedYAMLError(problem='an alias is used; expected the value itself',
                                        problem_mark=self.peek_event().start_mark)
@@ -116,16 +119,17 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what `_Loader` reads."""
+    """Writes YAML that `_Loader` reads to the same values."""
 
 
 for _yaml in (_Loader, _Dumper):
-    # To ROS 1e-3 is a number, to YAML 1.1 a text.
+    # 1e-3 is a number in ROS, and a text in YAML 1.1.
     _yaml.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
                                 list('-+.0123456789'))
 
 
-def _load(path):
+def _load(path: str | Path) -> Any:
+    """Parse a YAML file."""
     check_file(path, ParameterError)
     try:
         with open(path, encoding='utf-8') as file:
@@ -143,10 +147,10 @@ def _load(path):
         raise ParameterError(f'{path}: no valid YAML: {error}') from None
 
 
-def _sections(tree, path, prefix=''):
-    """(name of the node, its parameters) of every section; namespaces may be nested."""
+def _sections(tree: Any, path: str | Path, prefix: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name of the node and parameters of every section; namespaces may be nested."""
     if not isinstance(tree, dict) or not tree:
-        raise ParameterError(f'{path}: {prefix or "the file"} holds no section; expected '
+        raise ParameterError(f'{path}: {prefix or "the file"} has no section; expected '
                              "'/**: ros__parameters: ...' or the node's name in place of '/**'")
     for name, section in tree.items():
         name = f'{prefix}/{name}'.replace('//', '/')
@@ -159,8 +163,8 @@ def _sections(tree, path, prefix=''):
             yield from _sections(section, path, name)
 
 
-def _flatten(section, prefix=''):
-    """(full name, value) of every parameter, in order."""
+def _flatten(section: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Full name and value of every parameter, in order."""
     for name, value in section.items():
         if isinstance(value, dict):
             yield from _flatten(value, f'{prefix}{name}.')
@@ -168,35 +172,38 @@ def _flatten(section, prefix=''):
             yield f'{prefix}{name}', value
 
 
-def _ordered(parameters):
-    """The descriptions of all parameters, those without a group first."""
+def _ordered(parameters: NodeParameters) -> list[Description]:
+    """Descriptions of all parameters, those without a group first."""
     return sorted(parameters.describe(), key=lambda d: '.' in d.name)
 
 
-def _about(group):
-    """What a group of parameters is, in the words of its class and of those that it extends."""
+def _about(group: str) -> str:
+    """Describe a group of parameters by the docstrings of its class and of those that it extends."""
     if not group:
         return 'Frames, and where the laser sits on the base.'
     classes = inspect.getmro(type(getattr(DEFAULTS, group)))
     return ' '.join(c.__doc__ for c in reversed(classes[:classes.index(ParameterGroup)]))
 
 
-def _comment(description, indent):
+def _comment(description: Description, indent: str) -> list[str]:
     limits = describe_limits(description)
     text = description.help + (f' [{limits}]' if limits else '')
     start = f'{indent}# '
     return textwrap.wrap(text, WIDTH, initial_indent=start, subsequent_indent=start, break_on_hyphens=False)
 
 
-def _scalar(value):
+def _scalar(value: Any) -> str:
     value = list(value) if isinstance(value, tuple) else value
-    return yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=10_000).split('\n')[0]
+    text: str = yaml.dump(value, Dumper=_Dumper, default_flow_style=True, width=10_000)
+    return text.split('\n')[0]
 
 
-def main(argv=None) -> int:
-    parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.robot.parameter_files', description=__doc__.split('\n')[0])
-    parser.add_argument('--write', action='store_true', help=f'renew {DEFAULTS_FILE.name} and {REFERENCE_FILE.name} in the '
-                        'source tree')
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the defaults, or write the files of the source tree."""
+    parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.robot.parameter_files',
+                                     description='Print the default parameters as a parameter file.')
+    parser.add_argument('--write', action='store_true',
+                        help=f'write {DEFAULTS_FILE.name} and {REFERENCE_FILE.name} in the source tree')
     if parser.parse_args(argv).write:
         write_parameters(DEFAULTS_FILE)
         REFERENCE_FILE.write_text(format_reference(), encoding='utf-8')

@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses at any moment, interpolated between those that were told."""
+"""Stamped history of poses, interpolated between the stamps."""
 import bisect
 import math
 
 from ..core.geometry.se2 import SE2, wrap
 
 SPAN = 10_000_000_000
-"""So much of the past is kept [ns]."""
+"""Duration [ns] that poses are kept."""
 LATE = 1_000_000_000
-"""What lies farther back [ns] than the newest was not overtaken: time has gone back."""
+"""A stamp that lies farther back [ns] than the newest one does not come late: time has gone back."""
 
 
 class PoseHistory:
     """The planar poses of the last seconds."""
 
-    def __init__(self):
-        self._stamps = []
-        self._poses = []
+    def __init__(self) -> None:
+        self._stamps: list[int] = []
+        self._poses: list[SE2] = []
 
-    def reaches(self, stamp) -> bool:
+    def reaches(self, stamp: int) -> bool:
         """Whether there is a pose at `stamp` [ns] or later."""
         return bool(self._stamps) and self._stamps[-1] >= stamp
 
-    def add(self, stamp, pose: SE2):
-        """Keep the pose at `stamp` [ns]; one that comes twice or late is passed over, time that goes back empties the
-        history first."""
+    def add(self, stamp: int, pose: SE2) -> None:
+        """Add the pose at `stamp` [ns].
+
+        A repeated or late pose is ignored; when time has gone back, the history is cleared first.
+        """
         if self._is_late(stamp):
             return
         if self._stamps and stamp < self._stamps[-1]:
@@ -35,36 +37,36 @@ class PoseHistory:
             old = bisect.bisect_left(self._stamps, stamp - SPAN)
             del self._stamps[:old], self._poses[:old]
 
-    def _is_late(self, stamp):
-        """Whether a pose at `stamp` [ns] or a little later was told before."""
+    def _is_late(self, stamp: int) -> bool:
+        """Whether there is a pose at `stamp` [ns] or less than `LATE` after it."""
         return bool(self._stamps) and 0 <= self._stamps[-1] - stamp <= LATE
 
-    def clear(self):
+    def clear(self) -> None:
+        """Remove all poses."""
         self._stamps.clear()
         self._poses.clear()
 
-    def at(self, stamp):
-        """The pose at `stamp` [ns]; None outside the time that is known."""
+    def at(self, stamp: int) -> SE2 | None:
+        """Return the pose at `stamp` [ns]; None before the first and after the last pose."""
         after = bisect.bisect_left(self._stamps, stamp)
-        if after == len(self._stamps) or after == 0 and self._stamps[0] != stamp:
+        if after == len(self._stamps) or (after == 0 and self._stamps[0] != stamp):
             return None
         if self._stamps[after] == stamp:
             return self._poses[after]
         before = after - 1
-        share = (stamp - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
-        return interpolate(self._poses[before], self._poses[after], share)
+        ratio = (stamp - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
+        return interpolate(self._poses[before], self._poses[after], ratio)
 
 
 class HeadingHistory(PoseHistory):
-    """Headings from yaw rates, as poses that turn on the spot."""
+    """History of headings, integrated from yaw rates; the positions are 0."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__()
         self._rate = 0.0
 
-    def add_rate(self, stamp, rate):
-        """Go on turning up to `stamp` [ns], at last with `rate` [rad/s]; rates that are no numbers, or come twice or late,
-        are passed over."""
+    def add_rate(self, stamp: int, rate: float) -> None:
+        """Integrate up to `stamp` [ns] with yaw rate `rate` [rad/s]; non-finite, repeated or late ones are ignored."""
         if not math.isfinite(rate) or self._is_late(stamp):
             return
         heading = 0.0
@@ -74,7 +76,7 @@ class HeadingHistory(PoseHistory):
         self.add(stamp, SE2(0.0, 0.0, wrap(heading)))
 
 
-def interpolate(before: SE2, after: SE2, share) -> SE2:
-    """The pose that has gone `share` of the way from one to the other."""
-    return SE2(before.x + share * (after.x - before.x), before.y + share * (after.y - before.y),
-               wrap(before.theta + share * wrap(after.theta - before.theta)))
+def interpolate(before: SE2, after: SE2, ratio: float) -> SE2:
+    """Interpolate between two poses: `before` at `ratio` 0, `after` at 1; along the shorter rotation."""
+    return SE2(before.x + ratio * (after.x - before.x), before.y + ratio * (after.y - before.y),
+               wrap(before.theta + ratio * wrap(after.theta - before.theta)))

@@ -212,7 +212,7 @@ def test_two_parents_of_the_base_are_noticed_and_ours_is_withdrawn(start_node, p
     node = start_node()
     assert played(player, scans[:3]).lost == 0
     other = Loudspeaker(peer, tf_type, '/tf')
-    other.until(lambda: "to 'base_link' too, from 'wheel_odom'; on /tf there are: /peer" in node.output(),
+    other.until(lambda: "to 'base_link' too, from 'wheel_odom'; publishers on /tf: /peer" in node.output(),
                 tf_type(transforms=[transform('wheel_odom', 'base_link')]))
     heard = peer.listen(tf_type, '/tf')
     assert player.play(scans[3:10]).lost == 0
@@ -247,7 +247,7 @@ def test_a_quality_that_cannot_match_is_said_in_words(start_node, peer):
     start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
     heard = peer.listen(DiagnosticArray, '/diagnostics')
     peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
-    assert diagnosis(peer, heard, lambda s: 'the quality of service of /peer on /scan does not suit ours' in s.message)
+    assert diagnosis(peer, heard, lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
 
 
 def test_stamps_in_the_future_are_named_and_kept(node, player, peer, scans):

@@ -165,7 +165,7 @@ def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command
     message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
     moving.until(lambda: not player.play(old[1:2], patience=0.2).lost, message)
     assert player.play(old[2:]).lost == 0
-    said(node, 'is not known at the time of the scan; taking that of another time', peer)
+    said(node, 'is not known at the time of the scan; using the transform of another time', peer)
 
 
 def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):
@@ -204,11 +204,11 @@ def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, pla
     player.wait_for_node(TIMEOUT)
     heard = peer.listen(tf_type, '/tf')
     assert player.play(scans[:3]).lost == 0
-    assert not any('somebody else' in line for line in node.output().splitlines())
+    assert not any('another node sends' in line for line in node.output().splitlines())
     with Peer('wheels') as wheels:
         other = Loudspeaker(wheels, tf_type, '/tf')
         message = tf_type(transforms=[transform(parent, 'base_link', x=5.0, stamp=scans[3].stamp)])
-        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        other.until(lambda: 'another node sends a transform' in node.output(), message)
         assert f"to 'base_link' too, from '{parent}'" in node.output()
         assert '/wheels' in node.output()
         peer.until(lambda: '/scan_matcher' not in publishers(peer))
@@ -236,7 +236,7 @@ def give_way(node, player, peer, scans, tf_type, message):
     assert player.play(scans[:3]).lost == 0
     with Peer('wheels') as wheels:
         other = Loudspeaker(wheels, tf_type, '/tf')
-        other.until(lambda: 'somebody else sends a transform' in node.output(), message)
+        other.until(lambda: 'another node sends a transform' in node.output(), message)
         stray = time.monotonic()
         peer.until(lambda: '/scan_matcher' not in publishers(peer))
     return stray
@@ -251,18 +251,18 @@ def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, 
     node = start_node()
     heard, reports = peer.listen(tf_type, '/tf'), peer.listen(DiagnosticArray, '/diagnostics')
     last = give_way(node, player, peer, scans, tf_type, stray)
-    status = diagnosis(peer, reports, lambda s: 'somebody else' in s.message)
+    status = diagnosis(peer, reports, lambda s: 'another node sends' in s.message)
     assert status.level == DiagnosticStatus.ERROR
     assert 'on /tf there are: /wheels. A frame has one parent: ours, from \'odom\', is not sent until it was silent for 5 s' in status.message
     peer.until(lambda: '/scan_matcher' in publishers(peer))
     assert 4.9 < time.monotonic() - last < 8.0
-    said(node, "nobody else has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
-    diagnosis(peer, reports, lambda s: 'somebody else' not in s.message)
+    said(node, "no other node has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
+    diagnosis(peer, reports, lambda s: 'another node sends' not in s.message)
     sent = len(ours(heard))
     with peer.spinning():
         assert player.play(scans[3:13], rate=2.0).lost == 0
     assert len(ours(heard)) >= sent + 5
-    assert node.output().count('somebody else') == 1
+    assert node.output().count('another node sends') == 1
 
 
 def test_publish_tf_set_to_true_sends_at_once(start_node, player, peer, scans, tf_type, stray):
@@ -289,8 +289,8 @@ def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_n
         arm.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(tf_type(transforms=[transform('base_link', 'hand')]))
         static = wheels.node.create_publisher(tf_type, '/tf_static', LATCHED)
         static.publish(tf_type(transforms=[transform('map', 'base_link')]))
-        peer.until(lambda: "somebody else sends a transform to 'base_link' too, from 'map'" in node.output())
-        assert 'is not sent until it has gone' in node.output()
+        peer.until(lambda: "another node sends a transform to 'base_link' too, from 'map'" in node.output())
+        assert 'is not sent until that publisher has gone' in node.output()
         diagnosis(peer, reports, lambda s: s.level == DiagnosticStatus.ERROR)
         arm.node.destroy_node()
         start = time.monotonic()
@@ -299,7 +299,7 @@ def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_n
         assert time.monotonic() - start > 6.0
         assert '/scan_matcher' not in publishers(peer)
     peer.until(lambda: '/scan_matcher' in publishers(peer))
-    assert node.output().count('somebody else') == 1
+    assert node.output().count('another node sends') == 1
     assert player.play(scans[:3]).lost == 0
 
 
@@ -307,10 +307,10 @@ def test_a_static_transform_is_given_way_to_again_when_publish_tf_is_set(start_n
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     static.publish(tf_type(transforms=[transform('map', 'base_link')]))
     node = start_node()
-    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    said(node, "too, from 'map'; publishers on /tf_static: /peer", peer)
     for value in (False, True):
         assert Parameters(peer).set(publish_tf=value)[0].successful
-    peer.until(lambda: node.output().count("too, from 'map'; on /tf_static there are: /peer") == 2)
+    peer.until(lambda: node.output().count("too, from 'map'; publishers on /tf_static: /peer") == 2)
     peer.until(lambda: '/scan_matcher' not in publishers(peer))
 
 
@@ -371,7 +371,7 @@ def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_thei
     heard = peer.listen(tf_type, '/tf')
     with peer.spinning():
         player.play(scans[:20], rate=1.0)
-    peer.until(lambda: any("too, from 'odom'; on /tf there are: " in node.output() for node in nodes))
+    peer.until(lambda: any("too, from 'odom'; publishers on /tf: " in node.output() for node in nodes))
     _, stamps = parents(heard)
     assert len(stamps) <= len(set(stamps)) + 1
 
@@ -416,7 +416,7 @@ def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, pee
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     static.publish(tf_type(transforms=[transform('map', 'base_link')]))
     node = start_node()
-    said(node, "too, from 'map'; on /tf_static there are: /peer", peer)
+    said(node, "too, from 'map'; publishers on /tf_static: /peer", peer)
     assert played(player, scans[:3]).lost == 0
 
 
@@ -433,7 +433,7 @@ def test_transforms_of_other_robots_do_not_matter(start_node, player, peer, scan
         other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
     [sent] = heard[-1].transforms
     assert stamp_from_message(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
-    assert 'somebody else' not in node.output()
+    assert 'another node sends' not in node.output()
 
 
 @pytest.mark.parametrize('words', [['-p', 'prior.source:=tf', '-p', 'mounting:=none']])

@@ -55,7 +55,7 @@ def test_it_answers_only_while_active(managed, player, peer, scans, truth):
     assert change(peer, Transition.TRANSITION_CONFIGURE)
     assert state(peer) == State.PRIMARY_STATE_INACTIVE
     peer.until(lambda: '/odom' in topics(peer) and '/scan' not in topics(peer))
-    with pytest.raises(PlayerError, match='no node hears'):
+    with pytest.raises(PlayerError, match='no node subscribes to'):
         player.wait_for_node(0.5)
     assert change(peer, Transition.TRANSITION_ACTIVATE)
     player.wait_for_node(TIMEOUT)

@@ -136,10 +136,10 @@ def test_what_is_wrong_with_the_wheels_is_told(start_with, player, peer, scans, 
     count = len(heard)
     peer.until(lambda: len(heard) > count + 1)
     values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if 'told' in pair.key}
-    assert 6.0 < values['told way corrected by [%]'] < 13.0
-    assert abs(values['told turn corrected by [%]']) < 4.0
-    assert abs(values['turn added to a told way [deg/m]']) < 2.0
-    assert abs(values['way to the left added to a told turn [m/rad]']) < 0.03
+    assert 6.0 < values['wheel distance scale correction [%]'] < 13.0
+    assert abs(values['wheel rotation scale correction [%]']) < 4.0
+    assert abs(values['wheel curvature correction [deg/m]']) < 2.0
+    assert abs(values['wheel lateral offset correction [m/rad]']) < 0.03
 
 
 def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, peer, scans, truth, tmp_path):
@@ -151,7 +151,7 @@ def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, pe
     answers = player.play(scans[10:60])
     assert answers.lost == 0
     assert distances(answers.messages, of_base(truth[10:60], LASER)).max() < 0.05
-    said(node, "prior.source is 'odometry', but /wheel_odom says nothing of the time of the scan", peer)
+    said(node, "prior.source is 'odometry', but /wheel_odom has no data at the time of the scan", peer)
     assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
 
 

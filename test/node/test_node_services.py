@@ -40,7 +40,7 @@ def test_after_a_reset_the_next_scan_is_the_origin(node, player, peer, scans, tr
 
 def test_scans_are_not_used_while_paused_and_the_pose_goes_on_afterwards(node, player, peer, scans, truth):
     assert played(player, scans[:10]).lost == 0
-    assert pause(peer, True).message == 'paused: scans are not used'
+    assert pause(peer, True).message == 'paused: scans are ignored'
     assert player.play(scans[10:13], patience=0.3).lost == 3
     assert pause(peer, False).success
     answers = player.play(scans[13:20])
@@ -89,8 +89,8 @@ def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, pee
 @pytest.mark.parametrize('message, complaint', [
     (given(SE2(), frame='map'), "the pose is in 'map'; expected 'odom'"),
     (given(SE2(math.nan)), 'is no pose'),
-    (given(SE2(), variance=-1.0), 'its covariance is none'),
-    (given(SE2(), variance=math.nan), 'its covariance is none'),
+    (given(SE2(), variance=-1.0), 'its covariance is invalid'),
+    (given(SE2(), variance=math.nan), 'its covariance is invalid'),
 ])
 def test_a_pose_that_cannot_be_is_refused_by_name(node, player, peer, scans, truth, message, complaint):
     assert played(player, scans[:3]).lost == 0
@@ -168,7 +168,7 @@ def test_a_dump_of_another_node_says_so(start_command, peer):
     with peer.spinning():
         process = start_command('dump', '--node', '/peer')
         assert process.wait(TIMEOUT) == 2
-    assert '/peer has not the parameters of scan_matcher' in process.output()
+    assert '/peer does not have the parameters of scan_matcher' in process.output()
 
 
 def test_changes_are_logged_with_old_and_new_value(node, peer):

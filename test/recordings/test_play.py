@@ -101,7 +101,7 @@ def test_scans_that_are_not_answered_are_lost_and_do_not_hold_up_the_others(node
 
 
 def test_without_a_node_the_player_says_what_is_missing(ros_environment):
-    with Player() as player, pytest.raises(PlayerError, match='no node hears /scan and publishes /odom after 0.3 s'):
+    with Player() as player, pytest.raises(PlayerError, match='no node subscribes to /scan and publishes /odom after 0.3 s'):
         player.wait_for_node(0.3)
 
 
@@ -188,7 +188,7 @@ def test_a_wrong_command_line_ends_with_one_line(start_command, words, complaint
 def test_without_a_node_the_command_gives_up_in_time(start_command, intel):
     command = start_command('play', intel, '--wait', '0.5')
     assert command.wait(TIMEOUT) == 2
-    assert command.output().strip() == ('play: no node hears /scan after 0.5 s; start one: '
+    assert command.output().strip() == ('play: no node subscribes to /scan after 0.5 s; start one: '
                                         + command_line('scan_matcher'))
 
 

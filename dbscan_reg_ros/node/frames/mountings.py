@@ -1,73 +1,79 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the laser sits, for each scan."""
+"""Mounting of the lidar at the time of each scan."""
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...robot.mounting import mounting_from_parameters
 from ...robot.parameters import NodeParameters
+from ..monitoring.throttled_log import ThrottledLog
 from .transform_store import NoTransformError
+from .transforms import TransformListener
 
 
 class Mountings:
-    """Finds the `Mounting` of each scan as the parameter ``mounting`` says.
+    """Finds the `Mounting` of each scan, from the parameters or from transforms.
 
     Parameters
     ----------
     parameters : NodeParameters
+        ``mounting`` selects the source.
     transforms : TransformListener or None
         None where tf2_msgs is not installed.
-    notices : Notices
+    log : ThrottledLog
+        Log for transforms that are missing at the time of a scan.
 
     Raises
     ------
     ParameterError
-        When transforms are to be read and there are none.
+        When transforms are to be read and tf2_msgs is not installed.
     """
 
-    def __init__(self, parameters: NodeParameters, transforms, notices):
+    def __init__(self, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog) -> None:
         self._base_frame = parameters.base_frame
         self._transforms = transforms
-        self._notices = notices
-        self._last = None
+        self._log = log
+        self._last_stamp: int | None = None
         self._fixed = mounting_from_parameters(parameters)
         if self._fixed is None and transforms is None:
             raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
                                  "'laser_pose' or 'none'")
 
-    def ready(self, frame, stamp) -> bool:
-        """Whether waiting may tell no more of the mounting of the laser in `frame` at `stamp` [ns].
+    def ready(self, frame: str, stamp: int) -> bool:
+        """Whether the mounting of the lidar in `frame` is known at `stamp` [ns], or will not become known by waiting.
 
-        A transform that does not reach as far as the last scan has gone quiet: nothing is expected of it.
+        Transforms that do not reach the stamp of the last scan have stopped: none is waited for.
         """
-        if self._fixed or frame == self._base_frame or self._last is None:
+        if self._fixed or frame == self._base_frame or self._last_stamp is None:
             return True
         try:
-            return self._knows(frame, stamp) or not self._knows(frame, self._last)
+            return self._is_known(frame, stamp) or not self._is_known(frame, self._last_stamp)
         except NoTransformError:
             return True
 
-    def _knows(self, frame, stamp):
+    def _is_known(self, frame: str, stamp: int) -> bool:
+        assert self._transforms
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
-    def find(self, frame, stamp) -> Mounting:
-        """The mounting of the laser whose scans are in `frame`, at `stamp` [ns] or else at a time that is known.
+    def find(self, frame: str, stamp: int) -> Mounting:
+        """Return the mounting of the lidar in `frame` at `stamp` [ns], or else at a time at which it is known.
 
         Raises
         ------
         MountingError
-            When it is not known yet, or the laser is tilted.
+            When it is not known yet, or the lidar is tilted.
         """
         if self._fixed:
             return self._fixed
         if frame == self._base_frame:
             return Mounting()
+        assert self._transforms
         try:
             matrix, known = self._transforms.lookup(self._base_frame, frame, stamp)
         except NoTransformError:
             raise MountingError(
                 f'no transform from {self._base_frame!r} to {frame!r} on /tf or /tf_static: no odometry before it is '
                 "there; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
-        self._last = stamp
+        self._last_stamp = stamp
         if not known:
-            self._notices.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the scan; '
-                               'taking that of another time')
+            self._log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '
+                           'scan; using the transform of another time')
         return Mounting.from_matrix(matrix)

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When to send what others may send, too: nobody may hear two of them."""
+"""Arbitration between several senders of one transform: at most one sends at a time."""
+from collections.abc import Callable
 from enum import Enum
 
 WAIT = 5.0
-"""Another sender on a topic that is silent for so long [s] has gone; twice as long each time."""
+"""Another sender on a topic that is silent for so long [s] has stopped; the time doubles with each conflict."""
 LONGEST = 80.0
-"""No silence need be longer [s]; who has sent undisturbed for so long starts with `WAIT` again."""
+"""Longest silence [s] to wait for; after sending for so long without a conflict, the silence is `WAIT` again."""
 LISTEN = 0.5
-"""Who may not be alone listens for so long [s] before it sends, and once more for each that goes first: longer than from one
-scan to the next."""
+"""Time [s] to listen before sending, and once more for each candidate with precedence; longer than a scan interval."""
 DISCOVERY = 0.2
-"""Who has come back is known to the others after this time [s]."""
+"""Time [s] until a publisher that was created again is discovered by the others."""
 
 
 class State(Enum):
-    """What the sender does."""
+    """State of the sender."""
 
     LISTENING = 'listening'
     SENDING = 'sending'
@@ -22,66 +22,69 @@ class State(Enum):
 
 
 class RightOfWay:
-    """Gives way to every other sender, and takes over when that has gone.
+    """Yields to every other sender, and takes over when that has stopped.
 
-    All times are those of one steady clock [s].
+    All times are of one steady clock [s].
 
     Attributes
     ----------
     state : State
-        LISTENING: announced, and about to send. SENDING. WAITING: withdrawn, for somebody else sends.
+        LISTENING: the publisher exists and is about to send. SENDING. WAITING: another node sends, the publisher is
+        destroyed.
     wait : float
-        So long the other has to be silent, this time or the last time; 0 before the first time.
+        Silence of the other sender [s] that is waited for, now or in the last conflict; 0 before the first conflict.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.state = State.LISTENING
         self.wait = 0.0
-        self._since = None
+        self._since: float | None = None
         self._ready = 0.0
-        self._heard = 0.0
+        self._last_conflict = 0.0
 
     @property
     def gives_way(self) -> bool:
-        """Whether somebody else sends."""
+        """Whether another node sends."""
         return self.state is State.WAITING
 
-    def hear(self, now):
-        """Somebody else was heard."""
-        self._heard = now
+    def conflict(self, now: float) -> None:
+        """Yield: a transform of another sender was received."""
+        self._last_conflict = now
         if self.gives_way:
             return
-        undisturbed = self.state is State.SENDING and now - self._since >= LONGEST
+        undisturbed = self.state is State.SENDING and self._since is not None and now - self._since >= LONGEST
         self.wait = WAIT if undisturbed or not self.wait else min(2.0 * self.wait, LONGEST)
         self.state = State.WAITING
 
-    def take_over(self, now) -> bool:
-        """Whether the other has been silent for long enough now: then it is ours again."""
-        if not self.gives_way or now - self._heard < self.wait:
+    def take_over(self, now: float) -> bool:
+        """Start listening when the other sender has been silent for long enough; whether that is so."""
+        if not self.gives_way or now - self._last_conflict < self.wait:
             return False
         self.state, self._since, self._ready = State.LISTENING, None, now + DISCOVERY
         return True
 
-    def may_send(self, now, first) -> bool:
-        """Whether to send something that is there to be sent.
+    def may_send(self, now: float, candidates_before: Callable[[], int | None]) -> bool:
+        """Whether to send a transform now.
 
         Parameters
         ----------
         now : float
-        first : callable
-            How many others go first; None when nobody else may send.
+            Time of the steady clock [s].
+        candidates_before : callable
+            Returns the number of other possible senders that have precedence; None when there are no other possible
+            senders.
         """
-        if self.state is State.LISTENING and self._has_listened(now, first()):
+        if self.state is State.LISTENING and self._has_listened(now, candidates_before()):
             self.state, self._since = State.SENDING, now
         return self.state is State.SENDING
 
-    def _has_listened(self, now, first):
+    def _has_listened(self, now: float, candidates_before: int | None) -> bool:
         if self._since is None:
             self._since = now
         if now < self._ready:
             return False
-        return first is None or now - self._since >= LISTEN * (1 + first)
+        return candidates_before is None or now - self._since >= LISTEN * (1 + candidates_before)
 
-    def insist(self, now):
-        """Send at once, whoever else does."""
+    def insist(self, now: float) -> None:
+        """Send at once, even if another node sends."""
         self.state, self.wait, self._since = State.SENDING, 0.0, now

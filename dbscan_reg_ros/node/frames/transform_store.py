@@ -1,24 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Transforms by their frames and times: with tf2_ros where it is installed, else with a small store of our own."""
+"""Buffer of transforms: tf2_ros where it is installed, else a small buffer of our own."""
 import bisect
+from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
 
 from ..interfaces.messages import matrix_from_pose, pose_from_message, stamp_from_message
 
 MAX_CHAIN = 100
 SPAN = 10_000_000_000
-"""So much of the past is kept [ns], here as in tf2_ros."""
+"""Duration [ns] that transforms are kept, as in tf2_ros."""
 SILENT = 5_000_000_000
-"""A moving transform that has not come for so long [ns] does not go on."""
+"""A transform on /tf that was not received for so long [ns] has stopped."""
+
+Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w)."""
 
 
 class NoTransformError(LookupError):
-    """Two frames are not connected."""
+    """Two frames are not connected by transforms."""
 
 
-def make_store():
-    """A `Tf2Store` where tf2_ros is installed, else a `TransformStore`."""
+def make_store() -> 'Tf2Store | TransformStore':
+    """Make a `Tf2Store` where tf2_ros is installed, else a `TransformStore`."""
     try:
         return Tf2Store()
     except ModuleNotFoundError:
@@ -26,18 +32,19 @@ def make_store():
 
 
 class TransformStore:
-    """Transforms composed along their tree and interpolated between their stamps.
+    """Buffer of transforms: composes them along the tree of frames and interpolates between stamps.
 
-    Where one comes more than `SPAN` before the newest between the same frames, time has gone back. Where a frame has a static
-    transform, a moving one counts only while it goes on: a single one is a stray.
+    A transform more than `SPAN` older than the newest one between the same frames means that time has gone back: the
+    buffer is cleared. Where a frame has a static transform, one on /tf is used only while several arrive: a single one
+    is a stray.
     """
 
-    def __init__(self):
-        self._static = {}
-        self._moving = {}
+    def __init__(self) -> None:
+        self._static: dict[str, _Edge] = {}
+        self._moving: dict[str, _Edge] = {}
 
-    def add(self, message, static):
-        """Keep a TransformStamped message; one whose numbers make no rotation is passed over."""
+    def add(self, message: TransformStamped, static: bool) -> None:
+        """Add a transform; one whose values are not a valid transform is ignored."""
         pose = pose_from_message(message.transform)
         if pose is None:
             return
@@ -46,30 +53,31 @@ class TransformStore:
         edge = edges.get(child)
         if edge is None or edge.parent != parent:
             edge = edges[child] = _Edge(parent, static)
-        elif edge.starts_again(stamp):
+        elif edge.has_restarted(stamp):
             self.clear()
             edge = edges[child] = _Edge(parent, static)
         edge.add(stamp, pose)
 
-    def clear(self):
-        """Forget what moves: time has gone back."""
+    def clear(self) -> None:
+        """Forget the transforms on /tf: time has gone back."""
         self._moving.clear()
 
-    def lookup(self, target, source, stamp):
-        """How to get from one frame to another.
+    def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Look up the transform from one frame to another.
 
         Parameters
         ----------
         target, source : str
+            Names of the frames.
         stamp : int
-            [ns]
+            Time of the transform [ns].
 
         Returns
         -------
         (4, 4) float
-            Takes points in `source` to `target`, at the known time nearest to `stamp`.
+            Takes points [m] in `source` to `target`, at the known time nearest to `stamp`.
         bool
-            Whether that is `stamp` itself.
+            Whether the transform is known at `stamp` itself.
 
         Raises
         ------
@@ -84,46 +92,49 @@ class TransformStore:
         from_target, known_target = self._matrix(down[:down.index(common)], stamp)
         return np.linalg.inv(from_target) @ from_source, known_source and known_target
 
-    def _edge(self, frame, stamp):
-        """What counts for `frame` at `stamp`: an _Edge to its parent, or None."""
+    def _edge(self, frame: str, stamp: int) -> '_Edge | None':
+        """Return the edge from `frame` to its parent that is valid at `stamp` [ns]; None where there is none."""
         static, moving = self._static.get(frame), self._moving.get(frame)
-        return moving if static is None or moving and moving.has_velocity(stamp) else static
+        return moving if static is None or (moving and moving.is_active(stamp)) else static
 
-    def _ancestors(self, frame, stamp):
-        """`frame`, its parent, the parent of that, ..."""
+    def _ancestors(self, frame: str, stamp: int) -> list[str]:
+        """List `frame`, its parent, the parent of that, and so on."""
         frames = [frame]
         while (edge := self._edge(frame, stamp)) and len(frames) < MAX_CHAIN:
             frame = edge.parent
             frames.append(frame)
         return frames
 
-    def _matrix(self, frames, stamp):
-        """The product of the transforms from each of `frames` to its parent, and whether all are known at `stamp`."""
+    def _matrix(self, frames: list[str], stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Compose the transforms from each of `frames` to its parent; also whether all are known at `stamp` [ns]."""
         matrix, known = np.eye(4), True
         for frame in frames:
-            step, exact = self._edge(frame, stamp).at(stamp)
+            edge = self._edge(frame, stamp)
+            assert edge
+            step, exact = edge.at(stamp)
             matrix, known = step @ matrix, known and exact
         return matrix, known
 
 
 class _Edge:
-    """The transform from one frame to its parent as it changes in time."""
+    """Transform from one frame to its parent over time."""
 
-    def __init__(self, parent, static):
+    def __init__(self, parent: str, static: bool) -> None:
         self.parent = parent
         self.static = static
-        self._stamps = []
-        self._poses = []
+        self._stamps: list[int] = []
+        self._poses: list[Pose] = []
 
-    def starts_again(self, stamp):
-        """Whether a transform at `stamp` belongs to another run than those before it."""
+    def has_restarted(self, stamp: int) -> bool:
+        """Whether a transform at `stamp` [ns] is so much older than the others that time has gone back."""
         return not self.static and stamp < self._stamps[-1] - SPAN
 
-    def has_velocity(self, stamp):
-        """Whether several transforms have come, and `stamp` is not far from them."""
+    def is_active(self, stamp: int) -> bool:
+        """Whether several transforms were received, and `stamp` [ns] is less than `SILENT` away from them."""
         return len(self._stamps) > 1 and self._stamps[0] - SILENT <= stamp <= self._stamps[-1] + SILENT
 
-    def add(self, stamp, pose):
+    def add(self, stamp: int, pose: Pose) -> None:
+        """Add the transform at `stamp` [ns]; a static one replaces the one before."""
         if self.static:
             self._stamps, self._poses = [], []
         index = bisect.bisect_left(self._stamps, stamp)
@@ -136,8 +147,8 @@ class _Edge:
             old = bisect.bisect_left(self._stamps, self._stamps[-1] - SPAN)
             del self._stamps[:old], self._poses[:old]
 
-    def at(self, stamp):
-        """(matrix at the known time nearest to `stamp`, whether that is `stamp` itself)"""
+    def at(self, stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Return the matrix at the known time nearest to `stamp` [ns], and whether it is known at `stamp` itself."""
         if self.static:
             return matrix_from_pose(*self._poses[-1]), True
         after = bisect.bisect_left(self._stamps, stamp)
@@ -145,15 +156,15 @@ class _Edge:
             return matrix_from_pose(*self._poses[-1]), False
         if self._stamps[after] == stamp or after == 0:
             return matrix_from_pose(*self._poses[after]), self._stamps[after] == stamp
-        (here, turned), (there, turned_there) = self._poses[after - 1], self._poses[after]
-        share = (stamp - self._stamps[after - 1]) / (self._stamps[after] - self._stamps[after - 1])
-        if turned @ turned_there < 0.0:
-            turned_there = -turned_there
-        return matrix_from_pose(here + share * (there - here), turned + share * (turned_there - turned)), True
+        (t0, q0), (t1, q1) = self._poses[after - 1], self._poses[after]
+        ratio = (stamp - self._stamps[after - 1]) / (self._stamps[after] - self._stamps[after - 1])
+        if q0 @ q1 < 0.0:
+            q1 = -q1
+        return matrix_from_pose(t0 + ratio * (t1 - t0), q0 + ratio * (q1 - q0)), True
 
 
 class Tf2Store:
-    """The same on top of a tf2_ros buffer.
+    """`TransformStore` on top of a tf2_ros buffer.
 
     Raises
     ------
@@ -161,15 +172,15 @@ class Tf2Store:
         When tf2_ros is not installed.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         import tf2_ros
         self._tf2 = tf2_ros
         self._buffer = tf2_ros.Buffer()
-        self._newest = {}
-        self._static = set()
+        self._newest: dict[str, int] = {}
+        self._static: set[str] = set()
 
-    def add(self, message, static):
-        """As in `TransformStore`; the buffer by itself takes none that is so much older than the newest."""
+    def add(self, message: TransformStamped, static: bool) -> None:
+        """Add a transform as `TransformStore.add` does; a tf2 buffer alone ignores old ones instead of restarting."""
         child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
         if static:
             self._static.add(child)
@@ -180,17 +191,17 @@ class Tf2Store:
             self.clear()
             newest = None
         self._newest[child] = stamp if newest is None else max(stamp, newest)
-        # In the buffer one transform, though a stray, takes the place of a static one for good.
-        if child not in self._static or newest is not None and abs(stamp - newest) <= SILENT:
+        # In a tf2 buffer, a single stray transform replaces a static one for good.
+        if child not in self._static or (newest is not None and abs(stamp - newest) <= SILENT):
             self._buffer.set_transform(message, 'scan_matcher')
 
-    def clear(self):
-        """As in `TransformStore`."""
+    def clear(self) -> None:
+        """Forget the transforms on /tf: time has gone back."""
         self._buffer.clear()
         self._newest.clear()
 
-    def lookup(self, target, source, stamp):
-        """As in `TransformStore`, but outside the known time it is the latest, and there is no time before 1970."""
+    def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Look up a transform as `TransformStore.lookup` does; where it is unknown at `stamp`, the latest one."""
         from rclpy.time import Time
         try:
             if stamp >= 0:
@@ -204,8 +215,8 @@ class Tf2Store:
         except self._tf2.TransformException as error:
             raise NoTransformError(str(error)) from None
 
-    def _at(self, target, source, time):
+    def _at(self, target: str, source: str, time: Any) -> NDArray[np.float64]:
         pose = pose_from_message(self._buffer.lookup_transform(target, source, time).transform)
         if pose is None:
-            raise NoTransformError(f'the transform from {source!r} to {target!r} is none')
+            raise NoTransformError(f'the transform from {source!r} to {target!r} is invalid')
         return matrix_from_pose(*pose)

@@ -1,107 +1,119 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is heard on /tf and /tf_static."""
+"""Listener to /tf and /tf_static."""
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
 
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
-from ..interfaces.subscriptions import Urgent, taken
+from ..interfaces.subscriptions import WakingCallbackGroup, taken
 from ..monitoring.graph_checks import publishers
-from .transform_sender import transform_type
+from .transform_sender import TransformSender, transform_type
 from .transform_store import make_store
 
-DEPTH = 100
-UNHEARD = 1000
-"""So many messages on /tf may wait to be heard."""
+STATIC_DEPTH = 100
+MOVING_DEPTH = 1000
+"""Messages on /tf that may wait to be polled."""
 
 
 class TransformListener:
-    """Hears /tf and /tf_static; needs tf2_msgs.
+    """Subscribes to /tf and /tf_static; needs tf2_msgs.
 
-    Transforms that need not be kept are only heard to know who else sends ours: where nobody else sends any, or ours is not
-    asked for, there is no subscription to /tf, which would bring back each of our own.
+    Transforms that are not stored are received only to detect other senders of our transform. Where no other node
+    publishes on /tf, or our transform is not sent, there is no subscription to /tf: it would receive each of our own
+    transforms.
 
     Parameters
     ----------
     node : rclpy.node.Node
+        The node that subscribes.
     on_transform : callable
         Called with each TransformStamped and its topic.
-    keep : bool
-        Keep the transforms for `lookup`.
+    store : bool
+        Store the transforms for `lookup`.
     is_urgent : callable
-        Whether to hear /tf as soon as there is something, and not only before a `lookup` and in `hear`.
+        Whether a message on /tf wakes the executor; otherwise it waits for `poll` or `lookup`.
     sender : TransformSender
-        Who sends ours.
+        Sender of our transform.
     """
 
-    def __init__(self, node: Node, on_transform, keep, is_urgent, sender):
+    def __init__(self, node: Node, on_transform: Callable[[TransformStamped, str], None], store: bool,
+                 is_urgent: Callable[[], bool], sender: TransformSender) -> None:
         self._node = node
         self._on_transform = on_transform
         self._is_urgent = is_urgent
         self._sender = sender
         self._topic = node.resolve_topic_name('/tf')
-        self._store = make_store() if keep else None
-        self._moving = self._subscription() if keep else None
-        self._static = None
-        self._latched: set = set()
-        self.hear_static()
-        sender.hear_static = self.hear_static
+        self._store = make_store() if store else None
+        self._moving = self._subscription() if store else None
+        self._static: Subscription | None = None
+        self._static_publishers: set[bytes] = set()
+        self.subscribe_static()
+        sender.subscribe_static = self.subscribe_static
 
-    def _subscription(self):
-        return self._node.create_subscription(transform_type(), '/tf', self._hear_moving, UNHEARD,
-                                              callback_group=Urgent(self._is_urgent), event_callbacks=NO_SUBSCRIPTION_EVENTS)
+    def _subscription(self) -> Subscription:
+        return self._node.create_subscription(transform_type(), '/tf', self._on_moving, MOVING_DEPTH,
+                                              callback_group=WakingCallbackGroup(self._is_urgent),
+                                              event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
-    def hear_static(self):
-        """Hear all that is latched on /tf_static, again if need be."""
+    def subscribe_static(self) -> None:
+        """Subscribe to /tf_static, anew if need be: every latched transform is received again."""
         if self._static:
             self._node.destroy_subscription(self._static)
-        latched = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._static = self._node.create_subscription(transform_type(), '/tf_static', self._hear_latched, latched,
+        latched = QoSProfile(depth=STATIC_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._static = self._node.create_subscription(transform_type(), '/tf_static', self._on_static, latched,
                                                       event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
-    def look(self):
-        """Hear what has come on /tf; once a second.
+    def on_timer(self) -> None:
+        """Poll /tf; when a publisher on /tf_static has gone, receive again what the others there have latched.
 
-        When a publisher on /tf_static has gone, hear again what is left: it counts before what the other has said of its frames.
+        The others may have sent transforms between the same frames before, which the one that has gone replaced.
         """
-        self.hear()
+        self.poll()
         latched = publishers(self._node, '/tf_static').keys()
-        if self._latched - latched:
-            self.hear_static()
-        self._latched = set(latched)
+        if self._static_publishers - latched:
+            self.subscribe_static()
+        self._static_publishers = set(latched)
 
-    def lookup(self, target, source, stamp):
-        """As `TransformStore.lookup`."""
-        self.hear()
+    def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Look up a transform as `TransformStore.lookup` does, after polling /tf; transforms must be stored."""
+        self.poll()
+        assert self._store
         return self._store.lookup(target, source, stamp)
 
-    def restart(self):
-        """Forget what moves: time has gone back."""
-        self.hear()
+    def restart(self) -> None:
+        """Forget the transforms on /tf: time has gone back."""
+        self.poll()
         if self._store:
             self._store.clear()
 
-    def hear(self):
-        """Hear what has come on /tf."""
+    def poll(self) -> None:
+        """Take the messages that have arrived on /tf, and subscribe to it or unsubscribe where nothing is stored."""
         if self._moving:
             for message in taken(self._moving):
-                self._hear_moving(message)
+                self._on_moving(message)
         if self._store:
             return
-        useful = self._sender.gives_way or self._sender.is_sending and self._node.count_publishers(self._topic) > 1
+        useful = self._sender.gives_way or (self._sender.is_sending and self._node.count_publishers(self._topic) > 1)
         if useful and not self._moving:
             self._moving = self._subscription()
         elif self._moving and not useful:
             self._node.destroy_subscription(self._moving)
             self._moving = None
 
-    def _hear_moving(self, message):
-        self._hear(message, '/tf')
+    def _on_moving(self, message: Any) -> None:
+        self._receive(message, '/tf')
 
-    def _hear_latched(self, message):
-        self._latched |= publishers(self._node, '/tf_static').keys()
-        self._hear(message, '/tf_static')
+    def _on_static(self, message: Any) -> None:
+        self._static_publishers |= publishers(self._node, '/tf_static').keys()
+        self._receive(message, '/tf_static')
 
-    def _hear(self, message, topic):
+    def _receive(self, message: Any, topic: str) -> None:
         for transform in message.transforms:
             if self._store:
                 self._store.add(transform, static=topic == '/tf_static')

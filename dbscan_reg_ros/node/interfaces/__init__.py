@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node exchanges with the graph: scans, priors, outputs, services, parameters, diagnostics, log."""
+"""Interfaces of the node to the ROS graph: scans, priors, outputs, services and parameters."""

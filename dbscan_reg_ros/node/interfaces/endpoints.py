@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers and subscriptions whose quality of service may be told from outside, and which make no events.
+"""Publishers and subscriptions with QoS overrides by parameters, and without QoS events.
 
-The parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, with the resolved
-name of the topic.
+The parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, with the
+resolved name of the topic.
 """
 import copy
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -21,41 +23,45 @@ POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILIT
 
 
 def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> Publisher:
-    """A publisher of messages of the type `kind`.
+    """Create a publisher of messages of the type `kind`.
 
     Parameters
     ----------
+    node : rclpy.node.Node
+        The node that publishes.
+    kind : type
+        Type of the messages.
+    topic : str
+        Name of the topic.
     quality : QoSProfile or int
-        The quality of service where no parameter says another one; a number is a depth.
+        Quality of service without overrides; a number is a depth.
 
     Raises
     ------
     ParameterError
-        When the quality of service that is asked for does not exist.
+        When an override is not a valid quality of service.
     """
     return _made(node, topic, 'publisher', lambda options: node.create_publisher(
-        kind, topic, _own(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))
+        kind, topic, copy.copy(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))
 
 
-def subscription(node: Node, kind: type, topic: str, callback, quality: QoSProfile | int) -> Subscription:
-    """A subscription; see `publisher`."""
+def subscription(node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+                 quality: QoSProfile | int) -> Subscription:
+    """Create a subscription; parameters and errors are those of `publisher`."""
     return _made(node, topic, 'subscription', lambda options: node.create_subscription(
-        kind, topic, callback, _own(quality), event_callbacks=NO_SUBSCRIPTION_EVENTS, qos_overriding_options=options))
+        kind, topic, callback, copy.copy(quality), event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        qos_overriding_options=options))
 
 
-def _own(quality):
-    """What rclpy may change."""
-    return copy.copy(quality)
-
-
-def _made(node, topic, entity, make):
+def _made(node: Node, topic: str, entity: str, make: Callable[[QoSOverridingOptions], Any]) -> Any:
+    """Create an `entity` with QoS overrides; a ParameterError names the overrides that are invalid."""
     name = f'qos_overrides.{node.resolve_topic_name(topic)}.{entity}'
     given = {key: p.value for key, p in node.get_parameters_by_prefix(name).items()}
     try:
         with warnings.catch_warnings():
-            # rclpy would warn of a depth of 0, which is refused.
+            # rclpy warns of a depth of 0, which `_is_valid` refuses.
             warnings.filterwarnings('ignore', 'A zero depth', UserWarning)
-            return make(QoSOverridingOptions(POLICIES, callback=_exists))
+            return make(QoSOverridingOptions(POLICIES, callback=_is_valid))
     except (RuntimeError, AssertionError, AttributeError, InvalidQosOverridesError):
         if not given:
             raise
@@ -63,7 +69,7 @@ def _made(node, topic, entity, make):
                              'transient_local, history keep_last or keep_all, and a depth of at least 1') from None
 
 
-def _exists(quality):
+def _is_valid(quality: QoSProfile) -> SetParametersResult:
     least = 0 if quality.history == HistoryPolicy.KEEP_ALL else 1
     unknown = (ReliabilityPolicy.UNKNOWN, HistoryPolicy.UNKNOWN, DurabilityPolicy.UNKNOWN)
     return SetParametersResult(successful=quality.depth >= least and not any(

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters on the ROS side: declared with descriptors, checked and applied as one."""
+"""ROS parameters of the node: declared with descriptors, checked and applied together."""
 import math
 from collections.abc import Callable
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
@@ -13,44 +14,46 @@ from ...core.parameters.schema import Description, suggest
 from ...robot.parameters import NodeParameters, is_ros_parameter
 
 INTEGERS = -2**63, 2**63 - 1
+"""Least and greatest integer of a ROS parameter."""
 
 
 class LiveParameters:
-    """Keeps `NodeParameters` and the node's ROS parameters the same.
+    """Keeps `NodeParameters` equal to the ROS parameters of a node.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Made with ``automatically_declare_parameters_from_overrides=True``, so that what a parameter file or the command
-        line sets is known.
+        Created with ``automatically_declare_parameters_from_overrides=True``, so that the values of parameter files and
+        of the command line are known.
 
     Attributes
     ----------
     value : NodeParameters
+        The current values.
     changed : callable or None
-        Takes the `NodeParameters` and the names of those that were set, each time that some are, be it to what they were; several
-        set at once are one change.
+        Called after each change, with the `NodeParameters` and the names of the parameters that were set, even to their
+        old values; parameters set together are one change.
 
     Raises
     ------
     ParameterError
-        When a parameter has a wrong value from the start.
+        When a parameter file or the command line sets an invalid value.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node) -> None:
         self._node = node
-        self.changed: Callable | None = None
+        self.changed: Callable[[NodeParameters, set[str]], None] | None = None
         self._descriptions = {d.name: d for d in NodeParameters.describe()}
         self.value = NodeParameters().replace(self._given())
         for name, value in self.value.flatten().items():
             value = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(name, value, describe(self._descriptions[name]), ignore_override=True)
-        node.add_pre_set_parameters_callback(self._widen)
+        node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
-    def _given(self):
-        """Name -> value of the parameters that were set from outside; those nobody knows are reported."""
+    def _given(self) -> dict[str, Any]:
+        """Name -> value of the parameters of parameter files and the command line; unknown ones are logged."""
         given = {}
         for name, parameter in self._node.get_parameters_by_prefix('').items():
             if is_ros_parameter(name):
@@ -63,14 +66,14 @@ class LiveParameters:
                     f'unknown parameter {name!r} is ignored; {suggest(name, self._descriptions)}')
         return given
 
-    def _widen(self, parameters):
-        """Take whole numbers where numbers are expected: ``ros2 param set ... 5`` means 5.0."""
+    def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Accept integers for floats: ``ros2 param set ... 5`` means 5.0."""
         unknown = [p.name for p in parameters if not self._node.has_parameter(p.name)]
         if unknown:
             raise ParameterNotDeclaredException(unknown)
-        return [self._as_number(parameter) for parameter in parameters]
+        return [self._as_float(parameter) for parameter in parameters]
 
-    def _as_number(self, parameter):
+    def _as_float(self, parameter: Parameter) -> Parameter:
         description = self._descriptions.get(parameter.name)
         if description and description.type is float and parameter.type_ is Parameter.Type.INTEGER:
             return Parameter(parameter.name, value=float(parameter.value))
@@ -78,14 +81,14 @@ class LiveParameters:
             return Parameter(parameter.name, value=[float(v) for v in parameter.value])
         return parameter
 
-    def _check(self, parameters):
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             self._with(parameters)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _apply(self, parameters):
+    def _apply(self, parameters: list[Parameter]) -> None:
         old, self.value = self.value.flatten(), self._with(parameters)
         changes = [f'{name}: {old[name]} -> {value}' for name, value in self.value.flatten().items()
                    if value != old[name]]
@@ -94,12 +97,12 @@ class LiveParameters:
         if self.changed:
             self.changed(self.value, {parameter.name for parameter in parameters})
 
-    def _with(self, parameters):
+    def _with(self, parameters: list[Parameter]) -> NodeParameters:
         return self.value.replace({p.name: p.value for p in parameters if p.name in self._descriptions})
 
 
 def describe(description: Description) -> ParameterDescriptor:
-    """The ROS descriptor of a parameter."""
+    """Make the ROS descriptor of a parameter."""
     d = description
     unit = f' [{d.unit}]' if d.unit else ''
     descriptor = ParameterDescriptor(description=d.help + unit, read_only=d.read_only,
@@ -107,10 +110,15 @@ def describe(description: Description) -> ParameterDescriptor:
     if d.minimum is None and d.maximum is None:
         return descriptor
     if d.type is float:
-        descriptor.floating_point_range = [FloatingPointRange(
-            from_value=-math.inf if d.minimum is None else float(d.minimum),
-            to_value=math.inf if d.maximum is None else float(d.maximum))]
+        low, high = _limits(d, (-math.inf, math.inf))
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
     elif d.type is int:
-        descriptor.integer_range = [IntegerRange(from_value=INTEGERS[0] if d.minimum is None else int(d.minimum),
-                                                 to_value=INTEGERS[1] if d.maximum is None else int(d.maximum), step=1)]
+        low, high = _limits(d, INTEGERS)
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return descriptor
+
+
+def _limits(description: Description, unbounded: tuple[float, float]) -> tuple[float, float]:
+    """Minimum and maximum of a parameter, each from `unbounded` where it has none."""
+    low, high = description.minimum, description.maximum
+    return unbounded[0] if low is None else low, unbounded[1] if high is None else high

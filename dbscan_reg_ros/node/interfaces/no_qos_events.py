@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No events of publishers and subscriptions: each is one more thing that a node looks at for every scan.
+"""No QoS events: each event handler is one more entity that the executor checks for every scan.
 
-What they would tell is known without them: the diagnostics compare the quality of service of all that we hear with that of
-whoever publishes it, and of what we publish the other side tells.
+Incompatible QoS is reported all the same: the diagnostics compare the QoS of our subscriptions with that of the
+publishers.
 """
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 

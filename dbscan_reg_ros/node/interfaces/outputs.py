@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node publishes; what is costly only while somebody listens."""
+"""Publishers of the node; costly messages are made only while they have subscribers."""
 import array
 import math
 import time
@@ -7,18 +7,24 @@ import time
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
 
+from ...core.features.records import Features
+from ...core.geometry.se2 import SE2
+from ...core.odometry.records import OdometryUpdate
 from ...recordings.message_fields import odometry_fields
+from ...robot.base_state import BaseState
+from ...robot.parameters import NodeParameters
 from .endpoints import publisher
 from .messages import filled, pose_to_message, segments_to_message, stamp_to_message
 
 ODOM_DEPTH = 50
 PICTURE_DEPTH = 5
 PICTURE_PERIOD = 0.5
-"""path and local_map are published this often [s]."""
+"""Interval [s] at which path and local_map are published."""
 
 
 class Outputs:
@@ -27,75 +33,78 @@ class Outputs:
     Parameters
     ----------
     node : rclpy.node.Node
+        The node that publishes.
     parameters : NodeParameters
         May be replaced at any time.
 
     Attributes
     ----------
     odom : rclpy publisher
-        Of the odometry.
+        Publisher of the odometry.
 
     Raises
     ------
     ParameterError
-        As of `endpoints.publisher`.
+        As raised by `endpoints.publisher`.
     """
 
-    def __init__(self, node: Node, parameters):
+    def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self.parameters = parameters
         self.odom, self._segments, self._path, self._map = (
             publisher(node, kind, topic, depth)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
-        # Filled anew for each scan: to make one takes longer than to fill it.
+        # Reused for each scan: making a message takes longer than filling it.
         self._odometry = Odometry()
         self.reset()
 
-    def reset(self):
+    def reset(self) -> None:
         """Begin a new path and a new map."""
-        self._poses = []
-        self._key_frames = []
-        self._latest = None
+        self._poses: list[tuple[int, SE2]] = []
+        self._key_frames: list[tuple[Features, SE2]] = []
+        self._latest: tuple[BaseState, SE2] | None = None
         self._next_picture = 0.0
 
-    def publish(self, update, state, origin):
-        """Publish what one scan told.
+    def publish(self, update: OdometryUpdate, state: BaseState, origin: SE2) -> None:
+        """Publish the results of one scan.
 
         Parameters
         ----------
         update : OdometryUpdate
+            Result of the scan.
         state : BaseState
+            State of the base at the scan.
         origin : SE2
-            Where the odometry's own frame lies in `odom_frame`.
+            Frame of the odometry's poses in `odom_frame`.
         """
         frame = self.parameters.odom_frame
         self.odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, frame))
-        self._lengthen_path(state)
-        self._renew_map(update)
+        self._extend_path(state)
+        self._update_map(update)
         self._latest = state, origin
         if time.monotonic() >= self._next_picture:
             self.publish_pictures()
 
-    def _renew_map(self, update):
-        """Keep the last `odometry.key_frames` key frames."""
+    def _update_map(self, update: OdometryUpdate) -> None:
+        """Keep the last ``odometry.key_frames`` key frames."""
         if update.registration is None:
             self._key_frames.clear()
         if update.reference_changed:
             self._key_frames.append((update.features, update.pose))
         del self._key_frames[:-self.parameters.odometry.key_frames]
 
-    def _lengthen_path(self, state):
-        """Add the pose to the path when it is a step away from the last one."""
+    def _extend_path(self, state: BaseState) -> None:
+        """Add the pose to the path when it is at least ``path.step`` away from the last one."""
         path = self.parameters.path
         last = self._poses[-1][1] if self._poses else None
         if last is None or math.hypot(state.pose.x - last.x, state.pose.y - last.y) >= path.step:
             self._poses.append((state.stamp, state.pose))
         del self._poses[:-path.size]
 
-    def publish_pictures(self):
-        """Publish path and map as they are now, unless that was done."""
+    def publish_pictures(self) -> None:
+        """Publish path and map, unless nothing has changed since they were published."""
         if self._latest is None:
             return
         self._next_picture = time.monotonic() + PICTURE_PERIOD
@@ -106,7 +115,7 @@ class Outputs:
             points = np.concatenate([(origin @ pose).apply(features.points) for features, pose in self._key_frames])
             self._map.publish(cloud_message(points, state.stamp, self.parameters.odom_frame))
 
-    def _path_message(self, state):
+    def _path_message(self, state: BaseState) -> Path:
         poses = [*self._poses, (state.stamp, state.pose)]
         message = Path(poses=[PoseStamped(pose=pose_to_message(pose)) for _, pose in poses])
         for stamped, (stamp, _) in zip(message.poses, poses, strict=True):
@@ -115,8 +124,8 @@ class Outputs:
         return message
 
 
-def cloud_message(points, stamp, frame) -> PointCloud2:
-    """The PointCloud2 of planar `points` ``(N, 2)`` [m] with z = 0."""
+def cloud_message(points: NDArray[np.float64], stamp: int, frame: str) -> PointCloud2:
+    """Make the PointCloud2 of planar `points` ``(N, 2)`` [m] in `frame` with z = 0, at `stamp` [ns]."""
     data = np.zeros((len(points), 3), dtype='<f4')
     data[:, :2] = points
     message = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)

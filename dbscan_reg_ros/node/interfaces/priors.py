@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed of the sensor's motion before the scans are looked at."""
+"""External priors: the motion since the last scan, from wheel odometry, an IMU or transforms."""
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -12,197 +12,243 @@ from sensor_msgs.msg import Imu
 
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
+from ...core.geometry.se2 import SE2
 from ...core.registration.records import Prior
+from ...robot.parameters import NodeParameters, NodePriorParameters
 from ...robot.pose_history import HeadingHistory, PoseHistory
 from ..frames.transform_store import NoTransformError
+from ..frames.transforms import TransformListener
+from ..monitoring.throttled_log import ThrottledLog
 from .endpoints import subscription
 from .messages import PoseError, planar_from_message, stamp_from_message
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+NO_ANGULAR_VELOCITY = -1.0
+"""First element of ``angular_velocity_covariance`` of an IMU without a gyroscope."""
+
+Predict = Callable[[int], Prior]
+"""Stamp [ns] -> prediction of the motion model."""
 
 
 class Priors:
-    """Makes the `Prior` of each scan as the parameter ``prior.source`` says.
+    """Makes the external `Prior` of each scan, from the source that ``prior.source`` names.
 
     Parameters
     ----------
     node : rclpy.node.Node
+        The node that subscribes to the source.
     parameters : NodeParameters
         May be replaced at any time.
     transforms : TransformListener or None
         None where tf2_msgs is not installed.
-    notices : Notices
-    heard : callable
-        Called when a source has said something.
+    log : ThrottledLog
+        Log for data that is missing or invalid.
+    on_data : callable
+        Called when the source has received data.
 
     Raises
     ------
     ParameterError
-        When transforms are to be read and there are none.
+        When transforms are to be read and tf2_msgs is not installed.
     """
 
-    def __init__(self, node: Node, parameters, transforms, notices, heard):
+    def __init__(self, node: Node, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog,
+                 on_data: Callable[[], None]) -> None:
         self.parameters = parameters
-        self._notices = notices
+        self._log = log
+        self._source: _Source | None = None
+        self._last: tuple[int, Mounting] | None = None
         name = parameters.prior.source
-        if name == 'tf' and transforms is None:
-            raise ParameterError("prior.source = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
-                                 'another source')
-        self._source: Any = {
-            'odometry': lambda: _Wheels(node, notices, heard),
-            'imu': lambda: _Gyroscope(node, notices, heard),
-            'tf': lambda: _Frame(transforms, parameters.prior.frame),
-        }.get(name, lambda: None)()
-        self._last: tuple | None = None
+        if name == 'odometry':
+            self._source = _WheelOdometry(node, log, on_data)
+        elif name == 'imu':
+            self._source = _Gyroscope(node, log, on_data)
+        elif name == 'tf':
+            if transforms is None:
+                raise ParameterError("prior.source = 'tf': needs tf2_msgs, which is not installed; install it, or "
+                                     'choose another source')
+            self._source = _OdometryFrame(transforms, parameters.prior.frame)
 
-    def restart(self):
-        """Forget the last scan and what the source said: the odometry was reset."""
+    def restart(self) -> None:
+        """Forget the last scan and the data of the source: the odometry was reset."""
         self._last = None
         if self._source:
             self._source.restart()
 
-    def ready(self, frame, stamp) -> bool:
-        """Whether waiting may tell no more of the motion up to the scan in `frame` at `stamp` [ns].
+    def ready(self, frame: str, stamp: int) -> bool:
+        """Whether the motion up to the scan in `frame` at `stamp` [ns] is known, or will not become known by waiting.
 
-        A source that does not reach as far as the last scan is quiet: nothing is expected of it.
+        A source whose data does not reach the stamp of the last scan has stopped: its data is not waited for.
         """
-        return (self._source is None or self._last is None or self._source.reaches(frame, stamp)
-                or not self._source.reaches(frame, self._last[0]))
+        return (self._source is None or self._last is None or self._source.covers(frame, stamp)
+                or not self._source.covers(frame, self._last[0]))
 
-    def find(self, frame, stamp, mounting: Mounting, expected):
-        """The `Prior` for the scan in `frame` at `stamp` [ns], or None for the odometry's own.
+    def find(self, frame: str, stamp: int, mounting: Mounting, predict: Predict) -> Prior | None:
+        """Make the prior of a scan.
 
-        `expected(stamp)` is the odometry's own.
+        Parameters
+        ----------
+        frame : str
+            Frame of the scan.
+        stamp : int
+            Stamp of the scan [ns].
+        mounting : Mounting
+            Mounting of the lidar at the scan.
+        predict : callable
+            ``predict(stamp)``: prediction of the motion model.
+
+        Returns
+        -------
+        Prior or None
+            None to use the prediction of the motion model.
         """
         if self._source is None or self._last is None:
             return None
-        before, last_mounting = self._last
-        asked = _Question(frame, before, stamp, last_mounting, mounting, expected, self.parameters.prior)
-        told = self._source.answer(asked)
-        if told is None:
-            self._notices.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} says nothing of '
-                               'the time of the scan; taking the motion to go on as before')
+        last_stamp, last_mounting = self._last
+        interval = _Interval(frame, last_stamp, stamp, last_mounting, mounting)
+        base = self._source.prior(interval, predict, self.parameters.prior)
+        if base is None:
+            self._log.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} has no data at '
+                           'the time of the scan; using the constant-velocity prediction')
             return None
         adjoint = mounting.aligned_pose.inverse().adjoint()
-        return Prior(last_mounting.aligned_pose.inverse() @ told.transform @ mounting.aligned_pose,
-                     adjoint @ told.covariance @ adjoint.T, told.velocity_change)
+        return Prior(last_mounting.aligned_pose.inverse() @ base.transform @ mounting.aligned_pose,
+                     adjoint @ base.covariance @ adjoint.T, base.velocity_change)
 
-    def processed(self, stamp, mounting: Mounting):
-        """Remember the scan at `stamp` [ns], for the next prior is the motion since then."""
+    def processed(self, stamp: int, mounting: Mounting) -> None:
+        """Keep the scan at `stamp` [ns]: the next prior is the motion since then."""
         self._last = stamp, mounting
 
 
 @dataclass(frozen=True)
-class _Question:
-    """How did the base move between two scans?
+class _Interval:
+    """Time between two scans.
 
     Attributes
     ----------
     frame : str
-        Of the later scan.
-    before, now : int [ns]
-    last_mounting, mounting : Mounting
-    expected : callable
-        ``expected(now)``: the sensor's motion if it goes on as before, a `Prior`.
-    parameters : NodePriorParameters
+        Frame of the later scan.
+    start, end : int
+        Stamps of the scans [ns].
+    start_mounting, end_mounting : Mounting
+        Mounting of the lidar at each scan.
     """
 
     frame: str
-    before: int
-    now: int
-    last_mounting: Mounting
-    mounting: Mounting
-    expected: Callable
-    parameters: Any
+    start: int
+    end: int
+    start_mounting: Mounting
+    end_mounting: Mounting
 
-    def measured(self, motion) -> Prior:
-        return Prior(motion, np.diag(self.parameters.wheel_sigma(motion)) ** 2)
-
-    def going_on(self) -> Prior:
-        own = self.expected(self.now)
-        return Prior(self.last_mounting.aligned_pose @ own.transform @ self.mounting.aligned_pose.inverse(), own.covariance, own.velocity_change)
+    def base_motion(self, prior: Prior) -> Prior:
+        """Convert a motion of the sensor to one of the base; the covariance stays that of the sensor."""
+        motion = self.start_mounting.aligned_pose @ prior.transform @ self.end_mounting.aligned_pose.inverse()
+        return Prior(motion, prior.covariance, prior.velocity_change)
 
 
-class _Wheels:
-    """The base's odometry on the topic ``wheel_odom``."""
+class _Source(Protocol):
+    """Source of the base's motion between two scans."""
 
-    def __init__(self, node, notices, heard):
+    name: str
+
+    def restart(self) -> None:
+        """Forget the data."""
+
+    def covers(self, frame: str, stamp: int) -> bool:
+        """Whether there is data at `stamp` [ns] or later."""
+
+    def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        """Motion of the base in the interval; None where there is no data."""
+
+
+def _measured(motion: SE2, parameters: NodePriorParameters) -> Prior:
+    """Prior from a measured motion of the base."""
+    return Prior(motion, np.diag(parameters.wheel_sigma(motion)) ** 2)
+
+
+class _WheelOdometry:
+    """Odometry of the base on the topic ``wheel_odom``."""
+
+    def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._poses = PoseHistory()
-        self._notices = notices
-        self._heard = heard
+        self._log = log
+        self._on_data = on_data
         self.name = subscription(node, Odometry, 'wheel_odom', self._on_message, QUALITY).topic_name
 
-    def _on_message(self, message):
+    def _on_message(self, message: Odometry) -> None:
         try:
             pose = planar_from_message(message.pose.pose)
         except PoseError as error:
-            self._notices.warn(f'{self.name}: {error}')
+            self._log.warn(f'{self.name}: {error}')
             return
         self._poses.add(stamp_from_message(message.header.stamp), pose)
-        self._heard()
+        self._on_data()
 
-    def restart(self):
+    def restart(self) -> None:
         self._poses.clear()
 
-    def reaches(self, _frame, stamp):
+    def covers(self, _frame: str, stamp: int) -> bool:
         return self._poses.reaches(stamp)
 
-    def answer(self, asked):
-        start, end = self._poses.at(asked.before), self._poses.at(asked.now)
-        return None if start is None or end is None else asked.measured(start.inverse() @ end)
+    def prior(self, interval: _Interval, _predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        start, end = self._poses.at(interval.start), self._poses.at(interval.end)
+        return None if start is None or end is None else _measured(start.inverse() @ end, parameters)
 
 
 class _Gyroscope:
-    """The yaw rate on the topic ``imu``; the way goes on as before, and is known no better."""
+    """Yaw rate on the topic ``imu``; the translation and its covariance are those of the motion model."""
 
-    def __init__(self, node, notices, heard):
+    def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._headings = HeadingHistory()
-        self._notices = notices
-        self._heard = heard
+        self._log = log
+        self._on_data = on_data
         self.name = subscription(node, Imu, 'imu', self._on_message, QUALITY).topic_name
 
-    def _on_message(self, message):
-        if message.angular_velocity_covariance[0] == -1.0:
-            self._notices.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
+    def _on_message(self, message: Imu) -> None:
+        if message.angular_velocity_covariance[0] == NO_ANGULAR_VELOCITY:
+            self._log.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
             return
         self._headings.add_rate(stamp_from_message(message.header.stamp), message.angular_velocity.z)
-        self._heard()
+        self._on_data()
 
-    def restart(self):
+    def restart(self) -> None:
         self._headings.clear()
 
-    def reaches(self, _frame, stamp):
+    def covers(self, _frame: str, stamp: int) -> bool:
         return self._headings.reaches(stamp)
 
-    def answer(self, asked):
-        start, end = self._headings.at(asked.before), self._headings.at(asked.now)
+    def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        start, end = self._headings.at(interval.start), self._headings.at(interval.end)
         if start is None or end is None:
             return None
-        turn = start.inverse() @ end
-        return asked.going_on().with_rotation(turn.theta, asked.parameters.wheel_sigma(turn)[2])
+        rotation = start.inverse() @ end
+        base = interval.base_motion(predict(interval.end))
+        return base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])
 
 
-class _Frame:
-    """The sensor's pose in an odometry frame on /tf."""
+class _OdometryFrame:
+    """Pose of the sensor in an odometry frame on /tf."""
 
-    def __init__(self, transforms, frame):
+    def __init__(self, transforms: TransformListener, frame: str) -> None:
         self._transforms = transforms
         self._frame = frame
         self.name = f'the transform from {frame!r} on /tf'
 
-    def restart(self):
-        pass
+    def restart(self) -> None:
+        """Do nothing: the listener forgets its transforms itself."""
 
-    def reaches(self, frame, stamp):
+    def covers(self, frame: str, stamp: int) -> bool:
         return self._pose(frame, stamp) is not None
 
-    def answer(self, asked):
-        start, end = self._pose(asked.frame, asked.before), self._pose(asked.frame, asked.now)
+    def prior(self, interval: _Interval, _predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        start, end = self._pose(interval.frame, interval.start), self._pose(interval.frame, interval.end)
         if start is None or end is None:
             return None
-        return asked.measured((start @ asked.last_mounting.pose.inverse()).inverse() @ end @ asked.mounting.pose.inverse())
+        base_start = start @ interval.start_mounting.pose.inverse()
+        base_end = end @ interval.end_mounting.pose.inverse()
+        return _measured(base_start.inverse() @ base_end, parameters)
 
-    def _pose(self, frame, stamp):
+    def _pose(self, frame: str, stamp: int) -> SE2 | None:
         try:
             matrix, known = self._transforms.lookup(self._frame, frame, stamp)
             return Mounting.from_matrix(matrix).pose if known else None

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of a node that runs somewhere else."""
+"""Parameters of another running node, read and set by its services."""
 import time
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import rclpy
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -13,77 +15,92 @@ from ...core.errors import DbscanRegError
 from ...robot.parameters import NodeParameters
 
 RETRY = 1.0
-"""A call is repeated after this time [s]: the answer is lost while the other side does not know the caller yet."""
+"""A call is repeated after this time [s]: the response is lost while the server has not discovered the client."""
 
 
 class RemoteError(DbscanRegError):
-    """The node is not there, or has other parameters."""
+    """The node does not respond, or has other parameters."""
 
 
-def read_remote(name, timeout, arguments=()) -> NodeParameters:
-    """The parameters of the running node called `name`.
+def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> NodeParameters:
+    """Read the parameters of a running node.
 
     Parameters
     ----------
     name : str
-        Full name.
+        Name of the node, with its namespace.
     timeout : float
-        [s]
+        Time to wait for a response [s].
     arguments : list of str
         ROS arguments.
 
     Raises
     ------
     RemoteError
-        When it does not answer in time, or is no scan_matcher.
+        When it does not respond in time, or is not a scan_matcher.
     """
     names = [description.name for description in NodeParameters.describe()]
-    answer = _call(name, GetParameters, 'get_parameters', GetParameters.Request(names=names), timeout, arguments)
-    values = [parameter_value_to_python(value) for value in answer.values]
+    with _Client(name, timeout, arguments) as client:
+        response = client.call(GetParameters, 'get_parameters', GetParameters.Request(names=names))
+    values = [parameter_value_to_python(value) for value in response.values]
     if len(values) != len(names) or None in values:
-        raise RemoteError(f'{name} has not the parameters of scan_matcher; give the name of one with --node')
+        raise RemoteError(f'{name} does not have the parameters of scan_matcher; give the name of one with --node')
     return NodeParameters().replace(dict(zip(names, values, strict=True)))
 
 
-def write_remote(name, values, timeout, arguments=()):
-    """Set parameters of a running node, all or none; arguments and errors are those of `read_remote`.
+def write_remote(name: str, values: Mapping[str, Any], timeout: float, arguments: Sequence[str] = ()) -> None:
+    """Set parameters of a running node, all or none.
 
     Parameters
     ----------
+    name, timeout, arguments
+        As of `read_remote`.
     values : dict
         Name -> value.
 
     Raises
     ------
     RemoteError
-        Also when it refuses a value.
+        When the node does not respond in time, or refuses a value.
     """
     request = SetParametersAtomically.Request(
         parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()])
-    answer = _call(name, SetParametersAtomically, 'set_parameters_atomically', request, timeout, arguments)
-    if not answer.result.successful:
-        raise RemoteError(f'{name} refuses the parameters: {answer.result.reason}')
+    with _Client(name, timeout, arguments) as client:
+        response = client.call(SetParametersAtomically, 'set_parameters_atomically', request)
+    if not response.result.successful:
+        raise RemoteError(f'{name} refuses the parameters: {response.result.reason}')
 
 
-def _call(name, kind, service, request, timeout, arguments):
-    """The answer of a service of the node called `name`."""
-    context = Context()
-    rclpy.init(args=['parameters', *arguments], context=context)
-    node = Node('parameters', context=context, enable_rosout=False, start_parameter_services=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        client = node.create_client(kind, f'{name}/{service}')
-        deadline = time.monotonic() + timeout
+class _Client:
+    """Client of the services of a node, on a ROS node of its own; use it in a ``with`` statement."""
+
+    def __init__(self, name: str, timeout: float, arguments: Sequence[str]) -> None:
+        self._name = name
+        self._timeout = timeout
+        self._context = Context()
+        rclpy.init(args=['parameters', *arguments], context=self._context)
+        self._node = Node('parameters', context=self._context, enable_rosout=False, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def __enter__(self) -> '_Client':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def call(self, kind: type, service: str, request: Any) -> Any:
+        """Call a service of the node and return the response."""
+        client = self._node.create_client(kind, f'{self._name}/{service}')
+        deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            if not client.wait_for_service(min(RETRY, timeout)):
+            if not client.wait_for_service(min(RETRY, self._timeout)):
                 continue
             future = client.call_async(request)
-            executor.spin_until_future_complete(future, RETRY)
+            self._executor.spin_until_future_complete(future, RETRY)
             if future.done():
                 return future.result()
-        raise RemoteError(f'no answer from the node {name} in {timeout:g} s; is it running, and is the name right?')
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
+        raise RemoteError(f'no answer from the node {self._name} in {self._timeout:g} s; is it running, and is the '
+                          'name right?')

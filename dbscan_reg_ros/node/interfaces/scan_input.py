@@ -1,38 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scans that come in: which are used, in which order, and which of their beams."""
+"""Input of scans: which are processed, in which order, and which of their beams."""
 import math
 import time
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
-from ...core.scan import SECOND, Scan
-from ...recordings.scan_checks import ScanChecks, ScanFields
-from ..monitoring.graph_checks import unheard
+from ...core.geometry.mounting import Mounting
+from ...core.scan import SECOND, Scan, ScanGeometry
+from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
+from ...robot.parameters import NodeParameters
+from ..monitoring.graph_checks import incompatibilities
+from ..monitoring.throttled_log import ThrottledLog
 from .endpoints import subscription
 from .messages import stamp_from_message
-from .subscriptions import Urgent, taken
+from .subscriptions import WakingCallbackGroup, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Deep enough that what arrives while a scan is processed can be counted."""
+"""Deep enough to count the scans that arrive while one is processed."""
+BEARING_TOLERANCE = 1e-6
+"""Rounding of bearings at the border of a sector [rad]."""
 
 
 class ScanInbox:
-    """Subscribes to ``scan`` and hands over one scan after the other; when they come too fast, the newest win.
+    """Subscribes to ``scan`` and hands over one scan after the other.
+
+    When the queue is full, the oldest scan is dropped.
 
     Parameters
     ----------
     node : rclpy.node.Node
+        The node that subscribes.
     parameters : NodeParameters
         May be replaced at any time.
-    ready : callable
-        Whether a message need not wait any longer for what else is to be known of its time.
+    is_ready : callable
+        Whether a scan can be processed, so that it need not wait for mounting or prior any longer.
     handle : callable
-        Takes each message.
+        Takes each scan.
 
     Attributes
     ----------
@@ -42,171 +52,181 @@ class ScanInbox:
     Raises
     ------
     ParameterError
-        When the quality of service that is asked for does not exist.
+        When the quality of service that the parameters ask for does not exist.
     """
 
-    def __init__(self, node: Node, parameters, ready, handle):
+    def __init__(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
+                 handle: Callable[[LaserScan], None]) -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
         self._node = node
-        self._ready = ready
+        self._is_ready = is_ready
         self._handle = handle
-        self._waiting = deque()
+        self._pending: deque[tuple[LaserScan, float]] = deque()
         self._subscription = subscription(node, LaserScan, 'scan', self._on_message, QUALITY)
-        self._alarm = node.create_timer(1.0, self._next, callback_group=Urgent(self.is_waiting),
+        self._timer = node.create_timer(1.0, self._process_next, callback_group=WakingCallbackGroup(self.has_pending),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
 
     @property
-    def topic(self):
-        return self._subscription.topic_name
+    def topic(self) -> str:
+        """Full name of the topic."""
+        return str(self._subscription.topic_name)
 
-    def unheard(self) -> list:
-        """Why nothing is heard of publishers on the topic: a sentence for each of them."""
-        return unheard(self._node, self._subscription)
+    def incompatibilities(self) -> list[str]:
+        """Why nothing is received from publishers on the topic: a sentence for each of them."""
+        return incompatibilities(self._node, self._subscription)
 
-    def is_waiting(self) -> bool:
-        """Whether a scan waits for what else is to be known of its time."""
-        return bool(self._waiting)
+    def has_pending(self) -> bool:
+        """Whether a scan waits for its mounting or prior."""
+        return bool(self._pending)
 
-    def look_again(self):
-        """Something became known: the oldest scan may be ready."""
-        if self._waiting:
-            self._look_in(0.0)
+    def retry_pending(self) -> None:
+        """Check the oldest pending scan again: a transform or data of a prior has arrived."""
+        if self._pending:
+            self._retry_after(0.0)
 
-    def close(self):
-        """Hear no more scans."""
+    def close(self) -> None:
+        """Unsubscribe, and drop the pending scans."""
         self._node.destroy_subscription(self._subscription)
-        self._node.destroy_timer(self._alarm)
-        self._waiting.clear()
+        self._node.destroy_timer(self._timer)
+        self._pending.clear()
 
-    def _on_message(self, message):
-        self._keep(message)
-        self._next()
+    def _on_message(self, message: LaserScan) -> None:
+        self._queue(message)
+        self._process_next()
 
-    def _next(self):
-        """Hand over the oldest scan that waits, when it is ready or has waited long enough."""
-        self._alarm.cancel()
+    def _process_next(self) -> None:
+        """Hand over the oldest pending scan when it is ready, or has waited for ``input.max_wait``."""
+        self._timer.cancel()
         for message in taken(self._subscription):
-            self._keep(message)
-        if not self._waiting:
+            self._queue(message)
+        if not self._pending:
             return
-        message, arrival = self._waiting[0]
+        message, arrival = self._pending[0]
         remaining = arrival + self.parameters.input.max_wait - time.monotonic()
-        if remaining > 0.0 and not self._ready(message):
-            self._look_in(remaining)
+        if remaining > 0.0 and not self._is_ready(message):
+            self._retry_after(remaining)
             return
-        self._waiting.popleft()
+        self._pending.popleft()
         self._handle(message)
-        self.look_again()
+        self.retry_pending()
 
-    def _look_in(self, delay):
-        """Call `_next` once, after `delay` [s]."""
-        self._alarm.timer_period_ns = int(delay * SECOND) + 1
-        self._alarm.reset()
+    def _retry_after(self, delay: float) -> None:
+        """Call `_process_next` once, after `delay` [s]."""
+        self._timer.timer_period_ns = int(delay * SECOND) + 1
+        self._timer.reset()
 
-    def _keep(self, message):
+    def _queue(self, message: LaserScan) -> None:
         self.received += 1
         if (self.received - 1) % self.parameters.input.every_nth:
             return
-        self._waiting.append((message, time.monotonic()))
-        while len(self._waiting) > self.parameters.input.queue_size:
-            self._waiting.popleft()
+        self._pending.append((message, time.monotonic()))
+        while len(self._pending) > self.parameters.input.queue_size:
+            self._pending.popleft()
             self.dropped += 1
 
 
 class ScanReader:
-    """Makes a `Scan` of each message, and says what is odd about them.
+    """Converts messages to `Scan`, and logs warnings about them.
 
     Parameters
     ----------
     clock : rclpy.clock.Clock
-    notices : Notices
+        Clock that the stamps are compared with.
+    log : ThrottledLog
+        Log for the warnings.
     """
 
-    def __init__(self, clock, notices):
+    def __init__(self, clock: Clock, log: ThrottledLog) -> None:
         self._clock = clock
-        self._notices = notices
+        self._log = log
         self._checks = ScanChecks()
-        self._warnings = {}
-        self._geometry = None
-        self._mask = None
+        self._warnings: dict[object, ScanWarning] = {}
+        self._geometry: ScanGeometry | None = None
+        self._mask: tuple[object, NDArray[np.bool_]] | None = None
 
-    def look(self, message) -> list:
-        """The `ScanWarning` of a LaserScan message, logged: what stays so from scan to scan once."""
-        found = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
+    def check(self, message: LaserScan) -> list[ScanWarning]:
+        """Return the warnings about a scan; each is logged once while it lasts."""
+        found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
-                self._notices.warn(warning.text)
+                self._log.warn(warning.text)
             self._warnings[warning.kind] = warning
         return found
 
-    def restart(self):
-        """Time has started anew: the next stamp may be any."""
+    def restart(self) -> None:
+        """Accept any stamp next: the clock was reset."""
         self._checks.restart()
 
-    def read(self, message, mounting, parameters) -> Scan:
-        """The scan in a LaserScan message as a sensor at `mounting.aligned_pose` sees it, without the returns that the parameters
-        ``input.mask`` exclude.
+    def read(self, message: LaserScan, mounting: Mounting, parameters: NodeParameters) -> Scan:
+        """Convert a message to the scan of a sensor at `mounting.aligned_pose`, without the returns in ``input.mask``.
 
         Raises
         ------
         ScanError
-            When the message cannot be a scan.
+            When the message is not a valid scan.
         """
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         if scan.geometry is not self._geometry:
             self._geometry, self._mask = scan.geometry, None
-        return self._masked(scan, mounting, parameters)
+        return self._without_masked(scan, mounting, parameters)
 
-    def _masked(self, scan, mounting, parameters):
+    def _without_masked(self, scan: Scan, mounting: Mounting, parameters: NodeParameters) -> Scan:
+        limit = parameters.input.mask_range
+        masked = self._in_sectors(scan, mounting, parameters)
+        if limit > 0.0:
+            masked = masked & (scan.ranges < limit)
+        if not masked.any():
+            return scan
+        return Scan(scan.stamp, np.where(masked, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
+                    scan.frame_id)
+
+    def _in_sectors(self, scan: Scan, mounting: Mounting, parameters: NodeParameters) -> NDArray[np.bool_]:
+        """Find the beams ``(N,)`` in a sector of ``input.mask``; cached until parameters or mounting change."""
         key = parameters.input.mask, mounting
         if self._mask is None or self._mask[0] != key:
             sectors = np.reshape(parameters.input.mask, (-1, 2))
             sectors = sectors[sectors[:, 0] != sectors[:, 1]]
             bearings = scan.geometry.bearings - mounting.pose.theta
             self._mask = key, within(-bearings if mounting.upside_down else bearings, sectors)
-        limit = parameters.input.mask_range
-        hidden = self._mask[1] & (scan.ranges < limit) if limit > 0.0 else self._mask[1]
-        if not hidden.any():
-            return scan
-        return Scan(scan.stamp, np.where(hidden, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
-                    scan.frame_id)
+        return self._mask[1]
 
 
-class Stamps:
-    """Tells a recording that starts again from jitter, and from a single scan with a wrong stamp.
+class StampFilter:
+    """Distinguishes a recording that starts again from jitter, and from a single scan with a wrong stamp.
 
     Attributes
     ----------
     held : LaserScan or None
-        It goes far back, and the next one has to tell what that means.
+        Scan whose stamp is far before the last ones; the next scan decides whether the recording starts again.
     """
 
-    def __init__(self):
-        self._used = deque(maxlen=2)
-        self.held = None
+    def __init__(self) -> None:
+        self._used: deque[int] = deque(maxlen=2)
+        self.held: LaserScan | None = None
 
-    def used(self, stamp):
-        """The scan at `stamp` [ns] was used."""
+    def used(self, stamp: int) -> None:
+        """Keep the stamp [ns] of a scan that was processed."""
         self._used.append(stamp)
 
-    def update(self, message, jump):
-        """What to do when `message` has come.
+    def update(self, message: LaserScan, max_jump: float) -> tuple[list[LaserScan], LaserScan | None]:
+        """Decide which scans to process when `message` has arrived.
 
         Parameters
         ----------
         message : LaserScan
-        jump : float
-            Stamps may go back by so much [s].
+            The latest scan.
+        max_jump : float
+            Stamps that go back by at most so much [s] are jitter.
 
         Returns
         -------
         list of LaserScan
-            To be used now, in order.
+            Scans to process now, in order.
         LaserScan or None
-            To be skipped, for its stamp is wrong.
+            Scan to skip, because its stamp is wrong.
         """
-        back = self.start_again(stamp_from_message(message.header.stamp), jump)
+        back = self.has_restarted(stamp_from_message(message.header.stamp), max_jump)
         held, self.held = self.held, None
         if held and (back or not self._used):
             return [held, message], None
@@ -215,20 +235,33 @@ class Stamps:
             return [], None
         return [message], held
 
-    def start_again(self, stamp, jump) -> bool:
-        """Whether `stamp` [ns] lies more than `jump` [s] before those of the last two scans; 0 is no time."""
-        return bool(stamp and self._used) and stamp < min(self._used) - jump * SECOND
+    def has_restarted(self, stamp: int, max_jump: float) -> bool:
+        """Whether `stamp` [ns] is over `max_jump` [s] before those of the last two scans; never for a stamp of 0."""
+        return bool(stamp and self._used) and stamp < min(self._used) - max_jump * SECOND
 
-    def restart(self):
-        """Take any stamp next: the odometry was reset."""
+    def restart(self) -> None:
+        """Accept any stamp next: the odometry was reset."""
         self._used.clear()
         self.held = None
 
 
-def within(bearings, sectors):
-    """``(N,)`` bool: which `bearings` ``(N,)`` [rad] lie in one of the `sectors` ``(M, 2)`` [rad], from the first bearing
-    of each counter-clockwise to the second."""
-    turn = 2.0 * math.pi
-    widths = np.remainder(sectors[:, 1] - sectors[:, 0], turn)
-    widths[widths == 0.0] = turn
-    return (np.remainder(bearings[:, None] - sectors[:, 0], turn) <= widths + 1e-6).any(axis=1)
+def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Find the bearings that lie in a sector.
+
+    Parameters
+    ----------
+    bearings : (N,) float
+        [rad]
+    sectors : (M, 2) float
+        First and last bearing of each sector, counter-clockwise [rad].
+
+    Returns
+    -------
+    (N,) bool
+    """
+    full = 2.0 * math.pi
+    widths = np.remainder(sectors[:, 1] - sectors[:, 0], full)
+    widths[widths == 0.0] = full
+    offsets = np.remainder(bearings[:, None] - sectors[:, 0], full)
+    inside: NDArray[np.bool_] = (offsets <= widths + BEARING_TOLERANCE).any(axis=1)
+    return inside

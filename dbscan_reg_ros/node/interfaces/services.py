@@ -1,22 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be asked of the running node."""
+"""Services of the node, and the topic ``set_pose``."""
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from ...core.odometry.records import OdometryUpdate
+from ...core.registration.records import Prior
 from ...recordings.message_fields import PLANE
 from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
 from ...robot.base_state import InitialPose
+from ...robot.parameters import NodeParameters
+from ..monitoring.throttled_log import ThrottledLog
 from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 
 ROUNDING = 1e-9
-"""A covariance may be negative along a direction by this share of its greatest number."""
+"""Least eigenvalue of a covariance, as a negative fraction of its largest element, that counts as zero."""
 
 
 class Services:
@@ -25,49 +31,53 @@ class Services:
     Parameters
     ----------
     node : rclpy.node.Node
+        The node that offers them.
     parameters : NodeParameters
         May be replaced at any time.
-    notices : Notices
+    log : ThrottledLog
+        Log for poses that are refused.
     reset : callable
-        Takes a reason and the `InitialPose`.
+        Resets the odometry; takes a reason and the `InitialPose`.
 
     Attributes
     ----------
     paused : bool
+        Whether scans are ignored.
     """
 
-    def __init__(self, node: Node, parameters, notices, reset):
+    def __init__(self, node: Node, parameters: NodeParameters, log: ThrottledLog,
+                 reset: Callable[[str, InitialPose], None]) -> None:
         self.parameters = parameters
         self.paused = False
         self._node = node
-        self._notices = notices
+        self._log = log
         self._reset = reset
-        self._updates = deque(maxlen=parameters.snapshot.scans)
+        self._updates: deque[SnapshotUpdate] = deque(maxlen=parameters.snapshot.scans)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetBool, '~/pause', self._on_pause)
         node.create_service(Trigger, '~/snapshot', self._on_snapshot)
         subscription(node, PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
 
-    def keep(self, update, prior):
-        """Remember an update, and the prior it was made with, for a snapshot."""
+    def keep(self, update: OdometryUpdate, prior: Prior | None) -> None:
+        """Keep an update and the external prior of its scan for a snapshot."""
         if self._updates.maxlen != self.parameters.snapshot.scans:
             self._updates = deque(self._updates, self.parameters.snapshot.scans)
         self._updates.append(SnapshotUpdate.of(update, prior))
 
-    def _on_reset(self, _request, response):
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._reset('reset was called', InitialPose())
         response.success, response.message = True, 'the next scan is the new origin'
         return response
 
-    def _on_pause(self, request, response):
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         changed, self.paused = self.paused != request.data, request.data
         response.success = True
-        response.message = 'paused: scans are not used' if self.paused else 'running'
+        response.message = 'paused: scans are ignored' if self.paused else 'running'
         if changed:
             self._node.get_logger().info(response.message)
         return response
 
-    def _on_snapshot(self, _request, response):
+    def _on_snapshot(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._updates:
             response.success, response.message = False, 'no scan was processed yet'
             return response
@@ -76,9 +86,11 @@ class Services:
         try:
             folder = Path(self.parameters.snapshot.folder).expanduser()
         except RuntimeError:
-            response.success, response.message = False, f'snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
+            response.success = False
+            response.message = f'snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
             return response
-        path = (folder / f'{self._node.get_name()}_{time.strftime("%Y%m%d_%H%M%S")}_{self._updates[-1].stamp}.npz').absolute()
+        when = time.strftime('%Y%m%d_%H%M%S')
+        path = (folder / f'{self._node.get_name()}_{when}_{self._updates[-1].stamp}.npz').absolute()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             write_snapshot(path, Snapshot(parameters, list(self._updates)))
@@ -89,20 +101,28 @@ class Services:
         self._node.get_logger().info(f'snapshot of {len(self._updates)} scans: {path}')
         return response
 
-    def _on_pose(self, message):
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame = message.header.frame_id
         if frame not in ('', self.parameters.odom_frame):
-            self._notices.warn(f'set_pose is ignored: the pose is in {frame!r}; expected {self.parameters.odom_frame!r}')
+            self._log.warn(f'set_pose is ignored: the pose is in {frame!r}; expected {self.parameters.odom_frame!r}')
             return
         try:
             pose = planar_from_message(message.pose.pose)
         except PoseError as error:
-            self._notices.warn(f'set_pose is ignored: {error}')
+            self._log.warn(f'set_pose is ignored: {error}')
             return
         covariance = 0.5 * np.reshape(message.pose.covariance, (6, 6))[PLANE]
         covariance = covariance + covariance.T
-        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -ROUNDING * np.abs(covariance).max():
-            self._notices.warn('set_pose is ignored: its covariance is none; expected finite numbers, positive semidefinite')
+        if not _is_semidefinite(covariance):
+            self._log.warn('set_pose is ignored: its covariance is invalid; expected finite numbers, positive '
+                           'semidefinite')
             return
         self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
                     InitialPose(pose, covariance))
+
+
+def _is_semidefinite(covariance: NDArray[np.float64]) -> bool:
+    """Whether a symmetric matrix ``(3, 3)`` is finite and positive semidefinite, up to rounding."""
+    if not np.isfinite(covariance).all():
+        return False
+    return bool(np.linalg.eigvalsh(covariance)[0] >= -ROUNDING * np.abs(covariance).max())

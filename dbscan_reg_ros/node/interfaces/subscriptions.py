@@ -1,28 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions that are asked for what has come."""
+"""Subscriptions that are polled instead of waking the executor."""
+from collections.abc import Callable, Iterator
+from typing import Any
+
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.subscription import Subscription
 
 
-def taken(subscription):
-    """Take the messages that have come and are not handled yet, one after the other."""
+def taken(subscription: Subscription) -> Iterator[Any]:
+    """Take the messages that have arrived and are not handled yet, one after the other."""
     with subscription.handle:
         while message := subscription.handle.take_message(subscription.msg_type, False):
             yield message[0]
 
 
-class Urgent(MutuallyExclusiveCallbackGroup):
-    """Its subscriptions and timers wake the node only while that is urgent; what comes otherwise waits until it is `taken`.
+class WakingCallbackGroup(MutuallyExclusiveCallbackGroup):
+    """Callback group whose entities wake the executor only under a condition; otherwise they are polled by `taken`.
 
-    To be woken for each message costs the node far more than to take it, and each entity that can wake it a little.
+    Waking the executor for each message costs far more than taking it, and each entity that can wake it adds to that.
 
     Parameters
     ----------
-    is_urgent : callable
+    is_active : callable
+        Whether the entities may wake the executor now.
     """
 
-    def __init__(self, is_urgent):
+    def __init__(self, is_active: Callable[[], bool]) -> None:
         super().__init__()
-        self._is_urgent = is_urgent
+        self._is_active = is_active
 
-    def can_execute(self, entity):
-        return self._is_urgent() and super().can_execute(entity)
+    def can_execute(self, entity: Any) -> bool:
+        """Whether `entity` may be executed now."""
+        return self._is_active() and super().can_execute(entity)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a node is started, spun and ended; the lifecycle node."""
+"""Start, spin and end of a node; the lifecycle node."""

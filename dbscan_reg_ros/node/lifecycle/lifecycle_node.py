@@ -1,65 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The managed node."""
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+"""Lifecycle node of ``scan_matcher_lifecycle``."""
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from ...core.errors import ParameterError
-from ..interfaces.graph_entities import Entities
+from ..interfaces.graph_entities import GraphEntities
 from ..interfaces.live_parameters import LiveParameters
-from ..node_core import ScanMatcher
+from ..node_core import NodeCore
 
 
-class ManagedScanMatcher(LifecycleNode):
-    """A `ScanMatcher` that is made when configured, listens while active and is gone after the clean-up."""
+class ScanMatcherLifecycleNode(LifecycleNode):
+    """Creates a `NodeCore` on configure, subscribes to scans while active, and destroys it on cleanup."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('scan_matcher', automatically_declare_parameters_from_overrides=True)
         self._live = LiveParameters(self)
-        self._matcher = None
-        # rclpy lets the node die of a transition that is not possible from where it is.
-        self._ask = self._service_change_state.callback
+        self._core: NodeCore | None = None
+        # rclpy raises through the executor when a transition is not possible in the current state.
+        self._rclpy_change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
 
-    def _on_change_state(self, request, response):
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
         try:
-            return self._ask(request, response)
+            return self._rclpy_change_state(request, response)
         except RuntimeError as error:
             self.get_logger().error(f'transition {request.transition.id} is not possible now: {error}')
             response.success = False
             return response
 
-    def on_configure(self, state):
-        entities = Entities(self)
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create publishers, services and timers."""
+        entities = GraphEntities(self)
         try:
-            self._matcher = ScanMatcher(self, self._live)
+            self._core = NodeCore(self, self._live)
         except ParameterError as error:
             entities.destroy()
-            return self._refuse(error)
+            return self._fail(error)
         return super().on_configure(state)
 
-    def on_activate(self, state):
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Subscribe to the scans."""
         try:
-            self._matcher.activate()
+            if self._core:
+                self._core.activate()
         except ParameterError as error:
-            return self._refuse(error)
+            return self._fail(error)
         return super().on_activate(state)
 
-    def _refuse(self, error):
+    def _fail(self, error: ParameterError) -> TransitionCallbackReturn:
         self.get_logger().error(str(error))
         return TransitionCallbackReturn.FAILURE
 
-    def on_deactivate(self, state):
-        self._matcher.deactivate()
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Unsubscribe from the scans; the pose is kept."""
+        if self._core:
+            self._core.deactivate()
         return super().on_deactivate(state)
 
-    def on_cleanup(self, state):
-        self._clean_up()
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy everything but the parameters."""
+        self._close_core()
         return super().on_cleanup(state)
 
-    def on_shutdown(self, state):
-        self._clean_up()
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy everything but the parameters."""
+        self._close_core()
         return super().on_shutdown(state)
 
-    def _clean_up(self):
-        if self._matcher:
-            self._matcher.close()
-        self._matcher = None
+    def _close_core(self) -> None:
+        if self._core:
+            self._core.close()
+        self._core = None

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telling a command's own arguments from those of ROS."""
+"""Split a command line into the arguments of the command and those of ROS."""
+from collections.abc import Sequence
 
 
-def split_arguments(argv):
-    """(own arguments, those between ``--ros-args`` and ``--``, both included) of a command line."""
-    own, ros, inside = [], [], False
+def split_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments of the command, and those from ``--ros-args`` to ``--``, both included."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
     for word in argv:
         inside = inside or word == '--ros-args'
         (ros if inside else own).append(word)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a command line to a running node, and back to its exit status."""
+"""Run a node from its command line to its exit status."""
+from __future__ import annotations
+
 import argparse
 import contextlib
 import os
@@ -7,30 +9,37 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
 from ...requirements import MissingPackages, check_packages
 from ...version import add_version
 from .ros_arguments import split_arguments
 
+if TYPE_CHECKING:
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
 BAD_INPUT = 2
 FAILED = 1
 IDLE = 1e-3
-"""Who waits so long [s] for work has nothing else to do."""
+"""An executor that has waited so long [s] for work is idle."""
 
 
-def run_node(name, description, make, argv=None) -> int:
+def run_node(name: str, description: str, make: Callable[[str], Node], argv: Sequence[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM.
 
     Parameters
     ----------
     name : str
-        Of the command and the node.
+        Name of the command and of the node.
     description : str
-        For ``--help``.
+        Description in ``--help``.
     make : callable
-        Takes the name, returns the node; called when ROS is up.
+        Takes the name, returns the node; called when ROS is initialised.
     argv : list of str, optional
+        Arguments; by default those of the process.
 
     Returns
     -------
@@ -38,21 +47,35 @@ def run_node(name, description, make, argv=None) -> int:
         0 after a signal, 2 when an argument or a parameter is wrong, 1 when a package is missing.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
-    parser = argparse.ArgumentParser(
-        prog=name, description=description,
-        usage=f'{name} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
-    add_version(parser)
-    parser.parse_args(split_arguments(argv)[0])
+    _parse(name, description, argv)
     try:
         check_packages(name)
     except MissingPackages as error:
         return _complain(name, error, FAILED)
     stop = _StopSignals()
+    _configure_libraries()
+    return _run(name, make, argv, stop)
+
+
+def _parse(name: str, description: str, argv: list[str]) -> None:
+    """Handle ``--help``, ``--version`` and wrong arguments, each of which ends the process."""
+    parser = argparse.ArgumentParser(
+        prog=name, description=description,
+        usage=f'{name} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
+    add_version(parser)
+    parser.parse_args(split_arguments(argv)[0])
+
+
+def _configure_libraries() -> None:
+    """Set the number of threads and the handling of freed memory; before numpy is imported."""
     for library in ('OPENBLAS', 'OMP'):
-        # The matrices are small: more threads only burn time.
+        # The matrices are small: more threads only cost time.
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
     keep_freed_memory()
 
+
+def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSignals) -> int:
+    """Initialise ROS, create the node and spin it until a signal; return the exit status."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
@@ -65,6 +88,7 @@ def run_node(name, description, make, argv=None) -> int:
         return _complain(name, f'ROS does not start: {error}')
     try:
         executor = SingleThreadedExecutor()
+        # A task wakes the executor.
         stop.then(lambda: executor.create_task(lambda: None))
         node = make(name)
         executor.add_node(node)
@@ -78,12 +102,12 @@ def run_node(name, description, make, argv=None) -> int:
     return 0
 
 
-def _spin_once(executor):
-    """Handle what comes next.
+def _spin_once(executor: SingleThreadedExecutor) -> None:
+    """Execute the next callback.
 
-    After each callback, rclpy's executor wakes itself once more, in case another thread waits, and asks all that is on the
-    node whether it is ready. Where that was idle before, the wake-up is taken with no node to ask, at a tenth of the cost;
-    under load all who are ready have their turn.
+    After each callback rclpy's executor triggers its own guard condition, for other threads that wait, and checks every
+    entity of the node again. After an idle executor has executed a callback, the guard condition is taken without any
+    node, at a tenth of the cost; under load every entity that is ready is executed in its turn.
     """
     from rclpy.executors import TimeoutException
 
@@ -97,30 +121,31 @@ def _spin_once(executor):
             executor.wait_for_ready_callbacks(0.0, [])
 
 
-def _complain(name, problem, code=BAD_INPUT):
+def _complain(name: str, problem: object, code: int = BAD_INPUT) -> int:
+    """Print a line on a problem; return the exit status."""
     print(f'{name}: {problem}', file=sys.stderr)
     return code
 
 
 class _StopSignals:
-    """Turns SIGINT and SIGTERM, however often and whenever they come, into one request to stop.
+    """Converts SIGINT and SIGTERM, also repeated ones, to one request to stop.
 
-    They are blocked in every thread and taken by a thread of their own: nothing is interrupted, so that the node ends
-    between two callbacks, even if it was still starting. ROS' own handlers would shut its context down under it.
+    The signals are blocked in every thread and taken by a thread of their own: the node ends between two callbacks,
+    even while it starts. The signal handlers of rclpy would shut the context down during a callback.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.requested = False
-        self._listener = lambda: None
+        self._listener: Callable[[], object] = lambda: None
         signals = {signal.SIGINT, signal.SIGTERM}
         signal.pthread_sigmask(signal.SIG_BLOCK, signals)
         threading.Thread(target=self._take, args=(signals,), daemon=True).start()
 
-    def then(self, listener):
-        """Call `listener`, from another thread, once a stop is requested."""
+    def then(self, listener: Callable[[], object]) -> None:
+        """Call `listener` from another thread when a stop is requested."""
         self._listener = listener
 
-    def _take(self, signals):
+    def _take(self, signals: set[signal.Signals]) -> None:
         signal.sigwait(signals)
         self.requested = True
         self._listener()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says of itself and of the graph: diagnostics, counters, log."""
+"""Monitoring of the node and of the ROS graph: diagnostics, counters, throttled log."""

@@ -1,96 +1,131 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the odometry is doing: counted scan by scan, told once a second."""
+"""Counters of the odometry, updated scan by scan and reported once a second."""
 import math
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...core.geometry.se2 import SE2
+from ...core.odometry.records import OdometryUpdate
 from ...core.registration.records import Status
+from ...recordings.scan_checks import ScanWarning
 
-SECOND_OPINION = 200
-"""The timing is that of this many of the last scans."""
+TIMED_SCANS = 200
+"""Number of the latest scans whose processing times are kept."""
+
+
+class Grade(IntEnum):
+    """How well the odometry tracks, in the order of severity."""
+
+    TRACKING = 0
+    LOW_CONFIDENCE = 1
+    LOST = 2
 
 
 @dataclass
-class Health:
-    """What has happened since the node started, and since it was last asked.
+class Counters:
+    """What has happened since the node started, and since the last report.
 
     Attributes
     ----------
-    answered, skipped : int
+    processed, skipped : int
         Scans so far.
     statuses : Counter
-        How many scans had each `Status`.
+        Number of scans with each `Status`.
+    durations : deque of float
+        Processing times of the last `TIMED_SCANS` scans [s].
     update : OdometryUpdate or None
-        The last one.
-    direction : float or None
-        Angle [rad] in `odom_frame` that the last scan left undetermined.
-    place : SE2 or None
-        The sensor's, on the base.
-    trouble : str
-        Why the last scan was not answered; empty when it was.
-    doubts : dict
-        What was odd about the scans since it was last asked: kind -> text.
+        Result of the latest processed scan.
+    degenerate_direction : float or None
+        Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None where there is
+        none.
+    sensor_pose : SE2
+        `Mounting.aligned_pose` of the latest scan.
+    skip_reason : str
+        Why the latest scan was skipped; empty when it was processed.
+    warnings : dict
+        Warnings about scans since the last report: kind -> text.
     """
 
-    answered: int = 0
+    processed: int = 0
     skipped: int = 0
-    statuses: Counter = field(default_factory=Counter)
-    update: object = None
-    direction: float | None = None
-    place: SE2 | None = None
-    trouble: str = ''
-    doubts: dict = field(default_factory=dict)
-    durations: deque = field(default_factory=lambda: deque(maxlen=SECOND_OPINION))
+    statuses: Counter[Status] = field(default_factory=Counter)
+    durations: deque[float] = field(default_factory=lambda: deque(maxlen=TIMED_SCANS))
+    update: OdometryUpdate | None = None
+    degenerate_direction: float | None = None
+    sensor_pose: SE2 = field(default_factory=SE2)
+    skip_reason: str = ''
+    warnings: dict[str, str] = field(default_factory=dict)
 
-    def processed(self, update, origin, place, duration):
-        """Take note of an update that took `duration` [s].
+    def processed_scan(self, update: OdometryUpdate, origin: SE2, sensor_pose: SE2, duration: float) -> None:
+        """Count a processed scan.
 
-        `origin` is the odometry's own frame in `odom_frame`, `place` the sensor's on the base.
+        Parameters
+        ----------
+        update : OdometryUpdate
+            Result of the scan.
+        origin : SE2
+            Frame of the odometry's poses in `odom_frame`.
+        sensor_pose : SE2
+            `Mounting.aligned_pose` of the scan, in the base frame.
+        duration : float
+            Processing time [s].
         """
-        self.answered += 1
+        self.processed += 1
         self.statuses[update.status] += 1
         self.durations.append(duration)
         self.update = update
-        self.trouble = ''
-        self.place = place
-        self.direction = None
+        self.skip_reason = ''
+        self.sensor_pose = sensor_pose
+        self.degenerate_direction = None
         if update.registration and update.registration.degenerate_direction is not None:
-            self.direction = (origin @ update.reference_pose).theta + update.registration.degenerate_direction
+            reference = origin @ update.reference_pose
+            self.degenerate_direction = reference.theta + update.registration.degenerate_direction
 
     @property
-    def wheel_correction(self):
-        """What is wrong with told motions of the base: `OdometryUpdate.wheel_correction` in its frame; None while nothing is known."""
+    def wheel_correction(self) -> NDArray[np.float64] | None:
+        """Learned `OdometryUpdate.wheel_correction` ``(3, 3)``, in the base frame; None if there is none."""
         if not self.update or not self.update.wheel_correction.any():
             return None
-        return self.place.adjoint() @ self.update.wheel_correction @ self.place.inverse().adjoint()
+        pose = self.sensor_pose
+        correction: NDArray[np.float64] = pose.adjoint() @ self.update.wheel_correction @ pose.inverse().adjoint()
+        return correction
 
-    def skip(self, trouble):
-        """Take note of a scan that was not answered."""
+    def skip(self, reason: str) -> None:
+        """Count a scan that was not processed."""
         self.skipped += 1
-        self.trouble = trouble
+        self.skip_reason = reason
 
-    def doubt(self, warnings):
-        """Take note of what is odd about a scan, a list of `ScanWarning`."""
-        self.doubts.update((warning.kind, warning.text) for warning in warnings)
+    def add_warnings(self, warnings: Iterable[ScanWarning]) -> None:
+        """Keep the warnings about a scan for the next report."""
+        self.warnings.update((warning.kind, warning.text) for warning in warnings)
 
-    def take_doubts(self) -> list:
-        """What was odd about the scans since the last call, in words."""
-        told, self.doubts = list(self.doubts.values()), {}
-        return told
+    def take_warnings(self) -> list[str]:
+        """Return the warnings about scans since the last call, and clear them."""
+        texts, self.warnings = list(self.warnings.values()), {}
+        return texts
 
-    def judge(self):
-        """(whether all is well, is doubtful or is lost: 0, 1 or 2; that in words)"""
-        if self.trouble:
-            return 2, self.trouble
+    def grade(self) -> tuple[Grade, str]:
+        """Grade the latest scan, with a message; there must have been one."""
+        if self.skip_reason or self.update is None:
+            return Grade.LOST, self.skip_reason
         reason = self.update.registration.reason if self.update.registration else ''
         status = self.update.status
         if status is Status.FAILED:
-            return 2, f'lost: {reason}'
+            return Grade.LOST, f'lost: {reason}'
         if status is Status.DEGENERATE:
-            along = '' if self.direction is None else (
-                f', along {math.degrees(math.remainder(self.direction, math.pi)):.0f} deg in the odometry frame')
-            return 1, f'degenerate{along}: {reason}'
+            return Grade.LOW_CONFIDENCE, f'degenerate{self._along()}: {reason}'
         if status is Status.AMBIGUOUS:
-            return 1, f'ambiguous: {reason}'
-        return 0, 'tracking'
+            return Grade.LOW_CONFIDENCE, f'ambiguous: {reason}'
+        return Grade.TRACKING, 'tracking'
+
+    def _along(self) -> str:
+        """Describe the degenerate direction; empty when the heading is degenerate instead."""
+        if self.degenerate_direction is None:
+            return ''
+        degrees = math.degrees(math.remainder(self.degenerate_direction, math.pi))
+        return f', along {degrees:.0f} deg in the odometry frame'

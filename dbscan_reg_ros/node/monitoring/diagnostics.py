@@ -1,161 +1,183 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``/diagnostics``, once a second."""
+"""Publisher of ``/diagnostics``, once a second."""
 import math
 import statistics
 import time
+from collections.abc import Callable, Iterator
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from ...core.registration.records import Status
+from ..frames.transform_sender import TransformSender
 from ..interfaces.endpoints import publisher
-from .counters import Health
-from .graph_checks import SOMEBODY, named, shared, unheard
+from ..interfaces.scan_input import ScanInbox
+from .counters import Counters, Grade
+from .graph_checks import UNNAMED, incompatibilities, named, shared
+from .throttled_log import ThrottledLog
 
 PERIOD = 1.0
 STALE_AFTER = 2.0
-"""No scan for so long [s] is worth a complaint."""
+"""Level STALE after so long [s] without a scan."""
 LOGGED_AFTER = 5.0
-"""No scan at all for so long [s] is worth one in the log, and another each time that it has lasted twice as long."""
+"""Log a warning after so long [s] without any scan, and again after twice the time."""
+MIN_ELAPSED = 1e-3
+"""Least time [s] that a rate is computed over."""
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
-LEVELS = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LEVELS = {Grade.TRACKING: DiagnosticStatus.OK, Grade.LOW_CONFIDENCE: DiagnosticStatus.WARN,
+          Grade.LOST: DiagnosticStatus.ERROR}
 
 
 class Diagnostics:
-    """Says once a second how the odometry is doing.
+    """Publishes level, message and values of the odometry.
 
     Parameters
     ----------
     node : rclpy.node.Node
-    health : Health
-    notices : Notices
-    transforms : TransformSender
+        The node that publishes.
+    counters : Counters
+        Counters of the odometry.
+    log : ThrottledLog
+        Log for faults of the graph.
+    sender : TransformSender
+        Sender of our transform.
     odom : rclpy publisher
-        Of our odometry.
+        Publisher of our odometry.
     is_paused : callable
+        Whether the odometry is paused.
     """
 
-    def __init__(self, node: Node, health: Health, notices, transforms, odom, is_paused):
+    def __init__(self, node: Node, counters: Counters, log: ThrottledLog, sender: TransformSender, odom: Publisher,
+                 is_paused: Callable[[], bool]) -> None:
         self._node = node
-        self._health = health
-        self._notices = notices
-        self._transforms = transforms
+        self._counters = counters
+        self._log = log
+        self._sender = sender
         self._odom = odom
         self._is_paused = is_paused
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
-        self._inbox = None
-        self._seen: set = set()
-        self._told: set = set()
+        self._inbox: ScanInbox | None = None
+        self._seen: set[str] = set()
+        self._logged: set[str] = set()
         self._begin()
 
-    def watch(self, inbox):
-        """Report on the scans of `inbox` from now on; None while the node does not listen."""
+    def watch(self, inbox: ScanInbox | None) -> None:
+        """Report on the scans of `inbox` from now on; None while the node is not subscribed."""
         self._inbox = inbox
         self._begin()
 
-    def _begin(self):
-        self._last = None
-        self._heard = time.monotonic()
+    def _begin(self) -> None:
+        self._last: tuple[float, tuple[int, int, int]] | None = None
+        self._last_scan = time.monotonic()
         self._patience = LOGGED_AFTER
 
-    def publish(self):
-        """Tell how the odometry has been doing since the last call, one `PERIOD` ago."""
+    def publish(self) -> None:
+        """Publish what happened since the last call, one `PERIOD` ago."""
         now = time.monotonic()
         counts = self._counts()
-        last_time, last = self._last or (now - PERIOD, (0,) * len(counts))
-        elapsed = max(now - last_time, 1e-3)
-        received, answered, dropped = (new - old for new, old in zip(counts, last, strict=True))
+        last_time, last = self._last or (now - PERIOD, (0, 0, 0))
+        elapsed = max(now - last_time, MIN_ELAPSED)
+        received, processed, dropped = (new - old for new, old in zip(counts, last, strict=True))
         self._last = now, counts
         if received:
-            self._heard = now
-        level, message = self._judge(now - self._heard, dropped)
+            self._last_scan = now
+        level, message = self._level(now - self._last_scan, dropped)
+        update = self._counters.update
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name()}: laser odometry', message=message,
-            hardware_id=self._health.update.features.scan.frame_id if self._health.update else '')
-        status.values = [KeyValue(key=key, value=value) for key, value in self._values(received / elapsed, answered / elapsed)]
+            hardware_id=update.features.scan.frame_id if update else '')
+        pairs = [*self._rates(received / elapsed, processed / elapsed), *self._scan_counts(), *self._estimates(),
+                 *((f'status {each.value}', str(self._counters.statuses[each])) for each in Status)]
+        status.values = [KeyValue(key=key, value=value) for key, value in pairs]
         report = DiagnosticArray(status=[status])
         report.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(report)
 
-    def _counts(self):
-        """Scans received, answered and dropped so far."""
-        return (self._inbox.received if self._inbox else 0, self._health.answered,
-                self._inbox.dropped if self._inbox else 0)
+    def _counts(self) -> tuple[int, int, int]:
+        """Count the scans received, processed and dropped so far."""
+        received, dropped = (self._inbox.received, self._inbox.dropped) if self._inbox else (0, 0)
+        return received, self._counters.processed, dropped
 
-    def _judge(self, silence, dropped):
-        """(level, message)"""
-        faults = self._faults()
-        conflict = self._transforms.conflict
-        level, message = self._state(silence)
-        doubts = [text for text in (*self._health.take_doubts(), *faults) if text not in message]
+    def _level(self, silence: float, dropped: int) -> tuple[bytes, str]:
+        """Level and message of the report, after `silence` [s] without a scan."""
+        faults = self._graph_faults()
+        conflict = self._sender.conflict
+        level, message = self._odometry_level(silence)
+        warnings = [text for text in (*self._counters.take_warnings(), *faults) if text not in message]
         if dropped:
-            doubts.append(f'too slow: {dropped} scans dropped')
-        if doubts and level == DiagnosticStatus.OK:
+            warnings.append(f'too slow: {dropped} scans dropped')
+        if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         if conflict:
             level = DiagnosticStatus.ERROR
-        return level, '; '.join(filter(None, [message, conflict, *doubts]))
+        return level, '; '.join(filter(None, [message, conflict, *warnings]))
 
-    def _state(self, silence):
-        """(level, message) of the odometry itself."""
+    def _odometry_level(self, silence: float) -> tuple[bytes, str]:
+        """Level and message of the odometry itself."""
         if self._inbox is None or self._is_paused():
             return DiagnosticStatus.OK, 'inactive' if self._inbox is None else 'paused'
         if silence > STALE_AFTER or not self._inbox.received:
-            waiting = self._waiting()
+            waiting = self._no_scans(self._inbox)
             if not self._inbox.received and silence >= self._patience:
                 self._node.get_logger().warning(f'{waiting} ({self._patience:.0f} s so far)')
                 self._patience *= 2.0
             return DiagnosticStatus.STALE, waiting
-        if self._health.update is None and not self._health.trouble:
-            return DiagnosticStatus.OK, 'no scan answered yet'
-        grade, message = self._health.judge()
+        if self._counters.update is None and not self._counters.skip_reason:
+            return DiagnosticStatus.OK, 'no scan processed yet'
+        grade, message = self._counters.grade()
         return LEVELS[grade], message
 
-    def _waiting(self):
-        topic = self._inbox.topic
-        names = named(self._node.get_publishers_info_by_topic(topic))
-        there = f'published there by {names}' if names else f'nobody publishes there{self._elsewhere()}'
-        return f'no scans on {topic}: {"; ".join(self._inbox.unheard()) or there}'
+    def _no_scans(self, inbox: ScanInbox) -> str:
+        """Why no scan arrives."""
+        names = named(self._node.get_publishers_info_by_topic(inbox.topic))
+        publishers = f'published there by {names}' if names else f'nobody publishes there{self._other_scan_topics()}'
+        return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'
 
-    def _elsewhere(self):
-        """Where scans are published instead, in words; empty when nowhere."""
+    def _other_scan_topics(self) -> str:
+        """Topics with scans, and how to subscribe to the first; empty when there are none."""
         topics = sorted(name for name, types in self._node.get_topic_names_and_types()
                         if LASER_SCAN in types and self._node.count_publishers(name))
-        return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}' if topics else ''
+        if not topics:
+            return ''
+        return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}'
 
-    def _faults(self):
-        """What of other nodes never gets here, or is published where we publish; logged when it comes up."""
-        faults = [text for subscription in self._node.subscriptions for text in unheard(self._node, subscription)]
+    def _graph_faults(self) -> list[str]:
+        """Find incompatible publishers on our topics and other publishers of our odometry; log each once."""
+        faults = [text for subscription in self._node.subscriptions
+                  for text in incompatibilities(self._node, subscription)]
         if self._inbox:
             faults += filter(None, [shared(self._node, self._odom)])
-        # The name of a newcomer may be known only a moment later.
-        told = {text for text in faults if SOMEBODY not in text or text in self._seen}
-        for text in sorted(told - self._told):
-            self._notices.warn(text)
-        self._seen, self._told = set(faults), told
+        # The name of a new node may be discovered after its publisher.
+        complete = {text for text in faults if UNNAMED not in text or text in self._seen}
+        for text in sorted(complete - self._logged):
+            self._log.warn(text)
+        self._seen, self._logged = set(faults), complete
         return faults
 
-    def _values(self, rate_in, rate_out):
-        health, inbox = self._health, self._inbox
-        update = health.update
-        durations = [1e3 * duration for duration in health.durations]
+    def _rates(self, rate_in: float, rate_out: float) -> Iterator[tuple[str, str]]:
+        """Rates [Hz] of scans and of odometry, and processing times."""
+        durations = [1e3 * duration for duration in self._counters.durations]
         yield 'scan rate [Hz]', f'{rate_in:.1f}'
         yield 'odometry rate [Hz]', f'{rate_out:.1f}'
-        yield 'processing median [ms]', f'{statistics.median(durations):.2f}' if durations else '-'
-        yield 'processing worst [ms]', f'{max(durations):.2f}' if durations else '-'
-        yield 'scans received', str(inbox.received if inbox else 0)
-        yield 'scans answered', str(health.answered)
-        yield 'scans dropped', str(inbox.dropped if inbox else 0)
-        yield 'scans skipped', str(health.skipped)
-        yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
-        yield 'free direction [rad]', '-' if health.direction is None else f'{health.direction:.3f}'
-        error = health.wheel_correction
-        if error is not None:
-            (way, _, _), (_, _, aside), (bend, _, turn) = error.tolist()
-            yield 'told way corrected by [%]', f'{100.0 * way:+.1f}'
-            yield 'told turn corrected by [%]', f'{100.0 * turn:+.1f}'
-            yield 'turn added to a told way [deg/m]', f'{math.degrees(bend):+.2f}'
-            yield 'way to the left added to a told turn [m/rad]', f'{aside:+.3f}'
-        for status in Status:
-            yield f'status {status.value}', str(health.statuses[status])
+        yield 'processing time median [ms]', f'{statistics.median(durations):.2f}' if durations else '-'
+        yield 'processing time maximum [ms]', f'{max(durations):.2f}' if durations else '-'
 
+    def _scan_counts(self) -> Iterator[tuple[str, str]]:
+        received, processed, dropped = self._counts()
+        yield 'scans received', str(received)
+        yield 'scans processed', str(processed)
+        yield 'scans dropped', str(dropped)
+        yield 'scans skipped', str(self._counters.skipped)
+
+    def _estimates(self) -> Iterator[tuple[str, str]]:
+        """Values of the latest registration, and the learned correction of the wheels."""
+        update, direction = self._counters.update, self._counters.degenerate_direction
+        yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
+        yield 'degenerate direction [rad]', '-' if direction is None else f'{direction:.3f}'
+        correction = self._counters.wheel_correction
+        if correction is not None:
+            yield 'wheel distance scale correction [%]', f'{100.0 * correction[0, 0]:+.1f}'
+            yield 'wheel rotation scale correction [%]', f'{100.0 * correction[2, 2]:+.1f}'
+            yield 'wheel curvature correction [deg/m]', f'{math.degrees(correction[2, 0]):+.2f}'
+            yield 'wheel lateral offset correction [m/rad]', f'{correction[1, 2]:+.3f}'

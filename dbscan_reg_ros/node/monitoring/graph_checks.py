@@ -1,78 +1,85 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who else is in the ROS graph, in words, and what of theirs never gets here or gets in our way."""
+"""Checks of the ROS graph: incompatible publishers, and publishers that share a topic with ours."""
+from collections.abc import Iterable
+
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos_check_compatible
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
-"""rmw's name for the node of an endpoint that is known, while the node is not."""
-SOMEBODY = 'somebody'
+"""Node name that rmw gives to an endpoint whose node is not discovered yet."""
+UNNAMED = 'an unnamed node'
 POLICIES = {'reliability': (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
             'durability': (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE)}
-"""What a subscription may ask for, and what is less than that."""
+"""Policy -> value that a subscription may request, and the offered value that does not satisfy it."""
 
 
-def full_name(endpoint) -> str:
-    """The name of the node that an endpoint belongs to; `SOMEBODY` while that is not discovered."""
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Name of the node of an endpoint, with its namespace; `UNNAMED` while it is not discovered."""
     if endpoint.node_name == UNKNOWN:
-        return SOMEBODY
+        return UNNAMED
     return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
-def named(endpoints) -> str:
-    """The names of the nodes that `endpoints` belong to, each once; empty when there are none."""
+def named(endpoints: Iterable[TopicEndpointInfo]) -> str:
+    """Names of the nodes of `endpoints`, each once, separated by commas; empty when there are none."""
     return ', '.join(sorted({full_name(endpoint) for endpoint in endpoints}))
 
 
-def publishers(node: Node, topic) -> dict:
-    """Identity, as bytes -> TopicEndpointInfo of all publishers on `topic`."""
+def publishers(node: Node, topic: str) -> dict[bytes, TopicEndpointInfo]:
+    """Gid -> information of all publishers on `topic`."""
     return {bytes(endpoint.endpoint_gid): endpoint for endpoint in node.get_publishers_info_by_topic(topic)}
 
 
-def other_publishers(node: Node, topic, published) -> list:
-    """The TopicEndpointInfo of all publishers on `topic` but ours; `published` tells whether we have one there."""
+def other_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    """Information of all publishers on `topic` except one of `node`."""
     endpoints = node.get_publishers_info_by_topic(topic)
-    own = node.get_fully_qualified_name() if published else None
+    own = node.get_fully_qualified_name()
     ours = next((endpoint for endpoint in endpoints if full_name(endpoint) == own), None)
     return [endpoint for endpoint in endpoints if endpoint is not ours]
 
 
-def unheard(node: Node, subscription) -> list:
-    """Why a subscription of `node` hears nothing of publishers on its topic: a sentence for each of them."""
+def incompatibilities(node: Node, subscription: Subscription) -> list[str]:
+    """Why a subscription of `node` receives nothing from publishers on its topic: a sentence for each of them."""
     endpoints = node.get_publishers_info_by_topic(subscription.topic_name)
-    return list(filter(None, (_mismatch(node, subscription, endpoint) for endpoint in endpoints)))
+    return list(filter(None, (_incompatibility(node, subscription, endpoint) for endpoint in endpoints)))
 
 
-def _mismatch(node, subscription, endpoint):
+def _incompatibility(node: Node, subscription: Subscription, endpoint: TopicEndpointInfo) -> str:
+    """Say in which respect the type or the quality of service of a publisher is incompatible; empty when neither is."""
     topic, name = subscription.topic_name, full_name(endpoint)
     kind = subscription.msg_type
     expected = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
     if endpoint.topic_type != expected:
-        return f'{name} publishes {endpoint.topic_type} on {topic}; expected {expected}: not one message of it gets here'
+        return f'{name} publishes {endpoint.topic_type} on {topic}; expected {expected}: its messages are not received'
     verdict, reason = qos_check_compatible(endpoint.qos_profile, subscription.qos_profile)
     if verdict != QoSCompatibility.ERROR:
         return ''
-    return (f'the quality of service of {name} on {topic} does not suit ours, not one message of it gets here: '
-            f'{_difference(node, topic, endpoint.qos_profile, subscription.qos_profile) or reason.strip() or "incompatible"}')
+    difference = _difference(node, topic, endpoint.qos_profile, subscription.qos_profile)
+    return (f'the quality of service of {name} on {topic} is incompatible with ours, its messages are not received: '
+            f'{difference or reason.strip() or "incompatible"}')
 
 
-def _difference(node, topic, offered, asked):
-    """In which policies less is offered than asked for, and what to do."""
+def _difference(node: Node, topic: str, offered: QoSProfile, requested: QoSProfile) -> str:
+    """Policies in which less is offered than requested, and what to do."""
     differences, remedies = [], ['let it publish with ours']
     for policy, (more, less) in POLICIES.items():
-        if getattr(asked, policy) == more and getattr(offered, policy) == less:
+        if getattr(requested, policy) == more and getattr(offered, policy) == less:
             differences.append(f'its {policy} is {_words(less)}, ours {_words(more)}')
-            ours = f'qos_overrides.{topic}.subscription.{policy}'
-            if node.has_parameter(ours):
-                remedies.append(f'start this node with {ours}:={less.short_key}')
-    return differences and f'{", ".join(differences)}; {", or ".join(remedies)}'
+            override = f'qos_overrides.{topic}.subscription.{policy}'
+            if node.has_parameter(override):
+                remedies.append(f'start this node with {override}:={less.short_key}')
+    return f'{", ".join(differences)}; {", or ".join(remedies)}' if differences else ''
 
 
-def _words(policy):
-    return policy.short_key.replace('_', ' ')
+def _words(policy: ReliabilityPolicy | DurabilityPolicy) -> str:
+    return str(policy.short_key).replace('_', ' ')
 
 
-def may_send_odometry(node: Node, endpoint) -> bool:
-    """Whether the node that an endpoint belongs to publishes an odometry, or is not discovered yet."""
+def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:
+    """Whether the node of an endpoint publishes an odometry, or is not discovered yet."""
     try:
         topics = node.get_publisher_names_and_types_by_node(endpoint.node_name, endpoint.node_namespace)
     except RuntimeError:
@@ -80,12 +87,12 @@ def may_send_odometry(node: Node, endpoint) -> bool:
     return any('nav_msgs/msg/Odometry' in kinds for _, kinds in topics)
 
 
-def shared(node: Node, publisher) -> str:
-    """Who else publishes on the topic of our `publisher`, and what to do; empty while nobody does."""
-    names = named(other_publishers(node, publisher.topic_name, published=True))
+def shared(node: Node, publisher: Publisher) -> str:
+    """Name other publishers on the topic of our `publisher`, and what to do; empty when there are none."""
+    names = named(other_publishers(node, publisher.topic_name))
     if not names:
         return ''
     own = node.get_fully_qualified_name()
     names = ', '.join(f'another node named {name}' if name == own else name for name in names.split(', '))
-    return (f'{publisher.topic_name} is published by {names}, too: who hears it gets two odometries mixed; remap ours, as with '
-            '--ros-args -r odom:=laser_odom, or theirs')
+    return (f'{publisher.topic_name} is also published by {names}: subscribers receive two odometries mixed; remap '
+            'ours, as with --ros-args -r odom:=laser_odom, or theirs')

@@ -1,37 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings that do not flood the log."""
+"""Throttled log: warnings that recur are logged once in a while."""
 import re
 import time
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 MAX_KINDS = 100
 
 
-class Notices:
-    """Logs a warning at once, and then no more of the same kind for a while.
+class ThrottledLog:
+    """Logs a warning at once, then suppresses warnings of the same kind for a period.
 
-    Warnings are of the same kind when they differ in nothing but numbers and quoted names.
+    Two warnings are of the same kind when they differ only in numbers and quoted names.
 
     Parameters
     ----------
     logger : rclpy logger
+        Logger that the warnings go to.
     period : float
-        Time between two warnings of one kind [s].
+        Minimum time between two warnings of one kind [s].
     """
 
-    def __init__(self, logger, period=10.0):
+    def __init__(self, logger: RcutilsLogger, period: float = 10.0) -> None:
         self._logger = logger
         self._period = period
-        self._kinds = {}
+        self._kinds: dict[str, tuple[float, int]] = {}
 
-    def warn(self, text):
-        """Log `text`, or count it when its kind was logged a short while ago."""
+    def warn(self, text: str) -> None:
+        """Log `text`, or count it when its kind was logged less than a period ago."""
         kind = re.sub(r"'[^']*'|-?\b(\d[\w.+-]*|nan|inf)\b", '#', text)
         now = time.monotonic()
-        last, unsaid = self._kinds.get(kind, (-self._period, 0))
+        last, suppressed = self._kinds.get(kind, (-self._period, 0))
         if now - last < self._period:
-            self._kinds[kind] = last, unsaid + 1
+            self._kinds[kind] = last, suppressed + 1
             return
         if len(self._kinds) > MAX_KINDS:
             self._kinds.clear()
         self._kinds[kind] = now, 0
-        self._logger.warning(text + (f' ({unsaid} more like this since the last time)' if unsaid else ''))
+        self._logger.warning(text + (f' ({suppressed} more like this since the last time)' if suppressed else ''))

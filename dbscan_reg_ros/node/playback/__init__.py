@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Playing a recording to a running node, and what it answers."""
+"""Playback of a recording to a running node, and the odometry that it publishes."""

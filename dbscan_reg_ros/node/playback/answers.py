@@ -1,46 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of the scans that were played to a node."""
+"""Odometry messages that a node published for the scans played to it."""
 import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 
 
 @dataclass
 class Answers:
-    """What a node said to the scans played to it.
+    """Odometry that a node published for the scans played to it.
 
     Attributes
     ----------
     stamps : list of int
-        Of all scans published [ns], in order.
+        Stamps of all scans published [ns], in order.
     messages : list of nav_msgs.msg.Odometry or None
-        The odometry for each of them; None where there was none.
+        Odometry of each scan; None where none was received.
     delays : list of float
-        From publishing each scan to its odometry [s]; nan where there was none.
+        Time from publishing each scan to receiving its odometry [s]; nan where none was received.
     unexpected : int
-        Odometry messages that belong to no scan that was waiting for one.
+        Odometry messages whose stamp is that of no scan without odometry.
     passed : Counter
-        Topic -> messages published on it, besides the scans.
+        Topic -> number of messages published on it, except scans.
     damaged : Counter
-        Topic -> messages that could not be, for their bytes are no message of their type.
+        Topic -> number of messages that could not be decoded.
     """
 
-    stamps: list = field(default_factory=list)
-    messages: list = field(default_factory=list)
-    delays: list = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    messages: list[Odometry | None] = field(default_factory=list)
+    delays: list[float] = field(default_factory=list)
     unexpected: int = 0
-    passed: Counter = field(default_factory=Counter)
-    damaged: Counter = field(default_factory=Counter)
+    passed: Counter[str] = field(default_factory=Counter)
+    damaged: Counter[str] = field(default_factory=Counter)
 
     @property
     def lost(self) -> int:
-        """How many scans were published and not answered."""
+        """Number of scans that were published and have no odometry."""
         return sum(message is None for message in self.messages)
 
-    def poses(self):
-        """``(N, 3)`` x [m], y [m] and yaw [rad] for each scan, nan where it was lost."""
+    def poses(self) -> NDArray[np.float64]:
+        """Return the pose ``(N, 3)`` at each scan: x [m], y [m], yaw [rad]; nan where there is no odometry."""
         poses = np.full((len(self.messages), 3), math.nan)
         for row, message in zip(poses, self.messages, strict=True):
             if message is not None:

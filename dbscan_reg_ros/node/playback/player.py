@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plays recordings to a running node over ROS, and collects what it answers."""
+"""Player of recordings to a running node; collects the odometry that the node publishes."""
 import math
 import time
 from collections import deque
+from collections.abc import Iterable, Sequence
 
 import rclpy
 from nav_msgs.msg import Odometry
@@ -12,34 +13,59 @@ from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
 from ...command_lines import command_line
 from ...core.errors import DbscanRegError
+from ...core.scan import Scan
 from ...recordings.message_fields import filled, message_class
-from ...recordings.playback import Played
+from ...recordings.playback import Channel, Played
 from ...recordings.schedule import Timeline
 from ..interfaces.messages import scan_to_message, stamp_from_message, stamp_to_message
 from .answers import Answers
 
 DEPTH = 100
 WINDOW = 3
-"""Scans on the way at a time when playing in lockstep: fewer than a subscription with sensor-data QoS holds."""
+"""Scans without odometry at a time in lockstep: fewer than the depth of a subscription with sensor-data QoS."""
 CLOCK_PERIOD = 0.025
+"""Interval of /clock [s]."""
 POLL = 0.02
+"""Interval [s] at which the ROS graph is checked."""
 RETRY = 1.0
-"""A call is repeated after this time [s]: the answer is lost while the other side does not know the caller yet."""
+"""A call is repeated after this time [s]: the response is lost while the server has not discovered the client."""
 
 
 class PlayerError(DbscanRegError):
-    """There is no node to play to, or it does not answer."""
+    """There is no node to play to, or it does not respond."""
+
+
+class _Pace:
+    """Playback at a constant rate: relates the time of a recording to the steady clock.
+
+    Parameters
+    ----------
+    rate : float
+        Seconds of the recording in one second.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+        self._start: tuple[int, float] | None = None
+
+    def remaining(self, due: int) -> float:
+        """Return the time [s] until the recording time is `due` [ns]; the first one is due at once."""
+        now = time.monotonic()
+        self._start = self._start or (due, now)
+        return self._start[1] + (due - self._start[0]) * 1e-9 / self.rate - now
 
 
 class Player:
-    """A ROS node that publishes scans on ``scan`` and listens to ``odom``; use it in a ``with`` statement.
+    """ROS node that publishes scans on ``scan`` and subscribes to ``odom``; use it in a ``with`` statement.
 
     Parameters
     ----------
@@ -51,10 +77,10 @@ class Player:
     Attributes
     ----------
     answers : Answers
-        Of what is being played.
+        Odometry for the scans that are being played.
     """
 
-    def __init__(self, arguments=(), clock=False):
+    def __init__(self, arguments: Sequence[str] = (), clock: bool = False) -> None:
         self._context = Context()
         rclpy.init(args=['play', *arguments], context=self._context)
         self._node = Node('play', context=self._context, enable_rosout=False)
@@ -62,39 +88,43 @@ class Player:
         self._executor.add_node(self._node)
         self._scans = self._node.create_publisher(LaserScan, 'scan', DEPTH)
         self._odom = self._node.create_subscription(Odometry, 'odom', self._on_odometry, DEPTH)
-        self._channels = {}
-        self._clock, self._now = None, 0
+        self._channels: dict[Channel, tuple[type, Publisher]] = {}
+        self._clock: Publisher | None = None
+        self._now = 0
         if clock:
             quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._clock = self._node.create_publisher(Clock, '/clock', quality)
         self._begin()
 
-    def _begin(self):
+    def _begin(self) -> None:
         self.answers = Answers()
-        self._waiting = deque(maxlen=DEPTH)
-        self._published = []
+        self._waiting: deque[int] = deque(maxlen=DEPTH)
+        self._published: list[float] = []
         self._last_answer = time.monotonic()
 
-    def __enter__(self):
+    def __enter__(self) -> 'Player':
+        """Return the player."""
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
+        """Close the player."""
         self.close()
 
-    def close(self):
+    def close(self) -> None:
         """Leave the ROS graph."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
-    def announce(self, channels) -> list:
-        """Get ready to publish what the `channels` of a recording carry; one line for each that cannot be."""
+    def announce(self, channels: Iterable[Channel]) -> list[str]:
+        """Create a publisher for each channel of a recording; return a line for each that cannot be published."""
         problems = []
         for channel in channels:
             durability = DurabilityPolicy.TRANSIENT_LOCAL if channel.latched else DurabilityPolicy.VOLATILE
             try:
                 kind = message_class(channel.kind)
-                publisher = self._node.create_publisher(kind, channel.topic, QoSProfile(depth=DEPTH, durability=durability))
+                quality = QoSProfile(depth=DEPTH, durability=durability)
+                publisher = self._node.create_publisher(kind, channel.topic, quality)
             except (ImportError, AttributeError):
                 problems.append(f'{channel.recorded} is not played: its type {channel.kind} is not installed here')
             except InvalidTopicNameException:
@@ -103,42 +133,43 @@ class Player:
                 self._channels[channel] = kind, publisher
         return problems
 
-    def wait_for_node(self, timeout=10.0, answering=True):
-        """Wait until a node is there and certain to receive the first scan.
+    def wait_for_node(self, timeout: float = 10.0, answering: bool = True) -> None:
+        """Wait until a node runs and is certain to receive the first scan.
 
-        Discovery is mutual but not simultaneous: the node counts as ready when it has answered a call to a service
-        of its own, for by then it knows all that this one publishes and hears.
+        Discovery is mutual but not simultaneous: a node that has responded to a service call has discovered the
+        publishers and subscriptions of the player.
 
         Parameters
         ----------
         timeout : float
-            [s]
+            Time to wait [s].
         answering : bool
-            Wait for a node that also publishes ``odom``, and not for any that hears scans.
+            Wait for a node that also publishes ``odom``, and not for any that subscribes to the scans.
 
         Raises
         ------
         PlayerError
-            When there is no such node in time, or it does not answer.
+            When there is no such node in time, or it does not respond.
         """
         deadline = time.monotonic() + timeout
-        while not (nodes := self._listeners(answering)):
+        while not (nodes := self._subscribers(answering)):
             if time.monotonic() > deadline:
                 publishes = f' and publishes {self._odom.topic_name}' if answering else ''
-                raise PlayerError(f'no node hears {self._scans.topic_name}{publishes} after {timeout:g} s; start one: '
-                                  + command_line('scan_matcher'))
+                raise PlayerError(f'no node subscribes to {self._scans.topic_name}{publishes} after {timeout:g} s; '
+                                  f'start one: {command_line("scan_matcher")}')
             self._executor.spin_once(POLL)
         for name in nodes:
-            self._greet(name, deadline, required=answering)
+            self._wait_for_discovery(name, deadline, required=answering)
 
-    def _listeners(self, answering):
+    def _subscribers(self, answering: bool) -> set[str]:
         """Full names of the nodes to play to."""
         names = _node_names(self._node.get_subscriptions_info_by_topic(self._scans.topic_name))
         if answering:
             names &= _node_names(self._node.get_publishers_info_by_topic(self._odom.topic_name))
         return names
 
-    def _greet(self, name, deadline, required):
+    def _wait_for_discovery(self, name: str, deadline: float, required: bool) -> None:
+        """Call a service of a node until it responds; when it does not in time, raise PlayerError if `required`."""
         client = self._node.create_client(GetParameters, f'{name}/get_parameters')
         try:
             while time.monotonic() < deadline:
@@ -152,51 +183,56 @@ class Player:
         finally:
             self._node.destroy_client(client)
         if required:
-            raise PlayerError(f'the node {name} hears {self._scans.topic_name}, but does not answer; is it blocked?')
+            raise PlayerError(f'the node {name} subscribes to {self._scans.topic_name}, but does not respond; is it '
+                              'blocked?')
 
-    def play(self, items, rate=None, window=WINDOW, patience=2.0) -> Answers:
-        """Publish scans in their order, with their own stamps, and between them what else was recorded.
+    def play(self, items: Iterable[Scan | Played], rate: float | None = None, window: int = WINDOW,
+             patience: float = 2.0) -> Answers:
+        """Publish scans in their order, with their own stamps, and the messages of the announced channels between them.
 
         Parameters
         ----------
         items : iterable of Scan or Played
-            What was recorded on a topic that was not announced is left out.
+            Messages of channels that were not announced are skipped.
         rate : float, optional
-            Times the speed of their stamps; without it each scan is published as soon as the node has answered
-            enough of those before.
+            Speed relative to the stamps; without it (lockstep) each scan is published as soon as the node has published
+            the odometry of the earlier ones.
         window : int
-            How many scans may wait for an answer when no rate is given.
+            Number of scans that may be without odometry in lockstep.
         patience : float
-            A scan that has waited this long [s] for an answer, with none for any other, is given up.
+            A scan is given up when no odometry was received for so long [s].
 
         Raises
         ------
         PlayerError
-            When an answer is missing and nobody hears the scans any more.
+            When odometry is missing and no node subscribes to the scans any more.
         """
         self._begin()
-        timeline, start = Timeline(), None
+        timeline, pace = Timeline(), rate and _Pace(rate)
         for item in items:
             played = item if isinstance(item, Played) else Played(item)
             due = timeline.due(played)
-            if rate is None and not played.channel:
+            if pace and due is not None:
+                self._wait_until(pace, due)
+            elif not pace and not played.channel:
                 self._wait_for_answers(window - 1, patience)
-            elif rate is not None and due is not None:
-                start = start or (due, time.monotonic())
-                self._wait_until(start[1] + (due - start[0]) * 1e-9 / rate, due, rate)
             if played.channel:
-                self._pass(played)
+                self._publish_message(played)
             else:
                 self._tick(due)
-                self._publish(played.content)
-        if rate is None or any(self.answers.messages):
+                self._publish_scan(played.content)
+        if not pace or any(self.answers.messages):
             self._wait_for_answers(0, patience)
-        for publisher in (self._scans, *(publisher for _, publisher in self._channels.values())):
-            publisher.wait_for_all_acked(Duration(seconds=patience))
+        self._wait_for_acknowledgement(patience)
         return self.answers
 
-    def _pass(self, played):
-        """Publish what a channel carries, where it is a message that a node can take."""
+    def _wait_for_acknowledgement(self, patience: float) -> None:
+        """Wait until every reliable subscription has received all messages, at most `patience` [s] for each topic."""
+        for publisher in (self._scans, *(publisher for _, publisher in self._channels.values())):
+            publisher.wait_for_all_acked(Duration(seconds=patience))
+
+    def _publish_message(self, played: Played) -> None:
+        """Publish a message of an announced channel; damaged ones are counted."""
         if played.channel not in self._channels:
             return
         kind, publisher = self._channels[played.channel]
@@ -209,7 +245,7 @@ class Player:
         publisher.publish(message)
         self.answers.passed[topic] += 1
 
-    def _publish(self, scan):
+    def _publish_scan(self, scan: Scan) -> None:
         self._waiting.append(len(self.answers.stamps))
         self.answers.stamps.append(scan.stamp)
         self.answers.messages.append(None)
@@ -220,33 +256,34 @@ class Player:
         self._published.append(time.monotonic())
         self._scans.publish(message)
 
-    def _wait_for_answers(self, allowed, patience):
-        """Until no more than `allowed` scans wait for an answer."""
+    def _wait_for_answers(self, allowed: int, patience: float) -> None:
+        """Wait until no more than `allowed` scans are without odometry."""
         while len(self._waiting) > allowed:
             remaining = self._last_answer + patience - time.monotonic()
             if remaining <= 0.0:
                 if not self._scans.get_subscription_count():
                     answered = sum(message is not None for message in self.answers.messages)
-                    raise PlayerError(f'the node that heard {self._scans.topic_name} has gone; it answered {answered} of '
-                                      f'{len(self.answers.stamps)} scans')
+                    raise PlayerError(f'the node that subscribed to {self._scans.topic_name} has gone; it answered '
+                                      f'{answered} of {len(self.answers.stamps)} scans')
                 self._waiting.popleft()
                 self._last_answer = time.monotonic()
             else:
                 self._executor.spin_once(remaining)
 
-    def _wait_until(self, moment, due, rate):
-        """Until the steady clock shows `moment`, when the schedule shows `due` [ns]; with a clock that ticks."""
-        while (remaining := moment - time.monotonic()) > 0.0:
+    def _wait_until(self, pace: '_Pace', due: int) -> None:
+        """Wait until the recording time is `due` [ns]; publish /clock meanwhile."""
+        while (remaining := pace.remaining(due)) > 0.0:
             self._executor.spin_once(min(remaining, CLOCK_PERIOD) if self._clock else remaining)
             if self._clock:
-                self._tick(due - max(0, int((moment - time.monotonic()) * rate * 1e9)))
+                self._tick(due - max(0, int(pace.remaining(due) * pace.rate * 1e9)))
 
-    def _tick(self, now):
+    def _tick(self, now: int) -> None:
+        """Publish `now` [ns] on /clock, where that is wanted; the clock never goes back."""
         if self._clock:
             self._now = max(self._now, now)
             self._clock.publish(Clock(clock=stamp_to_message(self._now)))
 
-    def _on_odometry(self, message):
+    def _on_odometry(self, message: Odometry) -> None:
         stamp = stamp_from_message(message.header.stamp)
         answers = self.answers
         if not any(answers.stamps[index] == stamp for index in self._waiting):
@@ -259,5 +296,6 @@ class Player:
         answers.delays[index] = self._last_answer - self._published[index]
 
 
-def _node_names(endpoints):
+def _node_names(endpoints: Iterable[TopicEndpointInfo]) -> set[str]:
+    """Full names of the nodes of `endpoints`, without hidden ones."""
     return {f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in endpoints if not e.node_name.startswith('_')}

@@ -53,7 +53,8 @@ class Bag(Recording):
 
     def channels(self):
         with open_reader(self.path) as reader:
-            held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections if c.topic != self.topic}
+            held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
+                    if c.topic != self.topic and c.msgcount}
         inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
         return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static', inputs.get(topic, ''))
                 for topic, (kind, latched) in held.items()]

@@ -136,9 +136,9 @@ def test_numbers_may_be_written_as_ros_takes_them(read, number):
     ('/**: {ros__parameters: {odom_frame: base_link}}', 'expected two different frames'),
     ('other_node: {ros__parameters: {gain: 3.0}}', "no parameters for 'scan_matcher', only for /other_node"),
     ('/**: {ros__parameters: [1, 2]}', 'expected names with values'),
-    ('scan: {range_max: 5.0}', 'holds no section'),
-    ('', 'holds no section'),
-    ('[1, 2]', 'holds no section'),
+    ('scan: {range_max: 5.0}', 'has no section'),
+    ('', 'has no section'),
+    ('[1, 2]', 'has no section'),
     ('a: b: c', 'line 1: no valid YAML'),
     ('a: !!python/object/apply:os.getcwd []', 'no valid YAML'),
 ])

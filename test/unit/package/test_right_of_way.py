@@ -37,7 +37,7 @@ def test_one_that_may_not_be_alone_listens_first_the_longer_the_more_go_first(fi
 
 def test_one_stray_transform_takes_five_seconds_and_no_more():
     right = sending()
-    right.hear(1.0)
+    right.conflict(1.0)
     assert right.gives_way and not right.may_send(5.9, alone)
     assert taken_over(right, 1.0) == pytest.approx(1.0 + WAIT, abs=0.02)
     assert not right.may_send(1.0 + WAIT + 0.5 * DISCOVERY, alone)
@@ -47,7 +47,7 @@ def test_one_stray_transform_takes_five_seconds_and_no_more():
 def test_one_that_goes_on_is_given_way_to_for_as_long_as_it_does():
     right = sending()
     for now in np.arange(1.0, 200.0, 4.9):
-        right.hear(now)
+        right.conflict(now)
         assert not right.take_over(now + 4.8)
     assert right.wait == WAIT
     assert taken_over(right, now) == pytest.approx(now + WAIT, abs=0.02)
@@ -56,7 +56,7 @@ def test_one_that_goes_on_is_given_way_to_for_as_long_as_it_does():
 def test_the_waiting_time_doubles_each_time_up_to_80_s():
     right, now, waits = sending(), 1.0, []
     for _ in range(7):
-        right.hear(now)
+        right.conflict(now)
         back = taken_over(right, now)
         waits.append(back - now)
         assert right.may_send(back + 1.0, alone)
@@ -67,7 +67,7 @@ def test_the_waiting_time_doubles_each_time_up_to_80_s():
 def test_after_a_long_time_undisturbed_it_waits_for_five_seconds_again():
     right = sending()
     for now, wait in ((1.0, 5.0), (10.0, 10.0), (22.0 + LONGEST, 5.0)):
-        right.hear(now)
+        right.conflict(now)
         assert right.wait == wait
         assert right.may_send(taken_over(right, now) + 1.0, alone)
 
@@ -75,10 +75,10 @@ def test_after_a_long_time_undisturbed_it_waits_for_five_seconds_again():
 def test_who_insists_sends_at_once_and_waits_for_five_seconds_the_next_time():
     right = sending()
     for now in (1.0, 10.0):
-        right.hear(now)
+        right.conflict(now)
         right.insist(now + 1.0)
         assert right.may_send(now + 1.0, lambda: 2)
-    right.hear(20.0)
+    right.conflict(20.0)
     assert right.wait == WAIT
 
 
@@ -101,7 +101,7 @@ def simulated(seed, duration=120.0):
         knows = [now > announced[1 - k] + 0.05 and now > 0.1 and not rights[1 - k].gives_way for k in (0, 1)]
         who = [k for k in (0, 1) if rights[k].may_send(now, lambda first=k if knows[k] else None: first)]
         for k in who:
-            rights[1 - k].hear(now + 0.02)
+            rights[1 - k].conflict(now + 0.02)
         sent.append((now, who))
     return sent
 
