@@ -253,7 +253,7 @@ def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, 
     last = give_way(node, player, peer, scans, tf_type, stray)
     status = diagnosis(peer, reports, lambda s: 'another node sends' in s.message)
     assert status.level == DiagnosticStatus.ERROR
-    assert 'on /tf there are: /wheels. A frame has one parent: ours, from \'odom\', is not sent until it was silent for 5 s' in status.message
+    assert "publishers on /tf: /wheels. A frame has one parent: ours, from 'odom', is not sent until it is silent for 5 s" in status.message
     peer.until(lambda: '/scan_matcher' in publishers(peer))
     assert 4.9 < time.monotonic() - last < 8.0
     said(node, "no other node has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)

@@ -135,7 +135,7 @@ def test_what_is_wrong_with_the_wheels_is_told(start_with, player, peer, scans, 
     play_slowly(player, peer, Loudspeaker(peer, Odometry, 'wheel_odom'), scans, list(map(wheel, stamps, told)))
     count = len(heard)
     peer.until(lambda: len(heard) > count + 1)
-    values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if 'told' in pair.key}
+    values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if pair.key.startswith('wheel ')}
     assert 6.0 < values['wheel distance scale correction [%]'] < 13.0
     assert abs(values['wheel rotation scale correction [%]']) < 4.0
     assert abs(values['wheel curvature correction [deg/m]']) < 2.0

@@ -45,13 +45,7 @@ class PlayerError(DbscanRegError):
 
 
 class _Pace:
-    """Playback at a constant rate: relates the time of a recording to the steady clock.
-
-    Parameters
-    ----------
-    rate : float
-        Seconds of the recording in one second.
-    """
+    """Playback at a constant rate: relates the time of a recording to the steady clock, `rate` times as fast."""
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
