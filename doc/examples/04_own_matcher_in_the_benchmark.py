@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A matcher of your own beside ours: python 04_own_matcher_in_the_benchmark.py [RECORDING with truth or relations]."""
+import sys
+
+from scipy.spatial import cKDTree
+
+from dbscan_reg_ros import SE2, Status, open_recording
+from dbscan_reg_ros.evaluation.baselines import Result, rigid_fit
+from dbscan_reg_ros.evaluation.known_motion import errors_of
+from dbscan_reg_ros.evaluation.methods import Method
+from dbscan_reg_ros.evaluation.trackers import KeyFrames, tracker
+from dbscan_reg_ros.simulation import demo
+from dbscan_reg_ros.simulation.recording import SimulatedRecording
+
+
+def align(reference, current, guess=None):  # point-to-point ICP: pose of the current scan in the reference's frame
+    transform, tree = guess or SE2(), cKDTree(reference)
+    for _ in range(20):
+        distance, nearest = tree.query(transform.apply(current))
+        transform = rigid_fit.fit(reference[nearest[distance < 0.5]], current[distance < 0.5])
+    return Result(transform, Status.OK)
+
+
+recording = open_recording(sys.argv[1]) if sys.argv[1:] else SimulatedRecording('simulated', demo())
+# A method prepares each scan once, then aligns pairs of them. KeyFrames makes an odometry of any method.
+for odometry in tracker('dbscan'), KeyFrames(Method('own', lambda scan: scan.points[scan.valid], align)):
+    poses = [odometry.process(scan).pose.as_array() for scan in recording.scans()]
+    errors = errors_of(recording, recording.stamps(), poses)
+    print(type(odometry).__name__, {name: round(each, 4) for name, each in errors.items() if '_mean_' in name})

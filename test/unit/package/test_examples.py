@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The examples of doc/examples run from any folder, on simulated scans and on a recording, and print what they promise."""
+import gzip
+import itertools
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+EXAMPLES = ('01_two_scans', '02_odometry_of_a_log', '03_own_prior', '04_own_matcher_in_the_benchmark')
+LINES = 600
+"""Of the Intel log, about half of them scans."""
+
+
+@pytest.fixture
+def example(root, tmp_path, monkeypatch):
+    """``example(name, *arguments)``: what the example prints when it is run in another folder."""
+    monkeypatch.setenv('PYTHONPATH', str(root))
+
+    def example(name, *arguments):
+        command = [sys.executable, '-W', 'error', root / 'doc' / 'examples' / f'{name}.py', *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        assert (done.returncode, done.stderr) == (0, '')
+        return done.stdout
+    return example
+
+
+@pytest.fixture
+def intel(data, tmp_path):
+    """The beginning of the Intel log, with its relations."""
+    log = tmp_path / 'short.log'
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as lines:
+        log.write_text(''.join(itertools.islice(lines, LINES)))
+    shutil.copy(next((data / 'intel').glob('*.relations')), log.with_suffix('.relations'))
+    return log
+
+
+def numbers(text):
+    return [float(number) for number in re.findall(r'(?<![\w.])-?\d+\.\d+', text)]
+
+
+def measures(text):
+    """First word of each line -> measure -> value."""
+    return {line.split()[0]: {name: float(value) for name, value in re.findall(r"'(\w+)': ([\d.]+)", line)}
+            for line in text.splitlines()}
+
+
+def test_every_example_is_tested_and_shorter_than_30_lines(root):
+    files = sorted((root / 'doc' / 'examples').glob('*.py'))
+    assert tuple(path.stem for path in files) == EXAMPLES
+    assert all(len(path.read_text().splitlines()) < 30 for path in files)
+
+
+def test_two_scans_of_the_simulated_building(example):
+    scan, motion, sigma, status = example('01_two_scans').splitlines()
+    assert scan == 'Scan(180 beams from -90.0 to 89.0 deg, 180 returns at 1.08 to 20.44 m, stamp 1700000001900000000 ns)'
+    # The robot drives straight ahead: 0.32 m in the 0.9 s after it has set off with 0.8 m/s^2.
+    assert numbers(motion) == pytest.approx([0.324, 0.0, 0.0], abs=0.01)
+    assert all(0.0 < value < 0.05 for value in numbers(sigma)) and status == 'status OK'
+
+
+def test_two_scans_of_a_recording(example, intel):
+    scan, motion, _, status = example('01_two_scans', intel).splitlines()
+    assert scan.startswith('Scan(180 beams from -90.0 to 89.0 deg, 180 returns')
+    assert numbers(motion) == pytest.approx([0.0, 0.0, 0.0], abs=0.01) and status == 'status OK'
+
+
+def test_odometry_of_the_simulated_building(example):
+    *_, end, statuses = example('02_odometry_of_a_log').splitlines()
+    assert numbers(end)[:2] == pytest.approx([0.29, 0.0], abs=0.05)
+    assert abs(numbers(end)[2]) == pytest.approx(180.0, abs=0.3)
+    assert statuses == "statuses: {'OK': 927}"
+
+
+def test_odometry_of_a_recording(example, intel):
+    lines = example('02_odometry_of_a_log', intel).splitlines()
+    assert lines[0] == 'scan 0: x 0.0000 m, y 0.0000 m, theta 0.000 deg' and lines[1].startswith('scan 200: ')
+
+
+def test_wheels_find_what_a_featureless_corridor_hides(example):
+    """The robot drives 37.0 m, its wheels measure 2 % too much."""
+    alone, fused, wheels = map(numbers, example('03_own_prior').splitlines())
+    assert alone[0] < 10.0
+    assert fused[0] == pytest.approx(37.0, abs=0.9) and wheels[0] == pytest.approx(37.0, abs=0.9)
+    assert abs(fused[1]) < 0.05 < abs(wheels[1])
+
+
+def test_wheels_of_a_recording(example, intel):
+    alone, fused, wheels = map(numbers, example('03_own_prior', intel).splitlines())
+    assert fused[:2] == pytest.approx(alone[:2], abs=0.1)
+    assert wheels[:2] == pytest.approx(alone[:2], abs=1.0)
+
+
+def test_a_matcher_of_ones_own_is_measured_beside_ours(example):
+    found = measures(example('04_own_matcher_in_the_benchmark'))
+    assert found['Ours']['rpe_1m_mean_m'] < 0.006 and found['Ours']['rpe_1m_mean_deg'] < 0.07
+    assert 5.0 * found['Ours']['rpe_1m_mean_m'] < found['KeyFrames']['rpe_1m_mean_m'] < 0.3
+
+
+def test_a_matcher_of_ones_own_is_measured_on_a_recording(example, intel):
+    found = measures(example('04_own_matcher_in_the_benchmark', intel))
+    assert found['Ours']['relations_all_mean_m'] < 0.1 and found['KeyFrames']['relations_all_mean_m'] < 1.0

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ``from dbscan_reg_ros import ...`` gives: names, scans from arrays, registration of scans, records in one line."""
+import ast
+import dataclasses
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rooms import FULL, L_ROOM, look, outline
+
+import dbscan_reg_ros
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, extract_features, register
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+PROMISED = {'Scan', 'extract_features', 'register', 'Odometry', 'Parameters', 'SE2', 'Status', 'open_recording', 'DbscanRegError',
+            'ParameterError', 'RecordingError', 'ScanError'}
+ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+RANGES = np.linspace(1.0, 5.0, 360)
+
+
+# Names
+
+def test_every_public_name_is_there_and_listed():
+    assert set(dbscan_reg_ros.__all__) >= PROMISED
+    assert set(dir(dbscan_reg_ros)) >= PROMISED
+    for name in dbscan_reg_ros.__all__:
+        assert getattr(dbscan_reg_ros, name).__name__ == name
+
+
+def test_type_checkers_see_the_names_that_are_loaded_on_demand(root):
+    """The imports under TYPE_CHECKING and the table of modules say the same."""
+    tree = ast.parse((root / 'dbscan_reg_ros' / '__init__.py').read_text())
+    branch = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in branch.body for alias in node.names}
+    assert seen == dbscan_reg_ros._HOMES
+    assert set(seen) == set(dbscan_reg_ros.__all__)
+
+
+def test_a_name_is_loaded_when_it_is_first_used(root):
+    code = ('import sys, dbscan_reg_ros as package; before = "numpy" in sys.modules; package.SE2;'
+            'print(before, "numpy" in sys.modules, "SE2" in vars(package))')
+    done = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout == 'False True True\n'
+
+
+def test_an_unknown_name_is_an_error():
+    with pytest.raises(AttributeError, match="'dbscan_reg_ros' has no attribute 'scan_matcher'"):
+        _ = dbscan_reg_ros.scan_matcher
+
+
+# Scans from arrays
+
+def test_a_scan_from_arrays_is_that_of_a_message():
+    for geometry in (FULL, ScanGeometry(-1.5, 0.01, 200, 0.1, 12.0), ScanGeometry(1.5, -0.01, 200, 0.1, 12.0)):
+        scan = Scan(7, np.linspace(0.05, 13.0, geometry.size), geometry, 1e-4)
+        made = Scan.from_ranges(scan.ranges, geometry.bearings, stamp=np.int64(7), range_min=geometry.range_min,
+                                range_max=geometry.range_max, time_increment=1e-4)
+        assert (made.stamp, made.time_increment, made.geometry) == (7, scan.time_increment, geometry)
+        assert type(made.stamp) is int
+        np.testing.assert_array_equal(made.points, scan.points)
+
+
+def test_angles_may_jump_from_pi_to_minus_pi():
+    rolled = Scan.from_ranges(np.roll(RANGES, 100), np.roll(ANGLES, 100))
+    assert rolled.geometry.bearings_given is None
+    np.testing.assert_allclose(np.roll(rolled.points, -100, axis=0), Scan.from_ranges(RANGES, ANGLES).points, atol=1e-5)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, -1.0]))
+def test_jitter_of_the_beams_is_kept(seed, sign):
+    angles = sign * (ANGLES + np.random.default_rng(seed).uniform(-0.2, 0.2, 360) * (ANGLES[1] - ANGLES[0]))
+    scan = Scan.from_ranges(RANGES, angles)
+    np.testing.assert_allclose(scan.geometry.bearings, angles, atol=1e-6)
+    assert scan.geometry.angle_increment == pytest.approx(sign * math.radians(1.0), rel=0.05)
+
+
+@pytest.mark.parametrize('missing', [math.nan, math.inf, 0.0, -1.0])
+def test_beams_without_a_return(missing):
+    ranges = RANGES.copy()
+    ranges[[3, 200]] = missing
+    np.testing.assert_array_equal(np.flatnonzero(~Scan.from_ranges(ranges, ANGLES).valid), [3, 200])
+    masked = np.ma.masked_array(RANGES, np.arange(360) < 5)
+    np.testing.assert_array_equal(np.flatnonzero(~Scan.from_ranges(masked, ANGLES).valid), range(5))
+
+
+def changed(values, place, value):
+    values = values.copy()
+    values[place] = value
+    return values
+
+
+@pytest.mark.parametrize(('ranges', 'angles', 'words'), [
+    (RANGES[:-1], ANGLES, '359 ranges for 360 angles: expected one angle for each range'),
+    (RANGES[None], ANGLES, r'ranges of shape \(1, 360\); expected one number for each beam, shape \(N,\)'),
+    (RANGES, ANGLES[:, None], r'angles of shape \(360, 1\); expected'),
+    (3.0, ANGLES, r'ranges of shape \(\); expected'),
+    ([], [], '0 angles; expected one for each beam of a scan, at least 2'),
+    ([1.0], [0.0], '1 angles; expected'),
+    ([[1.0], [1.0, 2.0]], ANGLES, 'ranges in rows of different lengths; expected'),
+    (['near'] * 360, ANGLES, 'ranges of type <U4; expected real numbers'),
+    (RANGES, None, 'angles of type object; expected real numbers'),
+    (RANGES + 1j, ANGLES, 'ranges of type complex128; expected real numbers'),
+    (RANGES, changed(ANGLES, 7, math.nan), r'angles\[7\] = nan; expected finite angles \[rad\], also for beams without a return'),
+    (RANGES, changed(ANGLES, 0, -math.inf), r'angles\[0\] = -inf; expected finite'),
+    (RANGES, np.random.default_rng(0).permutation(ANGLES), r'out of order; sort ranges and angles by angle: order = numpy.argsort'),
+    (RANGES, changed(ANGLES, [7, 8], ANGLES[[8, 7]]), r'angles\[7\] = -3\.0\d+ and angles\[8\] = -3\.0\d+ are out of order'),
+    (RANGES, np.zeros(360), r'angles\[0\] = 0 and angles\[1\] = 0 are out of order'),
+    (np.delete(RANGES, 5), np.delete(ANGLES, 5), r'angles\[4\] and angles\[5\] are 2 times as far apart as most; .* keep the beams '
+     'without a return, with the range inf'),
+    (RANGES, np.degrees(ANGLES), 'angles are in radians'),
+])
+def test_arrays_that_are_no_scan_are_named(ranges, angles, words):
+    with pytest.raises(ScanError, match=words):
+        Scan.from_ranges(ranges, angles)
+
+
+@pytest.mark.parametrize('stamp', [12.5, 1.7e9, np.float64(3.0), '12', None])
+def test_a_stamp_in_seconds_is_refused(stamp):
+    with pytest.raises(ScanError, match=r'expected whole nanoseconds \(int\); from seconds: round\(seconds \* 1e9\)'):
+        Scan.from_ranges(RANGES, ANGLES, stamp=stamp)
+    with pytest.raises(ScanError, match='stamp = '):
+        Scan(stamp, RANGES, FULL)
+
+
+def test_limits_that_are_no_numbers_are_refused():
+    with pytest.raises(ScanError, match="'far': expected numbers"):
+        Scan.from_ranges(RANGES, ANGLES, range_max='far')
+
+
+# Registration of scans
+
+@pytest.fixture(scope='module')
+def pair():
+    return look(outline(L_ROOM)), look(outline(L_ROOM), SE2(0.2, -0.1, 0.15), seed=1)
+
+
+def test_scans_are_registered_as_their_features_are(pair):
+    parameters = Parameters().replace({'scan.range_max': 6.0})
+    features = [extract_features(scan, parameters) for scan in pair]
+    expected = register(*features, parameters)
+    for arguments in (pair, (features[0], pair[1]), (pair[0], features[1])):
+        found = register(*arguments, parameters)
+        assert found.transform == expected.transform
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+    error = SE2(0.2, -0.1, 0.15).inverse() @ expected.transform
+    assert math.hypot(error.x, error.y) < 0.02 and abs(error.theta) < 0.01
+
+
+def test_what_is_no_scan_is_not_registered(pair):
+    with pytest.raises(ScanError, match='ndarray cannot be registered; expected Scan or Features'):
+        register(pair[0].ranges, pair[1])
+    with pytest.raises(ScanError, match='0 of 360 beams have a return'):
+        register(pair[0], Scan(0, np.full(360, math.inf), FULL))
+
+
+# Records in one line
+
+def test_records_are_shown_in_one_line(pair):
+    features = extract_features(pair[0])
+    odometry = Odometry()
+    updates = [odometry.process(dataclasses.replace(scan, stamp=k * 10**8)) for k, scan in enumerate(pair)]
+    uneven = Scan.from_ranges(RANGES, ANGLES + 0.2 * math.radians(1.0) * np.sin(np.arange(360)))
+    records = [pair[0], uneven, uneven.geometry, features, features.segments, register(*pair), Prior(SE2(), np.eye(3)), *updates]
+    for record in records:
+        text = repr(record)
+        assert text.startswith(f'{type(record).__name__}(') and '\n' not in text
+        assert len(text) < 250, text
+
+
+def test_the_numbers_of_a_record_are_its_own(pair):
+    scan = dataclasses.replace(pair[0], stamp=5)
+    returns = scan.ranges[scan.valid]
+    assert repr(scan) == (f'Scan(360 beams from {math.degrees(FULL.bearings[0]):.1f} to {math.degrees(FULL.bearings[-1]):.1f} deg, '
+                          f'{len(returns)} returns at {returns.min():.2f} to {returns.max():.2f} m, stamp 5 ns)')
+    assert repr(Scan(0, np.full(360, math.nan), FULL)).endswith('0 returns, stamp 0 ns)')
+    found = register(*pair)
+    assert repr(found).startswith(f'Registration(x {found.transform.x:.4f} m, y {found.transform.y:.4f} m, theta ')
+    assert repr(found).endswith(f'{found.status.name})')
+
+
+def test_parameters_show_what_differs_from_the_defaults():
+    assert repr(Parameters()) == 'Parameters()'
+    changed = Parameters().replace({'scan.range_max': 12.0, 'odometry.reference': 'keyframe'})
+    assert repr(changed) == "Parameters().replace({'scan.range_max': 12.0, 'odometry.reference': 'keyframe'})"
+    assert eval(repr(changed)) == changed
+    assert repr(NodeParameters().replace({'odom_frame': 'map'})) == "NodeParameters().replace({'odom_frame': 'map'})"
