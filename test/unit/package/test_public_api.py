@@ -133,6 +133,12 @@ def test_limits_that_are_no_numbers_are_refused():
 
 # Registration of scans
 
+def test_the_lines_of_the_readme_run(root, pair, capsys):
+    block = (root / 'README.md').read_text().partition('```python\n')[2].partition('```')[0]
+    exec(block, {'angles': FULL.bearings, 'ranges_1': pair[0].ranges, 'ranges_2': pair[1].ranges})
+    assert capsys.readouterr().out == f'{register(*pair)!r}\n'
+
+
 @pytest.fixture(scope='module')
 def pair():
     return look(outline(L_ROOM)), look(outline(L_ROOM), SE2(0.2, -0.1, 0.15), seed=1)
