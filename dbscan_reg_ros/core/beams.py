@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what a scan is made of: stamp, arrays of numbers, angles of the beams."""
+"""What a scan is made of: the fields of a message; checks of stamp, numbers and angles of the beams."""
 import operator
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +12,32 @@ from .errors import ScanError
 UNEVEN_BEYOND = 0.5
 """A step between two beams that differs by more than this fraction from the median step is an error."""
 FEWEST_ANGLES = 2
+
+
+class Stamp(Protocol):
+    """The fields of a builtin_interfaces/Time message."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(Protocol):
+    """The fields of a std_msgs/Header message."""
+
+    stamp: Stamp
+    frame_id: str
+
+
+class LaserScanMessage(Protocol):
+    """The fields of a sensor_msgs/LaserScan message that a scan is made of."""
+
+    header: Header
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    time_increment: float
+    ranges: Sequence[float]
 
 
 def check_stamp(stamp: object) -> int:

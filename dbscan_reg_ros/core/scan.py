@@ -2,13 +2,14 @@
 """Laser scans as a LaserScan message can hold them, and their geometry (Eq. 1-2)."""
 import array
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from .beams import check_angles, check_numbers, check_stamp
+from .beams import LaserScanMessage, check_angles, check_numbers, check_stamp
 from .errors import ScanError
 
 MAX_BEAMS = 100_000
@@ -51,9 +52,9 @@ class ScanGeometry:
     size: int
     range_min: float = 0.0
     range_max: float = math.inf
-    bearings_given: tuple | None = field(default=None, repr=False)
+    bearings_given: tuple[float, ...] | None = field(default=None, repr=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         names = 'angle_min', 'angle_increment', 'range_min', 'range_max'
         for name, value in zip(names, _single(*(getattr(self, name) for name in names))):
             object.__setattr__(self, name, value)
@@ -73,7 +74,8 @@ class ScanGeometry:
             raise ScanError(f'{len(self.bearings_given)} bearings for {self.size} beams')
 
     @classmethod
-    def from_bearings(cls, bearings, range_min=0.0, range_max=math.inf, angle_increment=None) -> 'ScanGeometry':
+    def from_bearings(cls, bearings: npt.ArrayLike, range_min: float = 0.0, range_max: float = math.inf,
+                      angle_increment: float | None = None) -> 'ScanGeometry':
         """Geometry of a scan whose bearings ``(N,)`` [rad] are given one by one, in beam order.
 
         `angle_increment` is that of the sensor: its sign says on which side of a surface the sensor stood. When it is
@@ -107,19 +109,19 @@ class ScanGeometry:
         return cls.from_bearings(bearings, range_min, range_max, step)
 
     @cached_property
-    def bearings(self):
+    def bearings(self) -> np.ndarray:
         """``(N,)`` bearing of each beam [rad] (Eq. 1)."""
         if self.bearings_given is not None:
             return _frozen(np.array(self.bearings_given))
         return _frozen(self.angle_min + self.angle_increment * np.arange(self.size))
 
     @property
-    def closed(self):
+    def closed(self) -> bool:
         """Whether the beams go all the way round."""
         return abs(self.angle_increment) * (self.size + 1) > 2.0 * math.pi
 
     @cached_property
-    def directions(self):
+    def directions(self) -> np.ndarray:
         """``(N, 2)`` unit vector along each beam."""
         return _frozen(np.stack((np.cos(self.bearings), np.sin(self.bearings)), axis=1))
 
@@ -153,7 +155,7 @@ class Scan:
     time_increment: float = 0.0
     frame_id: str = ''
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, 'stamp', check_stamp(self.stamp))
         with np.errstate(over='ignore'):
             ranges = check_numbers('ranges', self.ranges, np.float32)
@@ -171,7 +173,7 @@ class Scan:
                 f'stamp {self.stamp} ns)')
 
     @cached_property
-    def valid(self):
+    def valid(self) -> np.ndarray:
         """``(N,)`` bool: beams with a return between `range_min` and `range_max`."""
         ranges, geometry = self.ranges, self.geometry
         with np.errstate(invalid='ignore'):
@@ -180,7 +182,7 @@ class Scan:
         return _frozen(ok)
 
     @cached_property
-    def points(self):
+    def points(self) -> np.ndarray:
         """``(N, 2)`` Cartesian points [m] in the sensor's frame (Eq. 2); not finite without a return."""
         ranges = np.where(self.valid, self.ranges.astype(float), np.nan)
         return _frozen(ranges[:, None] * self.geometry.directions)
@@ -211,15 +213,16 @@ class Scan:
             not about equally spaced, or when the stamp is no whole number.
         """
         if isinstance(ranges, np.ma.MaskedArray):
-            ranges = ranges.astype(float).filled(np.nan)
+            ranges = np.ma.filled(ranges.astype(float), np.nan)
         distances, bearings = check_numbers('ranges', ranges, float), check_numbers('angles', angles, float)
         if len(distances) != len(bearings):
             raise ScanError(f'{len(distances)} ranges for {len(bearings)} angles: expected one angle for each range')
         return cls(stamp, distances, ScanGeometry.from_angles(bearings, range_min, range_max), time_increment)
 
     @classmethod
-    def from_fields(cls, stamp, ranges, angle_min, angle_increment, range_min=0.0, range_max=math.inf,
-                    time_increment=0.0, frame_id='', geometry=None) -> 'Scan':
+    def from_fields(cls, stamp: int, ranges: Sequence[float] | np.ndarray, angle_min: float, angle_increment: float,
+                    range_min: float = 0.0, range_max: float = math.inf, time_increment: float = 0.0, frame_id: str = '',
+                    geometry: ScanGeometry | None = None) -> 'Scan':
         """A scan from plain LaserScan fields, wherever they come from.
 
         Parameters
@@ -228,10 +231,11 @@ class Scan:
             That of the scan before: kept, with what it has cached, when this scan's is equal.
         """
         made = ScanGeometry(angle_min, angle_increment, len(ranges), range_min, range_max)
-        return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)
+        return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)  # type: ignore[arg-type] # Scan makes an array of it
 
     @classmethod
-    def from_message(cls, message, geometry=None, upside_down=False, turn=0.0) -> 'Scan':
+    def from_message(cls, message: LaserScanMessage, geometry: ScanGeometry | None = None, upside_down: bool = False,
+                     turn: float = 0.0) -> 'Scan':
         """A scan from any object with the fields of a LaserScan message: rclpy's, or a bag reader's.
 
         The beams are counted in `ranges`; `angle_max`, which many drivers get wrong, is not looked at.
@@ -258,7 +262,8 @@ class Scan:
                                message.time_increment, message.header.frame_id, geometry)
 
     @classmethod
-    def from_points(cls, points, stamp=0, range_min=0.0, range_max=math.inf, frame_id='', angle_increment=None) -> 'Scan':
+    def from_points(cls, points: npt.ArrayLike, stamp: int = 0, range_min: float = 0.0, range_max: float = math.inf,
+                    frame_id: str = '', angle_increment: float | None = None) -> 'Scan':
         """A scan with the returns at `points` ``(N, 2)`` [m], in beam order, one bearing each.
 
         Rows that are not finite become beams without a return. `angle_increment` as in `ScanGeometry.from_bearings`.
@@ -276,7 +281,7 @@ class Scan:
         return cls(stamp, ranges, geometry, 0.0, frame_id)
 
 
-def _single(*values):
+def _single(*values: float) -> list[float]:
     """The `values` rounded to float32; infinite beyond its range."""
     try:
         return array.array('f', values).tolist()
@@ -284,6 +289,6 @@ def _single(*values):
         raise ScanError(f'{", ".join(map(repr, values))}: expected numbers') from error
 
 
-def _frozen(array):
-    array.flags.writeable = False
-    return array
+def _frozen(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values
