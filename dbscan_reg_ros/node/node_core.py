@@ -24,12 +24,12 @@ from .interfaces.graph_entities import GraphEntities
 from .interfaces.live_parameters import LiveParameters
 from .interfaces.messages import stamp_from_message
 from .interfaces.outputs import Outputs
-from .interfaces.priors import Priors
 from .interfaces.scan_input import ScanInbox, ScanReader, StampFilter
 from .interfaces.services import Services
 from .monitoring.counters import Counters
 from .monitoring.diagnostics import PERIOD, Diagnostics
-from .monitoring.throttled_log import ThrottledLog
+from .priors import Priors
+from .throttled_log import ThrottledLog
 
 
 class NodeCore:

@@ -15,8 +15,8 @@ from sensor_msgs.msg import Imu, LaserScan
 from std_srvs.srv import SetBool
 
 from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros.node.interfaces.graph_checks import full_name, named
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
-from dbscan_reg_ros.node.monitoring.graph_checks import full_name, named
 
 START = 1_700_000_000 * 10**9
 

@@ -4,8 +4,8 @@ from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...robot.mounting import mounting_from_parameters
 from ...robot.parameters import NodeParameters
-from ..monitoring.throttled_log import ThrottledLog
-from .transform_store import NoTransformError
+from ..errors import NoTransformError
+from ..throttled_log import ThrottledLog
 from .transforms import TransformListener
 
 

@@ -15,8 +15,8 @@ from ...recordings.message_fields import transform_fields
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from ..interfaces.endpoints import publisher
+from ..interfaces.graph_checks import UNNAMED, full_name, may_send_odometry, named, publishers
 from ..interfaces.messages import filled, stamp_from_message
-from ..monitoring.graph_checks import UNNAMED, full_name, may_send_odometry, named, publishers
 from .right_of_way import RightOfWay
 
 DEPTH = 100

@@ -7,6 +7,7 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
+from ..errors import NoTransformError
 from ..interfaces.messages import matrix_from_pose, pose_from_message, stamp_from_message
 
 MAX_CHAIN = 100
@@ -17,10 +18,6 @@ SILENT = 5_000_000_000
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w)."""
-
-
-class NoTransformError(LookupError):
-    """Two frames are not connected by transforms."""
 
 
 def make_store() -> 'Tf2Store | TransformStore':

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
+from ..interfaces.graph_checks import publishers
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 from ..interfaces.subscriptions import WakingCallbackGroup, taken
-from ..monitoring.graph_checks import publishers
 from .transform_sender import TransformSender, transform_type
 from .transform_store import make_store
 

@@ -16,9 +16,9 @@ from ...core.geometry.mounting import Mounting
 from ...core.scan import SECOND, Scan, ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.parameters import NodeParameters
-from ..monitoring.graph_checks import incompatibilities
-from ..monitoring.throttled_log import ThrottledLog
+from ..throttled_log import ThrottledLog
 from .endpoints import subscription
+from .graph_checks import incompatibilities
 from .messages import stamp_from_message
 from .subscriptions import WakingCallbackGroup, taken
 

@@ -17,7 +17,7 @@ from ...recordings.message_fields import PLANE
 from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
 from ...robot.base_state import InitialPose
 from ...robot.parameters import NodeParameters
-from ..monitoring.throttled_log import ThrottledLog
+from ..throttled_log import ThrottledLog
 from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 

@@ -12,10 +12,10 @@ from rclpy.publisher import Publisher
 from ...core.registration.records import Status
 from ..frames.transform_sender import TransformSender
 from ..interfaces.endpoints import publisher
+from ..interfaces.graph_checks import UNNAMED, incompatibilities, named, shared
 from ..interfaces.scan_input import ScanInbox
+from ..throttled_log import ThrottledLog
 from .counters import Counters, Grade
-from .graph_checks import UNNAMED, incompatibilities, named, shared
-from .throttled_log import ThrottledLog
 
 PERIOD = 1.0
 STALE_AFTER = 2.0

@@ -138,7 +138,7 @@ def test_modules_import_each_other_in_no_circle(graph):
 
 
 def test_folders_import_each_other_in_no_circle(graph):
-    folders = {module.rpartition('.')[0] for module in graph.paths} - {f'{PACKAGE}.node'}
+    folders = {module.rpartition('.')[0] for module in graph.paths}
     assert {folder: found for folder in folders if (found := circle(graph.among(folder)))} == {}
 
 

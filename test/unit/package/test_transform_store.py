@@ -8,7 +8,8 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from ros_helpers import transform
 
-from dbscan_reg_ros.node.frames.transform_store import NoTransformError, Tf2Store, TransformStore
+from dbscan_reg_ros.node.errors import NoTransformError
+from dbscan_reg_ros.node.frames.transform_store import Tf2Store, TransformStore
 
 SECOND = 1_000_000_000
 

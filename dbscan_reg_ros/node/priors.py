@@ -10,17 +10,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
-from ...core.errors import ParameterError
-from ...core.geometry.mounting import Mounting, MountingError
-from ...core.geometry.se2 import SE2
-from ...core.registration.records import Prior
-from ...robot.parameters import NodeParameters, NodePriorParameters
-from ...robot.pose_history import HeadingHistory, PoseHistory
-from ..frames.transform_store import NoTransformError
-from ..frames.transforms import TransformListener
-from ..monitoring.throttled_log import ThrottledLog
-from .endpoints import subscription
-from .messages import PoseError, planar_from_message, stamp_from_message
+from ..core.errors import ParameterError
+from ..core.geometry.mounting import Mounting, MountingError
+from ..core.geometry.se2 import SE2
+from ..core.registration.records import Prior
+from ..robot.parameters import NodeParameters, NodePriorParameters
+from ..robot.pose_history import HeadingHistory, PoseHistory
+from .errors import NoTransformError
+from .frames.transforms import TransformListener
+from .interfaces.endpoints import subscription
+from .interfaces.messages import PoseError, planar_from_message, stamp_from_message
+from .throttled_log import ThrottledLog
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_ANGULAR_VELOCITY = -1.0
