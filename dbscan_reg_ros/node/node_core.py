@@ -163,7 +163,7 @@ class NodeCore:
             self._log.warn(f'scan could not be registered: {update.registration.reason}')
 
     def _reset(self, reason: str, initial: InitialPose) -> None:
-        """Start the odometry anew with the next scan, with the base at `initial`."""
+        """Restart the odometry with the next scan, with the base at `initial`."""
         self._node.get_logger().info(f'odometry reset: {reason}')
         self._initial = initial
         self._origin = None

@@ -180,7 +180,7 @@ def _ordered(parameters: NodeParameters) -> list[Description]:
 def _about(group: str) -> str:
     """Describe a group of parameters by the docstrings of its class and of those that it extends."""
     if not group:
-        return 'Frames, and where the laser sits on the base.'
+        return 'Frames, and the mounting of the laser on the base.'
     classes = inspect.getmro(type(getattr(DEFAULTS, group)))
     return ' '.join(c.__doc__ for c in reversed(classes[:classes.index(ParameterGroup)]))
 

@@ -160,7 +160,7 @@ class NodeParameters(Parameters):
         if self.odom_frame == self.base_frame:
             raise ParameterError(f'odom_frame = base_frame = {self.base_frame!r}: expected two different frames')
         if self.prior.source == 'tf' and self.prior.frame in (self.odom_frame, self.base_frame):
-            raise ParameterError(f'prior.frame = {self.prior.frame!r}: expected an odometry frame of somebody else, '
+            raise ParameterError(f'prior.frame = {self.prior.frame!r}: expected an odometry frame of another node, '
                                  'neither odom_frame nor base_frame')
 
     def for_odometry(self) -> Parameters:

@@ -89,7 +89,7 @@ def test_the_first_quaternion_is_a_rotation(node, player, scans):
 def test_waiting_for_scans_says_where_and_for_whom(node, peer):
     heard = peer.listen(DiagnosticArray, '/diagnostics')
     status = diagnosis(peer, heard, lambda s: s.level == DiagnosticStatus.STALE)
-    assert status.message == 'no scans on /scan: nobody publishes there'
+    assert status.message == 'no scans on /scan: no node publishes there'
 
 
 def test_beams_of_nan_and_inf_do_not_matter(node, player, scans, truth):

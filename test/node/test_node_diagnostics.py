@@ -40,7 +40,7 @@ def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, 
     heard = reports()
     status = diagnosis(peer, heard, lambda s: level(s) == 'stale')
     assert status.name == '/robot/scan_matcher: laser odometry'
-    assert status.message == 'no scans on /robot/scan: nobody publishes there'
+    assert status.message == 'no scans on /robot/scan: no node publishes there'
     peer.node.create_publisher(LaserScan, '/robot/scan', 10)
     assert diagnosis(peer, heard, lambda s: 'published there by /peer' in s.message)
 

@@ -234,4 +234,4 @@ def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer,
 def test_a_prior_from_our_own_frame_is_refused(start_with):
     node = start_with('tf', '-p', 'prior.frame:=odom')
     assert node.wait(TIMEOUT) == 2
-    assert "prior.frame = 'odom': expected an odometry frame of somebody else" in node.output()
+    assert "prior.frame = 'odom': expected an odometry frame of another node" in node.output()

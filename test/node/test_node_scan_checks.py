@@ -88,10 +88,10 @@ def test_where_no_scan_comes_the_log_says_so_ever_more_rarely(start_node, peer):
     node = start_node()
     peer.until(lambda: 'ready' in node.output())
     ready = time.monotonic()
-    said(node, 'no scans on /scan: nobody publishes there (5 s so far)', peer)
+    said(node, 'no scans on /scan: no node publishes there (5 s so far)', peer)
     assert 4.0 < time.monotonic() - ready < 8.0
     peer.node.create_publisher(LaserScan, '/front/scan', 10)
-    said(node, 'no scans on /scan: nobody publishes there; scans are published on /front/scan: start the node with -r '
+    said(node, 'no scans on /scan: no node publishes there; scans are published on /front/scan: start the node with -r '
          'scan:=/front/scan (10 s so far)', peer)
     peer.node.create_publisher(LaserScan, '/scan', 10)
     said(node, 'no scans on /scan: published there by /peer (20 s so far)', peer)

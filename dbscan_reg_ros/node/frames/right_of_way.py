@@ -4,9 +4,9 @@ from collections.abc import Callable
 from enum import Enum
 
 WAIT = 5.0
-"""Another sender on a topic that is silent for so long [s] has stopped; the time doubles with each conflict."""
+"""Silence [s] after which another sender on a topic has stopped; it doubles with each conflict."""
 LONGEST = 80.0
-"""Longest silence [s] to wait for; after sending for so long without a conflict, the silence is `WAIT` again."""
+"""Longest silence [s] to wait for; after sending for this time without a conflict, the silence is `WAIT` again."""
 LISTEN = 0.5
 """Time [s] to listen before sending, and once more for each candidate with precedence; longer than a scan interval."""
 DISCOVERY = 0.2

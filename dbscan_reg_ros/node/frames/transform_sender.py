@@ -243,7 +243,8 @@ class TransformSender:
         conflict.text = (
             f'another node sends a transform to {self._child!r} too, from {conflict.parent!r}; publishers on '
             f'{conflict.topic}: {conflict.names}. A frame has one parent: ours, from {self._parent!r}, is not sent '
-            f'{until}, or publish_tf is set to true; stop the other node, or set publish_tf to false or invert_tf to true')
+            f'{until}, or publish_tf is set to true; stop the other node, or set publish_tf to false or invert_tf to '
+            'true')
 
 
 def _signature(transform: TransformStamped) -> tuple[Any, ...]:

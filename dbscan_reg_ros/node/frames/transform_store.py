@@ -14,7 +14,7 @@ MAX_CHAIN = 100
 SPAN = 10_000_000_000
 """Duration [ns] that transforms are kept, as in tf2_ros."""
 SILENT = 5_000_000_000
-"""A transform on /tf that was not received for so long [ns] has stopped."""
+"""Time without a transform on /tf [ns] after which it has stopped."""
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w)."""

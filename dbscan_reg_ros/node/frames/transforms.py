@@ -62,7 +62,7 @@ class TransformListener:
                                               event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def subscribe_static(self) -> None:
-        """Subscribe to /tf_static, anew if need be: every latched transform is received again."""
+        """Subscribe to /tf_static, or subscribe again: every latched transform is received again."""
         if self._static:
             self._node.destroy_subscription(self._static)
         latched = QoSProfile(depth=STATIC_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -217,7 +217,7 @@ class StampFilter:
         message : LaserScan
             The latest scan.
         max_jump : float
-            Stamps that go back by at most so much [s] are jitter.
+            Largest step back of the stamps [s] that counts as jitter.
 
         Returns
         -------

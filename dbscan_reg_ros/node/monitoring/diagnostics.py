@@ -131,7 +131,7 @@ class Diagnostics:
     def _no_scans(self, inbox: ScanInbox) -> str:
         """Why no scan arrives."""
         names = named(self._node.get_publishers_info_by_topic(inbox.topic))
-        publishers = f'published there by {names}' if names else f'nobody publishes there{self._other_scan_topics()}'
+        publishers = f'published there by {names}' if names else f'no node publishes there{self._other_scan_topics()}'
         return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'
 
     def _other_scan_topics(self) -> str:

@@ -194,7 +194,7 @@ class Player:
         window : int
             Number of scans that may be without odometry in lockstep.
         patience : float
-            A scan is given up when no odometry was received for so long [s].
+            Time [s] without odometry after which a scan is given up.
 
         Raises
         ------
@@ -210,11 +210,7 @@ class Player:
                 self._wait_until(pace, due)
             elif not pace and not played.channel:
                 self._wait_for_answers(window - 1, patience)
-            if played.channel:
-                self._publish_message(played)
-            else:
-                self._tick(due)
-                self._publish_scan(played.content)
+            self._publish(played, due)
         if not pace or any(self.answers.messages):
             self._wait_for_answers(0, patience)
         self._wait_for_acknowledgement(patience)
@@ -224,6 +220,14 @@ class Player:
         """Wait until every reliable subscription has received all messages, at most `patience` [s] for each topic."""
         for publisher in (self._scans, *(publisher for _, publisher in self._channels.values())):
             publisher.wait_for_all_acked(Duration(seconds=patience))
+
+    def _publish(self, played: Played, due: int | None) -> None:
+        """Publish a scan or a message whose recording time is `due` [ns]."""
+        if played.channel:
+            self._publish_message(played)
+        else:
+            self._tick(due)
+            self._publish_scan(played.content)
 
     def _publish_message(self, played: Played) -> None:
         """Publish a message of an announced channel; damaged ones are counted."""
