@@ -4,9 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 __all__ = [
-    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate', 'ParameterError', 'Parameters',
-    'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError', 'ScanGeometry', 'Segments', 'Status', 'extract_features',
-    'open_recording', 'register',
+    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate',
+    'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
+    'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'register',
 ]
 
 if TYPE_CHECKING:

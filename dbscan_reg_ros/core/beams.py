@@ -45,7 +45,8 @@ def check_stamp(stamp: object) -> int:
     try:
         return operator.index(stamp)  # type: ignore[arg-type] # whatever is no whole number is an error
     except TypeError as error:
-        raise ScanError(f'stamp = {stamp!r}: expected whole nanoseconds (int); from seconds: round(seconds * 1e9)') from error
+        raise ScanError(f'stamp = {stamp!r}: expected whole nanoseconds (int); '
+                        'from seconds: round(seconds * 1e9)') from error
 
 
 def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
@@ -53,7 +54,8 @@ def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.n
     try:
         array = np.array(values)
     except ValueError as error:
-        raise ScanError(f'{name} in rows of different lengths; expected one number for each beam, shape (N,)') from error
+        raise ScanError(f'{name} in rows of different lengths; '
+                        'expected one number for each beam, shape (N,)') from error
     if array.dtype.kind not in 'fiu':
         raise ScanError(f'{name} of type {array.dtype}; expected real numbers')
     if array.ndim != 1:
@@ -73,7 +75,8 @@ def check_angles(angles: np.ndarray) -> tuple[np.ndarray, float]:
         raise ScanError(f'{len(angles)} angles; expected one for each beam of a scan, at least {FEWEST_ANGLES}')
     wrong = np.flatnonzero(~np.isfinite(angles))
     if len(wrong):
-        raise ScanError(f'angles[{wrong[0]}] = {angles[wrong[0]]}; expected finite angles [rad], also for beams without a return')
+        raise ScanError(f'angles[{wrong[0]}] = {angles[wrong[0]]}; expected finite angles [rad], '
+                        'also for beams without a return')
     bearings = np.unwrap(angles)
     steps = np.diff(bearings)
     step = float(np.median(steps))

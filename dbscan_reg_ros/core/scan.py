@@ -65,7 +65,8 @@ class ScanGeometry:
         if not 1 <= self.size <= MAX_BEAMS:
             raise ScanError(f'a scan of {self.size} beams; expected 1 to {MAX_BEAMS}')
         if self.bearings_given is None and abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
-            raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice; angles are in radians')
+            raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice; '
+                            'angles are in radians')
         if math.isnan(self.range_min):
             object.__setattr__(self, 'range_min', 0.0)
         if not self.range_max > 0.0:
@@ -209,8 +210,8 @@ class Scan:
         Raises
         ------
         ScanError
-            When the arrays differ in shape or hold anything but numbers, when the angles are not finite, not in order, or
-            not about equally spaced, or when the stamp is no whole number.
+            When the arrays differ in shape or hold anything but numbers, when the angles are not finite, not in
+            order, or not about equally spaced, or when the stamp is no whole number.
         """
         if isinstance(ranges, np.ma.MaskedArray):
             ranges = np.ma.filled(ranges.astype(float), np.nan)
@@ -221,8 +222,8 @@ class Scan:
 
     @classmethod
     def from_fields(cls, stamp: int, ranges: Sequence[float] | np.ndarray, angle_min: float, angle_increment: float,
-                    range_min: float = 0.0, range_max: float = math.inf, time_increment: float = 0.0, frame_id: str = '',
-                    geometry: ScanGeometry | None = None) -> 'Scan':
+                    range_min: float = 0.0, range_max: float = math.inf, time_increment: float = 0.0,
+                    frame_id: str = '', geometry: ScanGeometry | None = None) -> 'Scan':
         """A scan from plain LaserScan fields, wherever they come from.
 
         Parameters
@@ -231,7 +232,8 @@ class Scan:
             That of the scan before: kept, with what it has cached, when this scan's is equal.
         """
         made = ScanGeometry(angle_min, angle_increment, len(ranges), range_min, range_max)
-        return cls(stamp, ranges, geometry if geometry == made else made, time_increment, frame_id)  # type: ignore[arg-type] # Scan makes an array of it
+        kept = geometry if geometry == made else made
+        return cls(stamp, np.asarray(ranges), kept, time_increment, frame_id)
 
     @classmethod
     def from_message(cls, message: LaserScanMessage, geometry: ScanGeometry | None = None, upside_down: bool = False,
@@ -247,7 +249,8 @@ class Scan:
         upside_down : bool
             The sensor's z axis points down: the scan is that of an upright sensor with the same x axis.
         turn : float
-            Added to all bearings, of the upright sensor [rad]: the scan is that of a sensor turned by so much clockwise.
+            Added to all bearings, of the upright sensor [rad]: the scan is that of a sensor turned by so much
+            clockwise.
 
         Raises
         ------

@@ -10,7 +10,8 @@ from dbscan_reg_ros.simulation import Lidar, corridor, follow, simulate, wheel_o
 
 if sys.argv[1:]:
     recording = open_recording(sys.argv[1])
-    scans, wheels = list(recording.scans()), recording.wheel_odometry() or sys.exit('no wheel odometry in this recording')
+    wheels = recording.wheel_odometry() or sys.exit('no wheel odometry in this recording')
+    scans = list(recording.scans())
 else:
     world = corridor(doors=0)
     drive = simulate(world, follow(world.tour), Lidar(range_max=8.0))
@@ -24,4 +25,5 @@ for k, scan in enumerate(scans):
     motion = poses[k - 1].inverse() @ poses[k]
     prior = Prior(motion, sigma @ sigma) if k and np.isfinite(motion.as_array()).all() else None
     ends = alone.process(scan).pose, fused.process(scan, prior).pose
-print(f'scans alone      {ends[0].brief()}\nscans and wheels {ends[1].brief()}\nwheels alone     {(poses[0].inverse() @ poses[-1]).brief()}')
+print(f'scans alone      {ends[0].brief()}\nscans and wheels {ends[1].brief()}')
+print(f'wheels alone     {(poses[0].inverse() @ poses[-1]).brief()}')
