@@ -190,7 +190,7 @@ def test_a_list_before_the_file_does_not_swallow_it(shell, words):
 
 
 def test_a_slip_in_the_name_of_a_parameter_is_no_file(shell):
-    result = shell('tune', '--parameters', 'refinement.damping', 'refinement.windowscale', 'absent.log')
+    result = shell('tune', '--parameters', 'refinement.damping', 'refinement.mapscale', 'absent.log')
     assert "did you mean 'refinement.map_scale'" in result.stderr
 
 

@@ -32,7 +32,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
         assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', str(seed)]) == 0
-    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement: {window_scale: 0.5, window_first_scale: 0.9}\n')
+    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement: {map_scale: 0.5, map_first_scale: 0.9}\n')
     return folder
 
 
@@ -63,7 +63,7 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 
 @pytest.mark.parametrize(('text', 'says'), [
-    ('refinement.windowscale', "did you mean 'refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
+    ('refinement.mapscale', "did you mean 'refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
     ('refinement.map_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.map_scale=2:1', 'lower bound below'),
     ('refinement.map_scale=0.1:99', 'refinement.map_scale = 99'), ('rotation.directed=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'), ('segments.min_points=2.2:2.8', 'lower bound below'),
