@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from .core.parameters.tree import Parameters
     from .core.registration.pipeline import register
     from .core.registration.records import Hypothesis, Prior, Registration, Status
-    from .core.scan import Scan, ScanGeometry
+    from .core.scan import Scan
+    from .core.scan_geometry import ScanGeometry
     from .recordings.opening import open_recording
 else:
     _MODULES = {
@@ -32,7 +33,8 @@ else:
         'core.parameters.tree': ('Parameters',),
         'core.registration.pipeline': ('register',),
         'core.registration.records': ('Hypothesis', 'Prior', 'Registration', 'Status'),
-        'core.scan': ('Scan', 'ScanGeometry'),
+        'core.scan': ('Scan',),
+        'core.scan_geometry': ('ScanGeometry',),
         'recordings.opening': ('open_recording',),
     }
     _HOMES = {name: module for module, names in _MODULES.items() for name in names}

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.simulation.raycasting import cast
 
 DEGREE = math.radians(1.0)

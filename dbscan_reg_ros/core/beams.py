@@ -41,7 +41,7 @@ class LaserScanMessage(Protocol):
 
 
 def check_stamp(stamp: object) -> int:
-    """A stamp [ns] as an int."""
+    """Return a stamp [ns] as an int."""
     try:
         return operator.index(stamp)  # type: ignore[arg-type] # whatever is no whole number is an error
     except TypeError as error:
@@ -50,7 +50,7 @@ def check_stamp(stamp: object) -> int:
 
 
 def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
-    """A copy of `values` as an array ``(N,)`` of the type `kind`."""
+    """Copy `values` as an array ``(N,)`` of the type `kind`."""
     try:
         array = np.array(values)
     except ValueError as error:
@@ -64,7 +64,7 @@ def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.n
 
 
 def check_angles(angles: np.ndarray) -> tuple[np.ndarray, float]:
-    """The angles of the beams ``(N,)`` [rad] without a jump from pi to -pi, and the usual step between two beams [rad].
+    """Return the angles of the beams ``(N,)`` [rad] without a jump from pi to -pi, and their median step [rad].
 
     Raises
     ------

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.features.extraction import extract_features, filtered_points, usable_points
+from ..core.features.extraction import extract_from_returns
 from ..core.features.records import Features
-from ..core.features.segments import find_breaks
-from ..core.geometry.se2 import as_complex, as_vectors, wrap
+from ..core.features.returns import admitted_returns
+from ..core.features.ring_band import ring_band_filter
+from ..core.geometry.se2 import as_vectors, wrap
 from ..core.parameters.tree import Parameters
 from ..core.registration.dbscan import k_distances
 from ..core.registration.landmarks import landmarks
@@ -45,13 +46,11 @@ class ScanSteps:
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
         """Run the steps; raise ScanError when the scan has too few returns."""
-        features = extract_features(scan, parameters)
-        measured = usable_points(scan, parameters.scan)
-        filtered, outcome, *_ = filtered_points(scan, parameters)
-        points = as_complex(features.points)
-        breaks = find_breaks(points, np.abs(points), features.beams, scan.geometry, features.noise, parameters.segments)
+        returns = admitted_returns(scan, parameters.scan)
+        features = extract_from_returns(returns, parameters)
+        filtered, outcome = ring_band_filter(returns.points, returns.noise, parameters.filter)
         known = as_vectors(landmarks(features, parameters)) if parameters.selection.method == 'density' else np.empty((0, 2))
-        return cls(features, measured, filtered, outcome, breaks, known)
+        return cls(features, returns.points, filtered, outcome, features.breaks, known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,8 @@ import numpy as np
 from ..core.errors import RecordingError
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Hypothesis, Prior, Registration, Status
-from ..core.scan import Scan, ScanGeometry
+from ..core.scan import Scan
+from ..core.scan_geometry import ScanGeometry
 from ..paths import check_file
 from .trajectories import finite_numbers
 

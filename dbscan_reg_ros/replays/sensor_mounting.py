@@ -3,6 +3,7 @@
 from ..core.errors import ParameterError
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
+from ..core.scan_geometry import ScanGeometry
 from ..robot.mounting import mounting_from_parameters
 
 
@@ -27,7 +28,6 @@ def turned(scans, yaw):
     for scan in scans:
         if yaw:
             g = scan.geometry
-            scan = Scan.from_fields(scan.stamp, scan.ranges, g.angle_min + yaw, g.angle_increment, g.range_min,
-                                    g.range_max, scan.time_increment, scan.frame_id, geometry)
-            geometry = scan.geometry
+            geometry = ScanGeometry(g.angle_min + yaw, g.angle_increment, g.size, g.range_min, g.range_max).reuse(geometry)
+            scan = Scan(scan.stamp, scan.ranges, geometry, scan.time_increment, scan.frame_id)
         yield scan

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..core.geometry.se2 import SE2
-from ..core.scan import ScanGeometry
+from ..core.scan_geometry import ScanGeometry
 
 OUTLIER_RANGE = 10.0
 

@@ -21,7 +21,8 @@ from benchmarks.trials import Outcome, Trial, summarise
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Prior, Status
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.evaluation.methods import FACTORIES, method
 from dbscan_reg_ros.evaluation.trackers import PRIORS, Step
 from dbscan_reg_ros.recordings import read_csv

@@ -16,7 +16,8 @@ from benchmarks.registration import overlap
 
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.evaluation.trackers import Step
 from dbscan_reg_ros.simulation import corridor
 

@@ -1,54 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Free-space profile of a scan: how far it saw in each direction."""
+"""Free-space profile of a scan: the range that is known to be free in each direction."""
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ..geometry.array_types import ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpaceProfile:
-    """How far a scan saw in every direction.
+    """Least and greatest range of a scan in each bearing bin of the full circle.
 
     Attributes
     ----------
     near, far : (B,) float [m]
-        Least and greatest range of the beams that touch each bin of the full circle; 0 where the scan does not know.
+        Least and greatest range of the beams that touch each bin; 0 where the scan has no information.
     """
 
-    near: np.ndarray
-    far: np.ndarray
+    near: FloatArray
+    far: FloatArray
 
     @cached_property
-    def nearby(self):
-        """`near`, the least of each bin and the two on either side of it, for bearings that are not known to a bin."""
+    def nearby(self) -> FloatArray:
+        """``(B,)`` least of `near` [m] over each bin and two on either side, for bearings uncertain by a bin."""
         near = np.concatenate((self.near[-2:], self.near, self.near[:2]))
-        return np.lib.stride_tricks.sliding_window_view(near, 5).min(axis=1)
+        nearby: FloatArray = np.lib.stride_tricks.sliding_window_view(near, _NEARBY_BINS).min(axis=1)
+        return nearby
 
-    def bins(self, places):
-        """Bin of each of the `places` (complex, [m]) as seen from the sensor."""
-        return bins(places, len(self.near))
+    def bins(self, points: ComplexArray) -> IntArray:
+        """Return the bin of each of the `points` (complex, any shape, [m]) in the frame of the scan."""
+        return bins(points, len(self.near))
 
-    def violation(self, places, tolerance):
-        """1 for a place well in front of what the scan saw there, fading to 0 within the `tolerance` [m]."""
-        return in_front(np.abs(places), self.near.take(self.bins(places)), tolerance)
+    def violation(self, points: ComplexArray, tolerance: float | FloatArray) -> FloatArray:
+        """Return 1 for points well in front of what the scan saw, falling to 0 within the `tolerance` [m]."""
+        return in_front(np.abs(points), self.near.take(self.bins(points)), tolerance)
 
 
-def bins(places, size):
-    """Of so many bins of the full circle, that of each of the `places` (complex, [m])."""
-    # Of numbers that lie side by side an angle takes a third of the time.
-    bearing = np.arctan2(places.imag.copy(), places.real.copy())
+def bins(points: ComplexArray, size: int | IntArray) -> IntArray:
+    """Return which of `size` bins of the full circle each of the `points` (complex, [m]) lies in."""
+    # Contiguous copies: arctan2 takes a third of the time.
+    bearing = np.arctan2(points.imag.copy(), points.real.copy())
     bearing += math.pi
     bearing *= size / (2.0 * math.pi)
     return np.minimum(bearing.astype(np.intp), size - 1)
 
 
-def in_front(radius, near, tolerance):
-    """1 where a `radius` is well below `near`, fading to 0 within the `tolerance` [m]."""
-    front = near - radius
+def in_front(radius: FloatArray, near: FloatArray, tolerance: float | FloatArray) -> FloatArray:
+    """Return 1 where a `radius` [m] is well below `near` [m], falling to 0 within the `tolerance` [m]."""
+    front: FloatArray = near - radius
     front -= tolerance
     front *= 1.0 / tolerance
     np.maximum(front, 0.0, out=front)
@@ -56,17 +58,25 @@ def in_front(radius, near, tolerance):
 
 
 @lru_cache(maxsize=4)
-def _edges(size):
-    """Bearings [rad] between which the bins of the full circle lie, so many of them."""
-    return np.arange(size + 1) * (2.0 * math.pi / size) - math.pi
+def _edges(size: int) -> FloatArray:
+    """Return the bearings [rad] of the edges of `size` bins of the full circle."""
+    edges: FloatArray = np.arange(size + 1, dtype=float) * (2.0 * math.pi / size) - math.pi
+    return edges
 
 
-def build_free_space_profile(points, increment) -> FreeSpaceProfile:
-    """The `FreeSpaceProfile` of a scan from its filtered points ``(P, 2)``.
+def build_free_space_profile(points: FloatArray, increment: float) -> FreeSpaceProfile:
+    """Build the `FreeSpaceProfile` of a scan.
 
-    A bin is known when beams on both of its sides have a return, no farther apart than three increments.
+    A bin has information when the beams next to both of its edges have a return, at most three increments apart.
+
+    Parameters
+    ----------
+    points : (P, 2) float
+        Filtered points in the frame of the sensor [m].
+    increment : float
+        Step from one beam to the next [rad].
     """
-    size = min(max(round(2.0 * math.pi / abs(increment)), 60), 2880)
+    size = min(max(round(2.0 * math.pi / abs(increment)), _MIN_BINS), _MAX_BINS)
     bearing, radius = np.arctan2(points[:, 1], points[:, 0]), np.abs(as_complex(points))
     order = bearing.argsort(kind='stable')
     bearing, radius = bearing[order], radius[order]
@@ -75,9 +85,15 @@ def build_free_space_profile(points, increment) -> FreeSpaceProfile:
     edges = _edges(size)
     before = bearing.searchsorted(edges, 'right') - 1
     after = before + (bearing[before] < edges)
-    # A moved scan is sparse in places: what counts is that both neighbours exist, not that they are in adjacent beams.
+    # Deskewed scans are sparse in places: the neighbours need not be of adjacent beams.
     known = bearing[after[1:]] - bearing[before[:-1]] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
     ends = radius[before[1:]], radius[after[1:]]
     near = np.minimum(np.minimum.reduceat(radius, before)[:-1], np.minimum(*ends))
     far = np.maximum(np.maximum.reduceat(radius, before)[:-1], np.maximum(*ends))
     return FreeSpaceProfile(near * known, far * known)
+
+
+_NEARBY_BINS = 5
+"""Number of bins that `FreeSpaceProfile.nearby` covers."""
+_MIN_BINS, _MAX_BINS = 60, 2880
+"""Limits of the number of bins."""

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Oriented points of a scan: points with unit normals, their weights and their thinning."""
+"""Oriented points of a scan: points with unit normals, their weights, and how they are sampled."""
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
 class OrientedPoints:
-    """The points of a scan that are compared to a reference.
+    """Points with normals that are compared with a reference.
 
-    Places and directions of the plane are complex numbers here and in all that compares scans: turning is multiplying.
+    Positions and directions in the plane are complex numbers, here and wherever scans are compared: a rotation is a
+    product.
 
     Attributes
     ----------
@@ -19,96 +22,103 @@ class OrientedPoints:
     normals : (P,) complex
         Unit normals that face the sensor.
     beams : (P,) int
-        The beam of each.
-    worth : (P,) float or None
-        What each counts, from 0 to 1; None: all the same.
-    sharpness : (P,) float or None
-        What distances of each from a line are multiplied by, from 0 to 1, as it is noisier than others; None: 1.
+        Beam of each point.
+    weights : (P,) float or None
+        Weight of each point, from 0 to 1; None where all are 1.
+    inverse_noise : (P,) float or None
+        Inverse noise scale of each point, from 0 to 1, by which errors are multiplied; None where all are 1.
     """
 
-    points: np.ndarray
-    normals: np.ndarray
-    beams: np.ndarray
-    weights: np.ndarray | None = None
-    inverse_noise: np.ndarray | None = None
+    points: ComplexArray
+    normals: ComplexArray
+    beams: IntArray
+    weights: FloatArray | None = None
+    inverse_noise: FloatArray | None = None
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.points)
 
-    def select(self, chosen):
-        """The points that `chosen`, a mask or indices, picks."""
+    def select(self, chosen: IntArray | BoolArray | slice) -> 'OrientedPoints':
+        """Return the points that `chosen`, indices, a mask or a slice, selects."""
         weights, inverse_noise = (part if part is None else part[chosen] for part in (self.weights, self.inverse_noise))
         return OrientedPoints(self.points[chosen], self.normals[chosen], self.beams[chosen], weights, inverse_noise)
 
-    def joined(self, other):
-        """These points and then those of another cloud, all of them sharp."""
-        parts = (self.points, other.points), (self.normals, other.normals), (self.beams, other.beams)
-        weights = np.concatenate([each.weighted(np.ones(len(each))) for each in (self, other)])
-        return OrientedPoints(*map(np.concatenate, parts), weights)
+    def joined(self, other: 'OrientedPoints') -> 'OrientedPoints':
+        """Append the `other` points; all get an inverse noise scale of 1."""
+        return OrientedPoints(
+            np.concatenate((self.points, other.points)), np.concatenate((self.normals, other.normals)),
+            np.concatenate((self.beams, other.beams)),
+            np.concatenate([each.weighted(np.ones(len(each))) for each in (self, other)]))
 
-    def weighted(self, weight):
-        """A `weight` ``(..., P)`` of the points times what they count."""
+    def weighted(self, weight: FloatArray) -> FloatArray:
+        """Multiply a `weight` ``(..., P)`` by the weights of the points."""
         return weight if self.weights is None else weight * self.weights
 
-    def sharpened(self, values):
-        """`values` ``(..., P)`` in units of each point's noise, where that is unusual."""
+    def sharpened(self, values: FloatArray) -> FloatArray:
+        """Multiply real or complex `values` ``(..., P)`` by the inverse noise scale of the points."""
         return values if self.inverse_noise is None else values * self.inverse_noise
 
-    def tolerance(self, distance):
-        """A `distance` [m] that is more for points noisier than others."""
+    def tolerance(self, distance: float) -> float | FloatArray:
+        """Divide a `distance` [m] by the inverse noise scale: the tolerance of each point ``(P,)``, or of all."""
         return distance if self.inverse_noise is None else distance / self.inverse_noise
 
-    def thinned(self, count):
-        """At most `count` of the points, evenly along the scan."""
+    def thinned(self, count: int) -> 'OrientedPoints':
+        """Return at most `count` of the points, evenly along the scan."""
         step = stride(len(self), count)
-        # A copy: with arrays that skip, the last bit of a product depends in numpy 1.26 on where in memory they lie.
+        # Contiguous copies: with numpy 1.26 the last bit of a product over strided arrays depends on their address.
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
-def stride(size, count):
-    """The step from one point to the next where at most `count` of `size` are kept."""
+def stride(size: int, count: int) -> int:
+    """Return the step from one point to the next with which at most `count` of `size` points remain."""
     return -(-size // count)
 
 
-def build_oriented_points(points, normals, beams) -> OrientedPoints:
-    """The `OrientedPoints` of a scan from its points and normals ``(P, 2)``, those without a normal left out."""
-    normals = as_complex(normals)
-    known = normals != 0.0
-    return OrientedPoints(as_complex(points)[known], normals[known], beams[known])
+def build_oriented_points(points: ArrayLike, normals: ArrayLike, beams: IntArray) -> OrientedPoints:
+    """Build `OrientedPoints` from points and normals ``(P, 2)``, leaving out points without a normal."""
+    directions = as_complex(normals)
+    known = directions != 0.0
+    return OrientedPoints(as_complex(points)[known], directions[known], beams[known])
 
 
-def leverage(cloud: OrientedPoints, balance):
-    """Weight ``(P,)`` of each point, in sum 1: more where few points face the same way.
+def leverage(cloud: OrientedPoints, ridge: float) -> FloatArray:
+    """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
     In a corridor the few points that face along it decide, not the hundreds on its walls. The weight is the statistical
-    leverage of the point's normal, with `balance` as ridge: large values make all points equal.
+    leverage of the normal in a regression with this `ridge`; large values make all points equal.
     """
     size = max(len(cloud), 1)
     nx, ny = cloud.normals.real, cloud.normals.imag
-    xx, xy, yy = nx @ nx / size + balance, nx @ ny / size, ny @ ny / size + balance
+    xx, xy, yy = nx @ nx / size + ridge, nx @ ny / size, ny @ ny / size + ridge
     weight = cloud.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
     return weight / max(float(weight.sum()), 1e-9)
 
 
-def high_leverage(normals):
-    """``(P,)`` bool: points that face where few others do, those with more than twice the mean leverage.
+def high_leverage(normals: ComplexArray) -> BoolArray:
+    """Find points with a rare normal direction: those with more than twice the mean leverage.
 
-    The rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American Statistician 32, 1978.
+    The rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American Statistician 32,
+    1978.
 
     Parameters
     ----------
-    normals : (P,) complex array
+    normals : (P,) complex
         Unit normals.
+
+    Returns
+    -------
+    (P,) bool
     """
-    # With the double angle a direction and its opposite are one, and the leverage is 2 (1 - c r) / (1 - r^2), in the mean 2:
-    # r is the length of the mean direction, and c r the part of a direction along it.
+    # The double angle makes a direction and its opposite equal. The leverage is 2 (1 - c r) / (1 - r^2), with the mean
+    # 2: r is the length of the mean direction, and c r the component of a direction along it.
     double = normals * normals
     mean = complex(double.sum()) / max(len(double), 1)
-    return (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
+    rare: BoolArray = (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
+    return rare
 
 
-def sample(cloud: OrientedPoints, count):
-    """At most `count` of the points, evenly along the scan, and all of `high_leverage`: in a corridor those decide."""
+def sample(cloud: OrientedPoints, count: int) -> OrientedPoints:
+    """Return at most `count` of the points, evenly along the scan, and all points of `high_leverage`."""
     if len(cloud) <= count:
         return cloud
     chosen = high_leverage(cloud.normals)

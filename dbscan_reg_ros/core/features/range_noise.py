@@ -1,88 +1,134 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How noisy the ranges of a scan are, and whether far ones are noisier than near ones."""
+"""Noise of the ranges of a scan, and how it grows with the range."""
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-
-def estimate_noise(ranges, limits):
-    """Standard deviation of a range [m], from second differences along the scan.
-
-    A low quantile of them, so that corners, jumps and a good share of outliers do not matter; kept within the limits.
-    """
-    if len(ranges) < 8:
-        return limits.noise_max
-    bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
-    at = int(_NOISE_QUANTILE * len(bend))
-    bend.partition(at)
-    return min(max(float(bend[at]) / (_NORMAL * math.sqrt(1.5)), limits.noise_min), limits.noise_max)
+from ..geometry.array_types import ComplexArray, FloatArray, IntArray
+from ..parameters.features import ScanParameters
 
 
-def estimate_noise_ratio(places, beams, limits):
-    """Standard deviation of a range as a share of it; 0 where far ranges are not noisier than near ones.
+def estimate_noise(ranges: FloatArray, limits: ScanParameters) -> float:
+    """Estimate the standard deviation of a range [m] from second differences along the scan.
 
-    From how far points lie along their beams from the line through their neighbours: points of a straight wall lie on it, at a
-    grazing angle, too, and however unevenly its beams are spread. The nearer and the farther half of the points decide: their
-    noise differs as their ranges do, or not at all, whichever is closer. What is spread wider than noise is clutter and outliers.
+    A low quantile of the differences is robust against corners, range jumps and a good part of outliers. The result is
+    clipped to the limits `noise_min` and `noise_max`.
 
     Parameters
     ----------
-    places : (P,) complex array [m]
-        Points in beam order.
-    beams : (P,) int array
-        Their beams.
+    ranges : (P,) float
+        Returns in beam order [m].
     limits : ScanParameters
     """
-    # Areas between the beams of neighbours; of three points on a line those of both pairs are the whole.
-    pair, whole = (places[:-1].conj() * places[1:]).imag, (places[:-2].conj() * places[2:]).imag
-    first, second, radius = pair[:-1], pair[1:], np.abs(places)
-    usable = ((beams[2:] - beams[:-2] == 2) & (first * second > 0.0)).nonzero()[0]
-    half = len(usable) // 2
-    if half < 8:
+    if len(ranges) < _MIN_RANGES:
+        return limits.noise_max
+    bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
+    rank = int(_NOISE_QUANTILE * len(bend))
+    bend.partition(rank)
+    return min(max(float(bend[rank]) / (_NORMAL * math.sqrt(1.5)), limits.noise_min), limits.noise_max)
+
+
+def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanParameters) -> float:
+    """Estimate the standard deviation of a range as a fraction of the range.
+
+    The error of a point is its distance, along its beam, from the line through its two neighbours; this holds for
+    straight walls at any angle and for uneven beams. The errors of the nearer and of the farther half of the points are
+    compared: the noise either grows in proportion to the range, or not at all, whichever is closer. Errors that spread
+    wider than noise are clutter and outliers.
+
+    Parameters
+    ----------
+    points : (P,) complex
+        Returns in beam order [m].
+    beams : (P,) int
+        Beam of each point.
+    limits : ScanParameters
+
+    Returns
+    -------
+    float
+        At most `noise_ratio_max`; 0 where far ranges are not noisier than near ones.
+    """
+    error, radius = _errors_along_beams(points, beams)
+    half = len(error) // 2
+    if half < _MIN_RANGES:
         return 0.0
-    away = radius[1:-1]
-    # The line has so much of its ends' noise where the point is.
-    ends = np.hypot(second * radius[:-2], first * radius[2:])
-    bend = (away * away * np.abs(whole - first - second)).take(usable) / np.hypot(whole * away, ends).take(usable)
-    away = away.take(usable)
-    order, at, above = away.argsort(kind='stable'), int(_NOISE_QUANTILE * half), int((1.0 - _NOISE_QUANTILE) * half)
+    order = radius.argsort(kind='stable')
     near, far = order[:half], order[-half:]
-    near_noise = np.partition(bend[near], at)[at]
-    far_noise, far_most = np.partition(bend[far], (at, above))[[at, above]]
-    near_range, far_range = away[near[half // 2]], away[far[half // 2]]
-    if far_noise ** 2 * near_range <= near_noise ** 2 * far_range or far_most > _WIDE * far_noise:
+    rank, high_rank = int(_NOISE_QUANTILE * half), int((1.0 - _NOISE_QUANTILE) * half)
+    near_noise = np.partition(error[near], rank)[rank]
+    far_noise, far_high = np.partition(error[far], (rank, high_rank))[[rank, high_rank]]
+    near_range, far_range = radius[near[half // 2]], radius[far[half // 2]]
+    if far_noise ** 2 * near_range <= near_noise ** 2 * far_range or far_high > _MAX_SPREAD * far_noise:
         return 0.0
     return min(float(far_noise / far_range) / _NORMAL, limits.noise_ratio_max)
 
 
-def range_noise(radius, noise, share):
-    """Standard deviation [m] of each range ``(P,)``: the `noise` of the scan, and more where its `share` of the range is unusual."""
-    return noise + np.maximum(share * radius - TYPICAL_NOISE, 0.0)
+def _errors_along_beams(points: ComplexArray, beams: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return distances [m] of points from the lines through their neighbours, scaled to equal noise, and ranges [m].
+
+    Only points between two adjacent beams, and with a line that crosses their beam between these, are used.
+    """
+    # Twice the areas of the triangles between the sensor and two points: for points on a line both pairs add up.
+    pair, whole = (points[:-1].conj() * points[1:]).imag, (points[:-2].conj() * points[2:]).imag
+    first, second, radius = pair[:-1], pair[1:], np.abs(points)
+    usable = ((beams[2:] - 1 == beams[:-2] + 1) & (first * second > 0.0)).nonzero()[0]
+    middle = radius[1:-1]
+    # Noise of the line at the beam of the point, from that of its two ends.
+    ends = np.hypot(second * radius[:-2], first * radius[2:])
+    area = (middle * middle * np.abs(whole - first - second)).take(usable)
+    return area / np.hypot(whole * middle, ends).take(usable), middle.take(usable)
+
+
+def range_noise(radius: FloatArray, noise: float, ratio: float) -> FloatArray:
+    """Return the standard deviation [m] of each range.
+
+    Parameters
+    ----------
+    radius : (P,) float
+        Ranges [m].
+    noise : float
+        Standard deviation of a range of the scan [m].
+    ratio : float
+        The same as a fraction of the range; it adds to `noise` where it exceeds `TYPICAL_NOISE`.
+    """
+    return noise + np.maximum(ratio * radius - TYPICAL_NOISE, 0.0)
 
 
 @dataclass(frozen=True)
 class NoiseRatioHistory:
-    """The noise share of a sensor: what nearly all of its last scans say at least, as clutter seems to be noise in some."""
+    """Noise ratio of a sensor: a low quantile over its last scans, because clutter raises it in some.
 
-    shares: tuple = ()
+    Attributes
+    ----------
+    ratios : tuple of float
+        `estimate_noise_ratio` of the last scans.
+    """
 
-    def after(self, share):
-        """With that of one more scan."""
-        return NoiseRatioHistory((*self.shares, share)[-_SCANS:])
+    ratios: tuple[float, ...] = ()
+
+    def after(self, ratio: float) -> 'NoiseRatioHistory':
+        """Add the `ratio` of one more scan."""
+        return NoiseRatioHistory((*self.ratios, ratio)[-_SCANS:])
 
     @property
-    def value(self):
-        """Of the scans so far, at least one."""
-        return sorted(self.shares)[int(_SHARE_QUANTILE * len(self.shares))]
+    def value(self) -> float:
+        """Noise ratio by the scans so far, at least one."""
+        return sorted(self.ratios)[int(_RATIO_QUANTILE * len(self.ratios))]
 
 
 TYPICAL_NOISE = 0.05
-"""[m] Ranges noisier than this are taken to be so."""
+"""Standard deviation of a range [m] above which points are weighed by their noise."""
+_MIN_RANGES = 8
+"""Least number of ranges for an estimate."""
 _NOISE_QUANTILE = 0.3
-# That quantile of |N(0, 1)|.
+"""Quantile of the errors that gives the noise."""
 _NORMAL = 0.38532
-# Between these quantiles |N(0, 1)| grows to 2.7 times as much, and of forty values hardly ever to so many times.
-_WIDE = 4.0
+"""That quantile of |N(0, 1)|."""
+_MAX_SPREAD = 4.0
+"""Ratio of the quantiles 0.7 and 0.3 above which errors are no noise; it is 2.7 for |N(0, 1)|."""
 _SCANS = 30
-_SHARE_QUANTILE = 0.3
+"""Number of scans in the history of the noise ratio."""
+_RATIO_QUANTILE = 0.3
+"""Quantile of the history that gives the noise ratio of the sensor."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the features of a scan."""
+"""Records of the features of a scan: segments, points, and what scans are compared by."""
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -8,24 +8,25 @@ from functools import cached_property
 
 import numpy as np
 
+from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import wrap
 from ..parameters.registration import DensityParameters
 from ..scan import Scan
-from .free_space import build_free_space_profile
-from .likelihood_field import build_likelihood_field
+from .free_space import FreeSpaceProfile, build_free_space_profile
+from .likelihood_field import LikelihoodField, build_likelihood_field
 from .oriented_points import OrientedPoints, build_oriented_points, leverage
 from .range_noise import TYPICAL_NOISE
 
 
 class EndKind(IntEnum):
-    """What ends a segment."""
+    """Kind of the end of a segment."""
 
     CORNER = 0
-    """Another segment starts there: a true point of the world."""
+    """Another segment starts there: a point of the world."""
     FREE = 1
-    """The wall ends there and the beams beyond it see farther: a true point of the world."""
+    """The wall ends there, and the next beams see farther: a point of the world."""
     OCCLUSION = 2
-    """Something nearer hides the rest, or the view ends: the point moves with the sensor."""
+    """A nearer object hides the rest, or the scan ends: the point moves with the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +36,8 @@ class Segments:
     Attributes
     ----------
     start, end : (M, 2) float [m]
-        End points on the fitted line, counter-clockwise as the sensor sees them, so that a segment is directed and the
-        sensor always lies on its left.
+        End points on the fitted line, counter-clockwise as seen from the sensor: segments are directed, and the sensor
+        lies on their left.
     direction : (M,) float [rad]
         Angle of the line from start to end, in [-pi, pi).
     length : (M,) float [m]
@@ -50,16 +51,16 @@ class Segments:
         Beams at start and end.
     """
 
-    start: np.ndarray
-    end: np.ndarray
-    direction: np.ndarray
-    length: np.ndarray
-    sigma_direction: np.ndarray
-    sigma_offset: np.ndarray
-    kinds: np.ndarray
-    beams: np.ndarray
+    start: FloatArray
+    end: FloatArray
+    direction: FloatArray
+    length: FloatArray
+    sigma_direction: FloatArray
+    sigma_offset: FloatArray
+    kinds: IntArray
+    beams: IntArray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.direction)
 
     def __repr__(self) -> str:
@@ -67,107 +68,106 @@ class Segments:
         return f'Segments({len(self)}{lengths})'
 
     @property
-    def midpoint(self):
-        """(M, 2) [m]"""
+    def midpoint(self) -> FloatArray:
+        """``(M, 2)`` midpoint of each segment [m]."""
         return 0.5 * (self.start + self.end)
 
-    def reversed(self):
-        """The same, each from its end to its start."""
+    def reversed(self) -> 'Segments':
+        """Direct every segment from its end to its start."""
         return dataclasses.replace(self, start=self.end, end=self.start, direction=wrap(self.direction + math.pi),
                                    kinds=self.kinds[:, ::-1], beams=self.beams[:, ::-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What is kept of a scan, computed once.
+    """Features of a scan, computed once.
 
     Attributes
     ----------
     scan : Scan
     points : (P, 2) float [m]
-        Filtered points in the sensor's frame, in beam order.
+        Filtered points in the frame of the sensor, in beam order.
     beams : (P,) int
-        The beam of each point.
+        Beam of each point.
+    breaks : (P - 1,) bool
+        True where a point and the next lie on different surfaces (Eq. 5).
     normals : (P, 2) float
-        Unit normals that face the sensor; zero where the surroundings have no direction.
+        Unit normals that face the sensor; zero for points without one.
     segments : Segments
     noise : float [m]
-        Standard deviation of a range, as estimated from what the filter left of this scan.
-    noise_share : float
-        The same as a share of the range, where far ranges are noisier than near ones.
-    posts : Cloud or None
-        What small things without normals count as, from `poles.with_poles`.
-    walls : Cloud
-        The points that have a normal.
-    dense_cloud : Cloud
-        `wall_points`, and then the `poles`.
-    cloud : Cloud
-        Some of them, evenly along the scan: those that hypotheses are compared by.
-    leverage : (P,) float
-        Weight of each point of `sampled_points` in a comparison.
-    surface : Surface
-        The density of this scan as a reference; made when first asked for, like `free_space`.
-    view : View
-        How far this scan saw.
-    worth : (P',) float or None
-        What each point of `oriented_points` counts, from 0 to 1; None: all the same.
-    around : Cloud or None
+        Standard deviation of a range, as estimated from the filtered points of this scan.
+    density : DensityParameters
+    noise_ratio : float
+        Standard deviation of a range as a fraction of the range; 0 where far ranges are not noisier than near ones.
+    poles : OrientedPoints or None
+        Points around small objects without normals, from `small_objects.with_poles`.
+    weights : (Q,) float or None
+        Weight of each point of `oriented_points`, from 0 to 1; None where they have their own.
+    map_points : OrientedPoints or None
         Points of other scans that belong to `likelihood_field` as well.
     """
 
     scan: Scan
-    points: np.ndarray
-    beams: np.ndarray
-    normals: np.ndarray
+    points: FloatArray
+    beams: IntArray
+    breaks: BoolArray
+    normals: FloatArray
     segments: Segments
     noise: float
     density: DensityParameters
     noise_ratio: float = 0.0
     poles: OrientedPoints | None = None
-    weights: np.ndarray | None = None
+    weights: FloatArray | None = None
     map_points: OrientedPoints | None = None
 
     def __repr__(self) -> str:
-        return f'Features({len(self.points)} points, {len(self.segments)} segments, noise {self.noise:.4f} m, of {self.scan!r})'
+        return (f'Features({len(self.points)} points, {len(self.segments)} segments, noise {self.noise:.4f} m, '
+                f'of {self.scan!r})')
 
-    def without(self, left_out):
-        """The same, without the normals of those points of `oriented_points` that `left_out`, a mask, picks; posts go as a whole."""
+    def without(self, left_out: BoolArray) -> 'Features':
+        """Remove points of `oriented_points`: `left_out` ``(Q,)`` is a mask. Poles are removed as a whole."""
         walls, normals = len(self.wall_points), self.normals.copy()
         normals[np.flatnonzero(normals.any(axis=1))[left_out[:walls]]] = 0.0
         poles = self.poles and self.poles.select(~np.isin(self.poles.beams, self.poles.beams[left_out[walls:]]))
         return dataclasses.replace(self, normals=normals, poles=poles)
 
-    def downweighted(self, points, weights):
-        """The same, but those points of `oriented_points` that `points`, a mask or indices, picks count `weights`."""
+    def downweighted(self, points: IntArray | BoolArray, weights: FloatArray | float) -> 'Features':
+        """Multiply weights of the `oriented_points` selected by `points`, indices or a mask, by `weights`."""
         each = self.oriented_points.weighted(np.ones(len(self.oriented_points)))
         each[points] *= weights
         return dataclasses.replace(self, weights=each)
 
     @cached_property
-    def wall_points(self):
+    def wall_points(self) -> OrientedPoints:
+        """The points that have a normal."""
         return build_oriented_points(self.points, self.normals, self.beams)
 
     @cached_property
-    def oriented_points(self):
+    def oriented_points(self) -> OrientedPoints:
+        """The `wall_points` and then the `poles`, Q in all, with weights and inverse noise scales."""
         cloud = self.wall_points.joined(self.poles) if self.poles else self.wall_points
-        # Errors of points that are noisier than usual are measured in units of their noise.
-        times = self.noise_ratio / TYPICAL_NOISE * np.abs(cloud.points)
-        inverse_noise = 1.0 / np.maximum(times, 1.0) if (times > 1.0).any() else None
+        noise_scale = self.noise_ratio / TYPICAL_NOISE * np.abs(cloud.points)
+        inverse_noise = 1.0 / np.maximum(noise_scale, 1.0) if (noise_scale > 1.0).any() else None
         weights = cloud.weights if self.weights is None else self.weights
         return dataclasses.replace(cloud, weights=weights, inverse_noise=inverse_noise)
 
     @cached_property
-    def sampled_points(self):
+    def sampled_points(self) -> OrientedPoints:
+        """Points that hypotheses are compared by, evenly along the scan."""
         return self.oriented_points.thinned(self.density.max_points)
 
     @cached_property
-    def leverage(self):
+    def leverage(self) -> FloatArray:
+        """Weight of each of the `sampled_points` in a comparison, with sum 1."""
         return leverage(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
-    def likelihood_field(self):
-        return build_likelihood_field(self.oriented_points.joined(self.map_points) if self.map_points else self.oriented_points, self.density)
+    def likelihood_field(self) -> LikelihoodField:
+        """The density of this scan as a reference."""
+        cloud = self.oriented_points
+        return build_likelihood_field(cloud.joined(self.map_points) if self.map_points else cloud, self.density)
 
     @cached_property
-    def free_space(self):
+    def free_space(self) -> FreeSpaceProfile:
+        """The free space that this scan saw."""
         return build_free_space_profile(self.points, self.scan.geometry.angle_increment)

@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ring band filter: judges each beam by the slopes in the ring of beams around it (section 2.1, Eq. 3-4)."""
+"""Ring band filter: tests each beam against the ring of beams around it (section 2.1, Eq. 3-4)."""
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex, wrap
 from ..parameters.features import RingBandParameters
 
 RING = 3
+"""Number of beams of the outer ring on each side of a beam."""
 INNER = 1
+"""Number of beams of the inner ring on each side of a beam."""
 
 
 class Outcome(IntEnum):
     """What the filter did with a beam (the four regions of Figure 2)."""
 
     KEPT = 0
-    """Not an outlier, or no return at all."""
+    """No outlier, or no return at all."""
     SMOOTHED = 1
     """Noise: replaced by the mean of the inner ring."""
     CORNER = 2
@@ -25,15 +28,35 @@ class Outcome(IntEnum):
     """Noise next to a corner, or a gross outlier."""
 
 
-def ring_band_filter(points, noise, parameters: RingBandParameters):
+class _Outliers(NamedTuple):
+    """Result of an outlier test.
+
+    Attributes
+    ----------
+    candidate : (N,) bool
+        Beams that are outliers of their own ring.
+    inner, outer : (N,) int
+        Number of outliers in the inner and in the outer ring around each candidate, itself included.
+    deviation : (N,) float [m]
+        Distance of each candidate from the line of its neighbours.
+    """
+
+    candidate: BoolArray
+    inner: IntArray
+    outer: IntArray
+    deviation: FloatArray
+
+
+def ring_band_filter(points: FloatArray, noise: float,
+                     parameters: RingBandParameters) -> tuple[FloatArray, IntArray]:
     """Filter the points of a scan by Eq. 4.
 
-    A beam is a *candidate* when it is an outlier of its own ring; ``C1`` and ``C2`` count the outliers in the inner
+    A beam is a candidate when it is an outlier of its own ring; ``C1`` and ``C2`` count the outliers in the inner
     (3 beams) and the outer (7 beams) ring around a candidate, itself included.
 
     Parameters
     ----------
-    points : (N, 2) array
+    points : (N, 2) float
         Points in beam order [m]; not finite where a beam has no return.
     noise : float
         Standard deviation of a range [m].
@@ -41,12 +64,13 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
 
     Returns
     -------
-    filtered : (N, 2) array
+    filtered : (N, 2) float
         Removed points are ``nan``.
-    outcome : (N,) int8 array of `Outcome`
+    outcome : (N,) int
+        `Outcome` of each beam.
     """
-    outcome = np.zeros(len(points), dtype=np.int8)
-    if parameters.test == 'off' or len(points) < 3:
+    outcome = np.zeros(len(points), dtype=int)
+    if parameters.test == 'off' or len(points) <= 2 * INNER:
         return points, outcome
     if parameters.test == 'anchor':
         candidate, inner, outer, deviation = _anchor_outliers(points, parameters)
@@ -68,27 +92,29 @@ def ring_band_filter(points, noise, parameters: RingBandParameters):
     return filtered, outcome
 
 
-def _inner_mean(points):
+def _inner_mean(points: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the mean of the inner ring of each beam ``(N, 2)`` [m], and where all of it has a return ``(N,)``."""
     mean = np.full_like(points, np.nan)
     mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / 3.0
     return mean, np.isfinite(mean[:, 0])
 
 
-def _anchor_outliers(points, parameters):
-    """The paper's test: slopes from the beam before the ring (Eq. 3) against the ring's median slope.
+def _anchor_outliers(points: FloatArray, parameters: RingBandParameters) -> _Outliers:
+    """Compare slopes from the beam before the ring (Eq. 3) with the median slope of the ring, as in the paper.
 
-    Beams without a return are passed over. The first four and the last three returns have no full ring and are not
-    judged, nor are rings across a range jump: neighbours, the candidate left out, farther apart than `jump`.
+    Beams without a return are skipped. The first four and the last three returns have no full ring and are not tested,
+    nor are rings across a range jump: neighbours, the candidate left out, farther apart than `jump`.
     """
     size = len(points)
     candidate, inner, outer = np.zeros(size, dtype=bool), np.zeros(size, dtype=int), np.zeros(size, dtype=int)
     deviation = np.zeros(size)
-    at = np.flatnonzero(np.isfinite(points[:, 0]))
-    rings = len(at) - 2 * RING - 1
+    found = _Outliers(candidate, inner, outer, deviation)
+    returns = np.flatnonzero(np.isfinite(points[:, 0]))
+    rings = len(returns) - 2 * RING - 1
     if rings < 1:
-        return candidate, inner, outer, deviation
-    band = points[at[np.arange(rings)[:, None] + np.arange(2 * RING + 2)]]
-    anchor, ring, centre = band[:, :1], band[:, 1:], at[RING + 1:len(at) - RING]
+        return found
+    band = points[returns[np.arange(rings)[:, None] + np.arange(2 * RING + 2)]]
+    anchor, ring, centre = band[:, :1], band[:, 1:], returns[RING + 1:len(returns) - RING]
     slope = np.arctan2(*np.moveaxis(ring - anchor, 2, 0)[::-1])
     slope = wrap(slope - slope[:, RING:RING + 1])
     others = np.delete(band, RING + 1, axis=1)
@@ -99,27 +125,29 @@ def _anchor_outliers(points, parameters):
     inner[centre] = outlier[:, RING - INNER:RING + INNER + 1].sum(axis=1)
     outer[centre] = outlier.sum(axis=1)
     deviation[centre] = np.hypot(*(ring[:, RING] - 0.5 * (ring[:, RING - 1] + ring[:, RING + 1])).T)
-    return candidate, inner, outer, deviation
+    return found
 
 
 class _Lines(NamedTuple):
-    """Pairs of beams near a centre, T of them, and for each a third that may lie on the line through both.
+    """T pairs of beams near a centre, and for each a third beam that may lie on the line through both.
 
     Attributes
     ----------
-    beams : (3, T, 1) int array
+    beams : (3, T, 1) int
         Offsets from ``centre - RING`` to the third, the first and the second beam.
-    growth : (T, 1) array
-        How the noise of the two grows on the way to the third, and that of the third, 1.
+    growth : (T, 1) float
+        Factor from the noise of a range to that of the distance of the third beam from the line.
     """
 
-    beams: np.ndarray
-    growth: np.ndarray
+    beams: IntArray
+    growth: FloatArray
 
 
-def _lines(triples):
-    k, a, b = triples = np.array(triples).T[:, :, None]
-    return _Lines(triples + RING, 1.0 + (np.abs(a - k) + np.abs(b - k)) / (b - a))
+def _lines(triples: list[tuple[int, int, int]]) -> _Lines:
+    """Make `_Lines` from offsets from the centre: the third, the first and the second beam."""
+    table = np.array(triples).T[:, :, None]
+    k, a, b = table
+    return _Lines(table + RING, 1.0 + (np.abs(a - k) + np.abs(b - k)) / (b - a))
 
 
 _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
@@ -129,24 +157,26 @@ _THROUGH = _lines(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
 _NEAREST = _lines([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
 
 
-def _consensus_outliers(points, noise, parameters):
-    """Our test. Where most returns have none on the next beam, the beams without one are passed over."""
+def _consensus_outliers(points: FloatArray, noise: float, parameters: RingBandParameters) -> _Outliers:
+    """Test by lines through other beams; where most returns have no neighbour, beams without a return are skipped."""
     known = np.isfinite(points[:, 0])
     if 2 * np.count_nonzero(known[1:] & known[:-1]) >= np.count_nonzero(known) - 1:
-        return _judged_by_lines(points, noise, parameters)
-    found = _judged_by_lines(points[known], noise, parameters)
-    spread = [np.zeros(len(points), dtype=each.dtype) for each in found]
+        return _outliers_by_lines(points, noise, parameters)
+    found = _outliers_by_lines(points[known], noise, parameters)
+    size = len(points)
+    spread = _Outliers(np.zeros(size, dtype=bool), np.zeros(size, dtype=int), np.zeros(size, dtype=int), np.zeros(size))
     for whole, part in zip(spread, found, strict=True):
         whole[known] = part
     return spread
 
 
-def _judged_by_lines(points, noise, parameters):
-    """An outlier lies on no line through two other beams of its ring.
+def _outliers_by_lines(points: FloatArray, noise: float, parameters: RingBandParameters) -> _Outliers:
+    """Find beams that lie on no line through two other beams of their ring.
 
-    So a wild anchor does no harm, and a corner, which lies on the lines of both its walls, is no outlier. Where the
-    three beams before and the three after the candidate are straight, two astride make no line: it would cut the corner
-    off. Around a candidate, ring beams on no line through two beams across from it count as outliers, too.
+    A single wild beam cannot make others outliers, and a corner, which lies on the lines of both its walls, is none.
+    Where the three beams before and the three after the candidate are straight, a pair with one beam on each side is
+    no evidence: its line would cut the corner off. Around a candidate, beams on no line through two beams across from
+    it count as outliers, too.
     """
     size = len(points)
     known = np.isfinite(points[:, 0])
@@ -157,39 +187,45 @@ def _judged_by_lines(points, noise, parameters):
     straight = np.zeros(size + 4, dtype=bool)
     straight[2:-2] = astride
     corner = straight[:-4] & straight[4:]
-    doubtful = (known & ~(before | after | astride & ~corner)).nonzero()[0]
+    suspect = (known & ~(before | after | astride & ~corner)).nonzero()[0]
     candidate, deviation = np.zeros(size, dtype=bool), np.zeros(size)
-    distance, tolerance = _off_lines(padded, doubtful, _THROUGH, noise, parameters)
+    distance, tolerance = _off_lines(padded, suspect, _THROUGH, noise, parameters)
     on = distance <= tolerance
-    candidate[doubtful] = ~(on[:len(_ONE_SIDED)].any(axis=0) | on[len(_ONE_SIDED):].any(axis=0) & ~corner[doubtful])
-    deviation[doubtful] = distance.min(axis=0)
+    one_sided, both_sided = on[:len(_ONE_SIDED)].any(axis=0), on[len(_ONE_SIDED):].any(axis=0)
+    candidate[suspect] = ~(one_sided | both_sided & ~corner[suspect])
+    deviation[suspect] = distance.min(axis=0)
     inner, outer = candidate.astype(int), candidate.astype(int)
     counted = candidate if parameters.gross_error == 0.0 else candidate & (deviation <= parameters.gross_error)
-    at = counted.nonzero()[0]
-    if len(at):
-        distance, tolerance = _off_lines(padded, at, _ACROSS, noise, parameters)
-        shape = (2 * RING, -1, len(at))
-        outlier = np.isfinite(distance).reshape(shape).any(axis=1) & ~(distance <= tolerance).reshape(shape).any(axis=1)
-        inner[at] += outlier[RING - INNER:RING + INNER].sum(axis=0)
-        outer[at] += outlier.sum(axis=0)
-    return candidate, inner, outer, deviation
+    centre = counted.nonzero()[0]
+    if len(centre):
+        distance, tolerance = _off_lines(padded, centre, _ACROSS, noise, parameters)
+        shape = (2 * RING, -1, len(centre))
+        tested, on_line = (each.reshape(shape).any(axis=1) for each in (np.isfinite(distance), distance <= tolerance))
+        outlier = np.logical_and(tested, ~on_line)
+        inner[centre] += outlier[RING - INNER:RING + INNER].sum(axis=0)
+        outer[centre] += outlier.sum(axis=0)
+    return _Outliers(candidate, inner, outer, deviation)
 
 
-def _off_lines(padded, centre, lines, noise, parameters):
-    """How far the third beam of each of the `lines` lies from it, along the beam.
+def _off_lines(padded: ComplexArray, centre: IntArray, lines: _Lines, noise: float,
+               parameters: RingBandParameters) -> tuple[FloatArray, FloatArray]:
+    """Return the distance of the third beam of each of the `lines` from its line, along the beam, and its tolerance.
 
     Parameters
     ----------
-    padded : (N + 2 * RING,) complex array
-        Points; `nan` without a return.
-    centre : (S,) int array
+    padded : (N + 2 * RING,) complex
+        Points [m]; `nan` without a return.
+    centre : (S,) int
+        Beams that the lines are around.
     lines : _Lines
+    noise : float
+        Standard deviation of a range [m].
+    parameters : RingBandParameters
 
     Returns
     -------
-    distance, tolerance : (T, S) arrays [m]
-        The distance is `inf` where one of the three has no return. The tolerance grows as the noise of the two does
-        on the way to the third.
+    distance, tolerance : (T, S) float [m]
+        The distance is `inf` where one of the three beams has no return.
     """
     beam, one, two = padded.take(lines.beams + centre)
     radius = np.abs(beam)

@@ -1,82 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Line segments of a scan: breakpoints (Eq. 5), corners (Eq. 6) and line fits (Eq. 7) (section 2.2)."""
+"""Line segments of a scan: corners (Eq. 6), line fits (Eq. 7) and the kinds of their ends (section 2.2)."""
+from typing import NamedTuple
+
 import numpy as np
 
-from ..geometry.line_fit import fit_lines, fit_sections
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
+from ..geometry.line_fit import Lines, fit_lines, fit_sections
 from ..geometry.se2 import as_vectors
 from ..parameters.features import SegmentParameters
 from .corners import slope_stretches
+from .point_sequence import PointSequence
 from .records import EndKind, Segments
 
 
-def find_breaks(points, radius, beams, geometry, noise, parameters: SegmentParameters):
-    """Where neighbouring points of a scan lie too far apart to be one surface (Eq. 5).
+def extract_segments(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> Segments:
+    """Extract the line segments of one scan.
 
     Parameters
     ----------
-    points : (P,) complex array
-        Returns in beam order [m].
-    radius : (P,) array
-        Their ranges [m].
-    beams : (P,) int array
-        Their beams; a gap of several beams is bridged in proportion.
-    geometry : ScanGeometry
-    noise : float
-        Standard deviation of a range [m].
-    parameters : SegmentParameters
-
-    Returns
-    -------
-    (P - 1,) bool array
-        True where a break lies between a point and the next.
-    """
-    distance = np.abs(points[1:] - points[:-1])
-    gap = beams[1:] - beams[:-1]
-    threshold = parameters.breakpoint_factor * abs(geometry.angle_increment) * gap * np.minimum(radius[1:], radius[:-1])
-    threshold += parameters.breakpoint_noise * noise
-    return (distance >= threshold) | (gap > parameters.max_gap)
-
-
-def split_runs(points, breaks, noise, parameters: SegmentParameters):
-    """Straight stretches: runs cut at their corners, all at once, level by level.
-
-    Within each stretch the point that lies farthest from the chord, beyond its own split distance, becomes a corner.
-
-    Returns
-    -------
-    first, last : (S,) int arrays
-        First and last point of each stretch.
-    """
-    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, 1e-9)
-    edges = np.concatenate(([True], breaks, [True]))
-    edge = edges.nonzero()[0]
-    for _ in range(parameters.split_levels):
-        first, length = edge[:-1], edge[1:] - edge[:-1]
-        start = points[first]
-        chord = points[edge[1:] - 1] - start
-        # Distances from a chord beyond the split distance, times its length.
-        area = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
-        area -= split_distance * np.abs(chord).repeat(length)
-        largest = np.maximum.reduceat(area, first)
-        largest[largest <= 0.0] = np.inf
-        at = (area == largest.repeat(length)).nonzero()[0]
-        if not len(at):
-            break
-        edges[at + 1] = True
-        edge = edges.nonzero()[0]
-    return edge[:-1], edge[1:] - 1
-
-
-def extract_segments(points, total, radius, beams, breaks, noise, parameters: SegmentParameters) -> Segments:
-    """The line segments of one scan, longest runs of points that lie on one line.
-
-    Parameters
-    ----------
-    points, radius, beams, breaks
-        As in `find_breaks`.
-    total : (5, P + 1) array
-        `summed_moments` of the points.
-    noise : (P,) array
+    sequence : PointSequence
+    noise : (P,) float
         Standard deviation of each range [m].
     parameters : SegmentParameters
 
@@ -85,102 +28,228 @@ def extract_segments(points, total, radius, beams, breaks, noise, parameters: Se
     Segments
         In beam order.
     """
+    found = _fitted(sequence, noise, parameters)
+    found = found.select(_longest(found, parameters))
+    sigma = 0.5 * (noise[found.first] + noise[found.last])
+    sigma = np.sqrt(sigma * sigma + found.residual)
+    kinds = _end_kinds(sequence, found, noise, parameters)
+    return Segments(
+        start=as_vectors(found.start), end=as_vectors(found.end),
+        direction=np.arctan2(found.along.imag, found.along.real), length=np.abs(found.end - found.start),
+        sigma_direction=sigma / np.sqrt(np.maximum(found.size * found.spread, 1e-12)),
+        sigma_offset=sigma / np.sqrt(found.size), kinds=kinds,
+        beams=np.array((sequence.beams[found.first], sequence.beams[found.last])).T)
+
+
+class _Fitted(NamedTuple):
+    """Fitted segments, S of them.
+
+    Attributes
+    ----------
+    first, last : (S,) int
+        First and last point of each.
+    size : (S,) int
+        Number of points.
+    start, end : (S,) complex [m]
+        Ends on the line.
+    along : (S,) complex
+        Unit direction from start to end.
+    spread, residual : (S,) float [m^2]
+        As in `Lines`.
+    """
+
+    first: IntArray
+    last: IntArray
+    size: IntArray
+    start: ComplexArray
+    end: ComplexArray
+    along: ComplexArray
+    spread: FloatArray
+    residual: FloatArray
+
+    def select(self, chosen: IntArray) -> '_Fitted':
+        return _Fitted(first=self.first[chosen], last=self.last[chosen], size=self.size[chosen],
+                       start=self.start[chosen], end=self.end[chosen], along=self.along[chosen],
+                       spread=self.spread[chosen], residual=self.residual[chosen])
+
+
+class _Pieces(NamedTuple):
+    """Pieces of the surfaces of a scan: first and last point, number of points, summed moments ``(5, S)`` of each."""
+
+    first: IntArray
+    last: IntArray
+    size: IntArray
+    moments: FloatArray
+
+
+def _fitted(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> _Fitted:
+    """Cut the surfaces at corners and fit a line to each piece."""
+    points, moments = sequence.points, sequence.moments
     if parameters.corners == 'slope':
-        first, last = slope_stretches(points, total, radius, breaks, noise, parameters)
+        first, last = slope_stretches(sequence, noise, parameters)
+        size, lines = last - first + 1, fit_sections(moments, first, last, parameters.sections)
     else:
-        first, last, count, lines = _straight_stretches(points, total, breaks, noise, parameters)
-    if parameters.corners == 'slope' or parameters.sections:
-        count, lines = last - first + 1, fit_sections(total, first, last, parameters.sections)
-    (x, y), angle, spread, residual = lines
-    centre, along = x + 1j * y, np.exp(1j * angle)
+        (first, last, size, _), lines = _straight_pieces(sequence, noise, parameters)
+        if parameters.sections:
+            size, lines = last - first + 1, fit_sections(moments, first, last, parameters.sections)
+    x, y = lines.centre
+    centre, along = x + 1j * y, np.exp(1j * lines.angle)
     along[((points[last] - points[first]) * along.conj()).real < 0.0] *= -1.0
     start = centre + along * ((points[first] - centre) * along.conj()).real
     end = centre + along * ((points[last] - centre) * along.conj()).real
-    length = np.abs(end - start)
-    keep = (count >= parameters.min_points) & (length >= parameters.min_length) & (residual < (0.15 * length) ** 2)
-    keep = keep.nonzero()[0]
-    if len(keep) > parameters.max_segments:
-        keep = np.sort(keep[np.argsort(-length[keep], kind='stable')[:parameters.max_segments]])
-    start, end, along, first, last, count, residual, spread = (
-        values[keep] for values in (start, end, along, first, last, count, residual, spread))
-    sigma = 0.5 * (noise[first] + noise[last])
-    sigma = np.sqrt(sigma * sigma + residual)
-    kinds = _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters)
-    return Segments(as_vectors(start), as_vectors(end), np.arctan2(along.imag, along.real), np.abs(end - start),
-                    sigma / np.sqrt(np.maximum(count * spread, 1e-12)), sigma / np.sqrt(count), kinds,
-                    np.array((beams[first], beams[last])).T)
+    return _Fitted(first=first, last=last, size=size, start=start, end=end, along=along, spread=lines.spread,
+                   residual=lines.residual)
 
 
-def _straight_stretches(points, total, breaks, noise, parameters):
-    """Stretches of the runs cut at their corners, neighbours on one line joined, with the lines through their points.
+def _longest(found: _Fitted, parameters: SegmentParameters) -> IntArray:
+    """Return the indices of the longest segments, at most `max_segments`, with enough points, long and straight."""
+    length = np.abs(found.end - found.start)
+    keep = (found.size >= parameters.min_points) & (length >= parameters.min_length)
+    keep &= found.residual < (_MAX_BEND * length) ** 2
+    chosen = keep.nonzero()[0]
+    if len(chosen) > parameters.max_segments:
+        chosen = np.sort(chosen[np.argsort(-length[chosen], kind='stable')[:parameters.max_segments]])
+    return chosen
+
+
+def split_surfaces(sequence: PointSequence, noise: FloatArray,
+                   parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
+    """Split all surfaces at their corners, level by level.
+
+    Within each piece the point farthest from the chord, beyond its own split distance, becomes a corner.
 
     Returns
     -------
-    first, last, count : (S,) int arrays
-    lines : tuple
-        As from `fit_lines`.
+    first, last : (S,) int
+        First and last point of each piece.
     """
-    first, last = split_runs(points, breaks, noise, parameters)
-    kept = (last - first >= 2).nonzero()[0]
+    points = sequence.points
+    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, 1e-9)
+    edges = np.concatenate(([True], sequence.breaks, [True]))
+    edge = edges.nonzero()[0]
+    for _ in range(parameters.split_levels):
+        first, length = edge[:-1], edge[1:] - edge[:-1]
+        start = points[first]
+        chord = points[edge[1:] - 1] - start
+        # Distances from the chord beyond the split distance, times the length of the chord.
+        area = np.abs((chord.conj().repeat(length) * (points - start.repeat(length))).imag)
+        area -= split_distance * np.abs(chord).repeat(length)
+        largest = np.maximum.reduceat(area, first)
+        largest[largest <= 0.0] = np.inf
+        corners = (area == largest.repeat(length)).nonzero()[0]
+        if not len(corners):
+            break
+        edges[corners + 1] = True
+        edge = edges.nonzero()[0]
+    return edge[:-1], edge[1:] - 1
+
+
+def _straight_pieces(sequence: PointSequence, noise: FloatArray,
+                     parameters: SegmentParameters) -> tuple[_Pieces, Lines]:
+    """Split surfaces at corners and join neighbours on one line; also return the lines through their points."""
+    first, last = split_surfaces(sequence, noise, parameters)
+    kept = (last - first >= _MIN_STEPS).nonzero()[0]
     first, last = first[kept], last[kept]
-    count, moments = last - first + 1, total[:, last + 1] - total[:, first]
+    pieces = _Pieces(first, last, last - first + 1, sequence.moments[:, last + 1] - sequence.moments[:, first])
     for _ in range(_JOINS):
-        size = len(first)
-        _, angle, _, residual = lines = fit_lines(np.concatenate((moments, moments[:, 1:] + moments[:, :-1]), axis=1),
-                                                  np.concatenate((count, count[1:] + count[:-1])))
-        apart = _on_different_lines(points, first, last, angle[:size], residual[size:], noise, parameters)
+        number, (first, last, size, moments) = len(pieces.first), pieces
+        lines = fit_lines(np.concatenate((moments, moments[:, 1:] + moments[:, :-1]), axis=1),
+                          np.concatenate((size, size[1:] + size[:-1])))
+        own, joint = (Lines(*(each[..., part] for each in lines)) for part in (slice(number), slice(number, None)))
+        apart = _on_different_lines(sequence.points, pieces, own.angle, joint.residual,
+                                    _JoinLimits(noise, parameters.join_noise, parameters.join_gap))
         if apart.all():
-            return first, last, count, [each[..., :size] for each in lines]
+            return pieces, own
         head = np.concatenate(([True], apart)).nonzero()[0]
-        first, last = first[head], last[np.concatenate((head[1:], [size])) - 1]
-        count, moments = np.add.reduceat(count, head), np.add.reduceat(moments, head, axis=1)
-    return first, last, count, fit_lines(moments, count)
+        pieces = _Pieces(first[head], last[np.concatenate((head[1:], [number])) - 1], np.add.reduceat(size, head),
+                         np.add.reduceat(moments, head, axis=1))
+    return pieces, fit_lines(pieces.moments, pieces.size)
 
 
-_JOINS = 2
-"""Times that neighbours are joined."""
+class _JoinLimits(NamedTuple):
+    """Noise [m] of each range ``(P,)``, and the parameters `join_noise` and `join_gap`."""
+
+    noise: FloatArray
+    noise_factor: float
+    gap: float
 
 
-def _on_different_lines(points, first, last, angle, residual, noise, parameters):
-    """``(S - 1,)`` bool: False where a stretch and the next are parts of one line.
+def _on_different_lines(points: ComplexArray, pieces: _Pieces, angle: FloatArray, residual: FloatArray,
+                        limits: _JoinLimits) -> BoolArray:
+    """Find neighbours that are not parts of one line.
 
-    By the `angle` ``(S,)`` of each one's line, and the `residual` ``(S - 1,)`` of that through both.
+    Parameters
+    ----------
+    points : (P,) complex [m]
+    pieces : _Pieces
+    angle : (S,) float
+        Direction of the line through each piece [rad].
+    residual : (S - 1,) float
+        Residual of the line through a piece and the next [m^2].
+    limits : _JoinLimits
+
+    Returns
+    -------
+    (S - 1,) bool
+        False where a piece and the next are parts of one line.
     """
-    turn = np.abs((angle[1:] - angle[:-1] + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+    first, last, noise = pieces.first, pieces.last, limits.noise
+    difference = np.abs((angle[1:] - angle[:-1] + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
     reach = points[last] - points[first]
     length = np.abs(reach)
     shorter = np.minimum(length[1:], length[:-1])
     noise = np.maximum(noise[last[:-1]], noise[first[1:]])
-    same = residual < (parameters.join_noise * noise) ** 2
-    same &= np.abs(points[first[1:]] - points[last[:-1]]) < parameters.join_gap
+    same = residual < (limits.noise_factor * noise) ** 2
+    same &= np.abs(points[first[1:]] - points[last[:-1]]) < limits.gap
     same &= (reach[1:] * reach[:-1].conj()).real > 0.0
-    same &= turn < np.minimum(0.25, 0.05 + 6.0 * noise / np.maximum(shorter, 1e-3))
+    tolerance = _JOIN_ANGLE + _JOIN_ANGLE_NOISE * noise / np.maximum(shorter, 1e-3)
+    same &= difference < np.minimum(_MAX_JOIN_ANGLE, tolerance)
     return ~same
 
 
-def _end_kinds(points, radius, breaks, start, end, along, first, last, noise, parameters):
-    """What ends each segment; a `start` or `end` at a corner is moved to the point where its two lines meet."""
+def _end_kinds(sequence: PointSequence, found: _Fitted, noise: FloatArray,
+               parameters: SegmentParameters) -> IntArray:
+    """Return the `EndKind` of start and end of each segment ``(S, 2)``; ends at corners are moved there, in place."""
+    first, last, radius = found.first, found.last, sequence.radius
     kinds = np.full((len(first), 2), int(EndKind.OCCLUSION))
     margin = parameters.depth_margin + 3.0 * noise
     depth = np.concatenate(([-np.inf], radius, [-np.inf]))
     kinds[depth[first] > (radius + margin)[first], 0] = EndKind.FREE
     kinds[depth[last + 2] > (radius + margin)[last], 1] = EndKind.FREE
     if len(first) > 1:
-        before, after = along[:-1], along[1:]
-        cross = (before.conj() * after).imag
-        crossing = np.abs(cross) >= _CROSSING
-        beyond = ((start[1:] - end[:-1]).conj() * after).imag / np.where(crossing, cross, 1.0)
-        meeting = end[:-1] + beyond * before
-        reach = parameters.corner_reach + np.abs(points[first[1:]] - points[last[:-1]])
-        half = 0.5 * np.abs(end - start)
-        corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
-        corner &= beyond > -half[:-1]
-        cut = breaks.nonzero()[0]
-        corner &= (first[1:] - last[:-1] <= 3) & (cut.searchsorted(first[1:]) == cut.searchsorted(last[:-1]))
-        end[:-1][corner] = start[1:][corner] = meeting[corner]
+        corner, meeting = _corners(sequence, found, parameters)
+        found.end[:-1][corner] = found.start[1:][corner] = meeting[corner]
         kinds[:-1, 1][corner] = kinds[1:, 0][corner] = EndKind.CORNER
     return kinds
 
 
-# Sine of the least angle between two lines that meet in a corner.
-_CROSSING = 0.3
+def _corners(sequence: PointSequence, found: _Fitted, parameters: SegmentParameters) -> tuple[BoolArray, ComplexArray]:
+    """Return where a segment and the next meet in a corner ``(S - 1,)``, and the intersections of their lines [m]."""
+    first, last, start, end = found.first, found.last, found.start, found.end
+    before, after = found.along[:-1], found.along[1:]
+    cross = (before.conj() * after).imag
+    crossing = np.abs(cross) >= _MIN_CORNER_SINE
+    beyond = ((start[1:] - end[:-1]).conj() * after).imag / np.where(crossing, cross, 1.0)
+    meeting = end[:-1] + beyond * before
+    reach = parameters.corner_reach + np.abs(sequence.points[first[1:]] - sequence.points[last[:-1]])
+    half = 0.5 * np.abs(end - start)
+    corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
+    corner &= beyond > -half[:-1]
+    breaks = sequence.breaks.nonzero()[0]
+    corner &= first[1:] - last[:-1] <= _MAX_CORNER_POINTS
+    corner &= breaks.searchsorted(first[1:]) == breaks.searchsorted(last[:-1])
+    return corner, meeting
+
+
+_MAX_BEND = 0.15
+"""Root mean square distance from the line, as a fraction of the length, above which a segment is dropped."""
+_MIN_STEPS = 2
+"""Least number of steps from the first to the last point of a piece."""
+_JOINS = 2
+"""Number of times that neighbours are joined."""
+_JOIN_ANGLE, _JOIN_ANGLE_NOISE, _MAX_JOIN_ANGLE = 0.05, 6.0, 0.25
+"""Angle [rad] up to which neighbours are joined, its growth with noise over length, and its upper limit [rad]."""
+_MIN_CORNER_SINE = 0.3
+"""Least sine of the angle between two lines that meet in a corner."""
+_MAX_CORNER_POINTS = 3
+"""Largest number of points from the last of a segment to the first of the next that meet in a corner."""

@@ -1,111 +1,144 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Posts: small things that stand free and have no normals, such as the legs of chairs and the trunks of trees."""
+"""Small free-standing objects of a scan, and poles: those without normals, such as chair legs and tree trunks."""
 import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
+from ..parameters.features import SegmentParameters
 from .oriented_points import OrientedPoints
+from .point_sequence import find_breaks
 from .records import Features
-from .segments import find_breaks
 
-# Directions all around, the first of them towards the sensor.
-_AROUND = np.exp(2j * np.pi * np.arange(8) / 8)
+_POINTS = 8
+"""Number of oriented points around a pole."""
+_AROUND = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
+"""Directions of these points from the centre, the first of them towards the sensor."""
+_SURFACES = 2.0
+"""Weight of a return from a pole, which constrains the motion in both directions, relative to one from a wall."""
 
 
-def with_poles(features: Features, size, parameters) -> Features:
-    """The same, and in place of each post points all around it that face away from its middle.
+def with_poles(features: Features, size: float, parameters: SegmentParameters) -> Features:
+    """Add the poles of a scan: oriented points all around each, facing away from its centre.
 
-    A small thing that stands free is a post if none of its points has a normal. A point that has one holds the motion across
-    its surface; a post holds it in every direction. It is taken to be round and as wide as its beams are, at most `size`. All
-    its points together count as much as if each of its returns lay on two surfaces.
+    A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
+    surface; a pole constrains it in every direction. It is taken to be round and as wide as its beams, at most `size`.
+    All its points together weigh as much as if each of its returns were on two surfaces.
 
     Parameters
     ----------
     features : Features
-    size : float [m]
-        Posts are smaller than this.
+    size : float
+        Poles are smaller than this [m].
     parameters : SegmentParameters
 
     Returns
     -------
     Features
+        `features` itself where it has no poles.
     """
-    bare = as_complex(features.normals) == 0.0
-    if not bare.any():
+    if as_complex(features.normals).all():
         return features
-    things = find_small_objects(features, size, parameters)
-    chosen = things.bare.nonzero()[0]
-    if not len(chosen):
+    objects = find_small_objects(features, size, parameters)
+    poles = objects.without_normals.nonzero()[0]
+    if not len(poles):
         return features
-    beams, returns, _, front, width, _ = (each[chosen] for each in things)
+    front, width = objects.front[poles], objects.width[poles]
     half = np.minimum(0.5 * width, 0.5 * size)
     towards = -front / np.maximum(np.abs(front), 1e-9)
     normals = towards[:, None] * _AROUND
-    around = (front - half * towards)[:, None] + half[:, None] * normals
-    weights = np.minimum(2.0 * returns / len(_AROUND), 1.0)
-    poles = OrientedPoints(*(each.ravel() for each in (around, normals)), *(each.repeat(len(_AROUND)) for each in (beams, weights)))
-    return dataclasses.replace(features, poles=poles)
+    points = (front - half * towards)[:, None] + half[:, None] * normals
+    weights = np.minimum(_SURFACES * objects.returns[poles] / _POINTS, 1.0)
+    return dataclasses.replace(features, poles=OrientedPoints(
+        points.ravel(), normals.ravel(), objects.beam[poles].repeat(_POINTS), weights.repeat(_POINTS)))
 
 
 class SmallObjects(NamedTuple):
-    """Small things that stand free, T of them.
+    """Small free-standing objects of a scan, T of them.
 
     Attributes
     ----------
     beam : (T,) int
-        The first that returned from it.
+        First beam with a return from each.
     returns : (T,) int
-        How many.
+        Number of returns.
     nearest : (T,) float [m]
-        Range of the nearest of them.
+        Least range.
     front : (T,) complex [m]
-        The middle between the first and the last of them.
+        Middle between the first and the last point.
     width : (T,) float [m]
-        Of so many beams, there.
-    bare : (T,) bool
-        None of its points has a normal.
+        Width of that many beams at this distance.
+    without_normals : (T,) bool
+        Whether none of its points has a normal.
     """
 
-    beam: np.ndarray
-    returns: np.ndarray
-    nearest: np.ndarray
-    front: np.ndarray
-    width: np.ndarray
-    bare: np.ndarray
+    beam: IntArray
+    returns: IntArray
+    nearest: FloatArray
+    front: ComplexArray
+    width: FloatArray
+    without_normals: BoolArray
 
     @property
-    def middle(self):
-        """``(T,)`` complex [m]: the middle of each, if it is round."""
+    def middle(self) -> ComplexArray:
+        """``(T,)`` complex [m]: centre of each object, taken as round."""
         return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), 1e-9))
 
 
-def find_small_objects(features: Features, size, parameters) -> SmallObjects:
-    """Runs of points (Eq. 5) smaller than a `size` [m] beside which it is deeper, or nothing, on both sides."""
-    geometry, beams, points = features.scan.geometry, features.beams, as_complex(features.points)
+class _Ring(NamedTuple):
+    """Points of a scan in beam order, starting at a break if the beams cover the full circle.
+
+    Attributes
+    ----------
+    beams : (P,) int
+        Increasing, also beyond the last beam of the scan.
+    points : (P,) complex [m]
+    without_normal : (P,) bool
+    breaks : (P - 1,) bool
+        As in `Features`.
+    """
+
+    beams: IntArray
+    points: ComplexArray
+    without_normal: BoolArray
+    breaks: BoolArray
+
+
+def find_small_objects(features: Features, size: float, parameters: SegmentParameters) -> SmallObjects:
+    """Find surfaces (Eq. 5) smaller than a `size` [m] with deeper space, or no return, on both sides."""
+    geometry = features.scan.geometry
+    circle = round(2.0 * np.pi / abs(geometry.angle_increment)) if geometry.closed else geometry.size
+    beams, points, without_normal, breaks = _ring(features, circle, parameters)
     if not len(points):
         return SmallObjects(beams, beams, np.abs(points), points, np.abs(points), points == 0.0)
-    bare = as_complex(features.normals) == 0.0
     radius = np.abs(points)
-    breaks = find_breaks(points, radius, beams, geometry, features.noise, parameters)
-    turn = round(2.0 * np.pi / abs(geometry.angle_increment)) if geometry.closed else geometry.size
-    if geometry.closed and breaks.any():
-        # From a break on: no run goes on from the last beam to the first.
-        start = breaks.argmax() + 1
-        beams = np.concatenate((beams[start:], beams[:start] + turn))
-        points, radius, bare = (np.roll(each, -start) for each in (points, radius, bare))
-        breaks = find_breaks(points, radius, beams, geometry, features.noise, parameters)
     start = np.concatenate(([0], breaks.nonzero()[0] + 1))
     first, last = start, np.append(start[1:], len(points)) - 1
-    at = np.arange(len(first)) if geometry.closed else np.arange(1, len(first) - 1)
-    before, after = last[at - 1], first[(at + 1) % len(first)]
-    first, last = first[at], last[at]
+    inner = np.arange(len(first)) if geometry.closed else np.arange(1, len(first) - 1)
+    before, after = last[inner - 1], first[(inner + 1) % len(first)]
+    first, last = first[inner], last[inner]
     margin = parameters.depth_margin + 3.0 * features.noise
-    free = (radius[before] > radius[first] + margin) | ((beams[first] - beams[before]) % turn > 1)
-    free &= (radius[after] > radius[last] + margin) | ((beams[after] - beams[last]) % turn > 1)
+    free = (radius[before] > radius[first] + margin) | ((beams[first] - beams[before]) % circle > 1)
+    free &= (radius[after] > radius[last] + margin) | ((beams[after] - beams[last]) % circle > 1)
     free &= np.abs(points[last] - points[first]) < size
-    at, first, last = at[free], first[free], last[free]
+    inner, first, last = inner[free], first[free], last[free]
     front, returns = 0.5 * (points[first] + points[last]), last - first + 1
-    return SmallObjects(beams[first] % turn, returns, np.minimum.reduceat(radius, start)[at], front,
-                  returns * abs(geometry.angle_increment) * np.abs(front), np.logical_and.reduceat(bare, start)[at])
+    return SmallObjects(
+        beam=beams[first] % circle, returns=returns, nearest=np.minimum.reduceat(radius, start)[inner], front=front,
+        width=returns * abs(geometry.angle_increment) * np.abs(front),
+        without_normals=np.logical_and.reduceat(without_normal, start)[inner])
+
+
+def _ring(features: Features, circle: int, parameters: SegmentParameters) -> _Ring:
+    """Order the points of a scan so that no surface continues from the last to the first; `circle` beams go round."""
+    geometry, beams, breaks = features.scan.geometry, features.beams, features.breaks
+    points, without_normal = as_complex(features.points), as_complex(features.normals) == 0.0
+    if not geometry.closed or not breaks.any():
+        return _Ring(beams, points, without_normal, breaks)
+    start = int(breaks.argmax()) + 1
+    seam = find_breaks(points[[-1, 0]], np.array((beams[-1], beams[0] + circle)), geometry.angle_increment,
+                       features.noise, parameters)
+    return _Ring(np.concatenate((beams[start:], beams[:start] + circle)), np.roll(points, -start),
+                 np.roll(without_normal, -start), np.concatenate((breaks[start:], seam, breaks[:start - 1])))

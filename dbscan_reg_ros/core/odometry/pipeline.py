@@ -6,8 +6,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.extraction import extract_features, scan_noise_ratio
+from ..features.extraction import extract_from_returns
 from ..features.records import Features
+from ..features.returns import admitted_returns
 from ..features.small_objects import with_poles
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
@@ -116,8 +117,9 @@ class Odometry:
         state, p = self._state, self._parameters
         if twist is not None:
             scan = deskew(scan, twist)
-        noise = state.noise if again else state.noise.after(scan_noise_ratio(scan, p.scan))
-        features = extract_features(scan, p, noise.value)
+        returns = admitted_returns(scan, p.scan)
+        noise = state.noise if again else state.noise.after(returns.noise_ratio)
+        features = extract_from_returns(returns, p, noise.value)
         state.noise = noise
         return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
 

@@ -104,7 +104,7 @@ class ParameterTree:
     """A frozen dataclass of parameters and groups of parameters, read and made by full names."""
 
     def __repr__(self) -> str:
-        """What differs from the defaults."""
+        """Show what differs from the defaults."""
         values = self.flatten()
         changed = {each.name: values[each.name] for each in self.describe() if values[each.name] != each.default}
         return f'{type(self).__name__}()' + (f'.replace({changed})' if changed else '')

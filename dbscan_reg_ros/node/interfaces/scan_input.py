@@ -13,7 +13,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
 from ...core.geometry.mounting import Mounting
-from ...core.scan import SECOND, Scan, ScanGeometry
+from ...core.scan import SECOND, Scan
+from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.parameters import NodeParameters
 from ..throttled_log import ThrottledLog

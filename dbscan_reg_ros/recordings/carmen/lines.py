@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.scan import Scan, ScanGeometry
+from ...core.scan import Scan
+from ...core.scan_geometry import ScanGeometry
 from ..decimals import nanoseconds, seconds
 from ..recording import Record
 from ..stamps import SECOND
@@ -51,10 +52,12 @@ class Line(NamedTuple):
         return ScanGeometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
 
     def scan(self, settings, geometry, stamp, no_return=None) -> Scan:
-        """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none; `geometry` as in `from_fields`."""
+        """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none.
+
+        The `geometry` of the last scan is used again where it is equal.
+        """
         ranges = self.ranges if no_return is None else np.where(self.ranges >= no_return, np.inf, self.ranges)
-        made = self.geometry(settings)
-        return Scan(stamp, ranges, geometry if geometry == made else made, float(settings['laser_time_increment']),
+        return Scan(stamp, ranges, self.geometry(settings).reuse(geometry), float(settings['laser_time_increment']),
                     settings['laser_frame'])
 
 

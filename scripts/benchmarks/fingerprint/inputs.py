@@ -8,6 +8,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.errors import DbscanRegError
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.evaluation.trackers import SPREAD
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.poses import relative
@@ -113,8 +114,8 @@ def mounted(kind, limit=None):
 def regarded(scan, angle_min, angle_increment):
     """Return the scan with other bearings."""
     g = scan.geometry
-    return scan.from_fields(scan.stamp, scan.ranges, angle_min, angle_increment, g.range_min, g.range_max, scan.time_increment,
-                            scan.frame_id)
+    geometry = ScanGeometry(angle_min, angle_increment, g.size, g.range_min, g.range_max)
+    return dataclasses.replace(scan, geometry=geometry)
 
 
 def through_node(kind, limit=None) -> dict:

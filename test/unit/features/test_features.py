@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros import Parameters, Scan, ScanGeometry
-from dbscan_reg_ros.core.features.extraction import estimate_normals, extract_features
+from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.normals import estimate_normals
+from dbscan_reg_ros.core.features.point_sequence import PointSequence, find_breaks
 from dbscan_reg_ros.core.features.range_noise import estimate_noise
+from dbscan_reg_ros.core.features.returns import admitted_returns
 from dbscan_reg_ros.core.geometry.line_fit import summed_moments
-from dbscan_reg_ros.core.geometry.se2 import as_complex
+from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
 
 PLAIN = Parameters().replace({'filter.test': 'off'})
@@ -19,7 +22,9 @@ PLAIN = Parameters().replace({'filter.test': 'off'})
 def normals_of(points, breaks=None, increment=DEGREE, **changes):
     points = np.asarray(points, dtype=float)
     breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
-    return estimate_normals(as_complex(points), summed_moments(as_complex(points)), breaks, increment, 0.0, SegmentParameters(**changes))
+    places = as_complex(points)
+    sequence = PointSequence(places, np.abs(places), np.arange(len(places)), summed_moments(places), breaks, increment)
+    return as_vectors(estimate_normals(sequence, np.zeros(len(places)), SegmentParameters(**changes)))
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
@@ -103,3 +108,20 @@ def test_ranges_beyond_the_parameters_limits_are_left_out_and_the_limits_are_not
 
     assert left() == left(range_min=1.0, range_max=4.0) == (0, 359, 360)
     assert left(range_min=1.5, range_max=3.0) == (120, 239, 120)
+
+
+def test_the_breaks_that_features_keep_are_those_of_their_points():
+    """Also around a full circle, where objects are found from a break on."""
+    scan = look(outline(L_ROOM), geometry=FULL, noise=0.01)
+    found = extract_features(scan, PLAIN)
+    expected = find_breaks(as_complex(found.points), found.beams, scan.geometry.angle_increment, found.noise, PLAIN.segments)
+    assert np.array_equal(found.breaks, expected)
+
+
+def test_returns_know_noise_and_ratio_of_the_admitted_ranges_only():
+    ranges = np.where(np.arange(360) < 100, 9.0, 2.0)
+    returns = admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
+    assert np.count_nonzero(returns.valid) == 260 and not returns.valid[:100].any()
+    assert returns.noise == pytest.approx(0.004) and returns.noise_ratio == 0.0
+    with pytest.raises(ScanError, match='260 of 360 beams have a return; scan.min_returns asks for 300'):
+        admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))

@@ -11,7 +11,8 @@ from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.small_objects import with_poles
 from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation.raycasting import cast
 

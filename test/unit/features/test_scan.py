@@ -11,7 +11,8 @@ from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
 
 def test_polar_to_cartesian():
@@ -65,11 +66,10 @@ def test_as_many_ranges_as_beams():
 
 
 def test_equal_geometries_are_shared():
-    first = Scan.from_fields(0, [1.0, 2.0], 0.0, 0.1)
-    second = Scan.from_fields(1, [1.0, 2.0], 0.0, 0.1, geometry=first.geometry)
-    third = Scan.from_fields(2, [1.0, 2.0], 0.0, 0.2, geometry=first.geometry)
-    assert second.geometry is first.geometry
-    assert third.geometry.angle_increment == float(np.float32(0.2))
+    first = ScanGeometry(0.0, 0.1, 2)
+    assert ScanGeometry(0.0, 0.1, 2).reuse(first) is first
+    other = ScanGeometry(0.0, 0.2, 2)
+    assert other.reuse(first) is other and other.reuse(None) is other
 
 
 def test_a_scan_cannot_be_changed_nor_by_the_array_it_was_made_from():

@@ -8,13 +8,14 @@ from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.features.corners import rank_corners, slope_differences, slope_stretches
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.point_sequence import PointSequence, find_breaks
 from dbscan_reg_ros.core.features.records import EndKind
-from dbscan_reg_ros.core.features.segments import find_breaks
 from dbscan_reg_ros.core.geometry.line_fit import fit_sections, summed_moments
 from dbscan_reg_ros.core.geometry.se2 import SE2, as_complex, wrap
 from dbscan_reg_ros.core.parameters.features import SegmentParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
 PLAIN = Parameters().replace({'filter.test': 'off'})
 SLOPE = PLAIN.replace({'segments.corners': 'slope', 'segments.sections': 5})
@@ -31,7 +32,7 @@ def breaks_of(scan, parameters=SegmentParameters()):
     """Beams after which a break lies."""
     beams = np.flatnonzero(scan.valid)
     points = as_complex(scan.points[beams])
-    return beams[:-1][find_breaks(points, np.abs(points), beams, scan.geometry, NOISE, parameters)]
+    return beams[:-1][find_breaks(points, beams, scan.geometry.angle_increment, NOISE, parameters)]
 
 
 # Breakpoints
@@ -65,11 +66,10 @@ def test_all_22_breakpoints_of_a_frame_and_no_other(changes, noise):
 
 def test_a_distance_equal_to_the_threshold_is_a_break():
     """D = 8 * 1 m * 1/8 rad = 1 m."""
-    geometry = ScanGeometry(0.0, 0.125, 2)
     exact = SegmentParameters(breakpoint_noise=0.0)
     for distance, broken in ((1.0, True), (1.0 - 1e-9, False)):
         points = np.array([1.0, 1.0 + distance], dtype=complex)
-        found = find_breaks(points, points.real, np.array([0, 1]), geometry, NOISE, exact)
+        found = find_breaks(points, np.array([0, 1]), 0.125, NOISE, exact)
         np.testing.assert_array_equal(found, [broken])
 
 
@@ -77,8 +77,7 @@ def test_the_threshold_grows_with_range_step_noise_and_missing_beams():
     def broken(radius, distance, increment=0.02, gap=1, **changes):
         points = np.array([radius, radius + 1j * distance])
         parameters = SegmentParameters(breakpoint_factor=5.0, **({'breakpoint_noise': 0.0} | changes))
-        return bool(find_breaks(points, np.array([radius, radius]), np.array([0, gap]),
-                                ScanGeometry(0.0, increment, 10), NOISE, parameters)[0])
+        return bool(find_breaks(points, np.array([0, gap]), increment, NOISE, parameters)[0])
 
     assert broken(2.0, 0.21) and not broken(2.0, 0.19)
     assert broken(4.0, 0.41) and not broken(4.0, 0.39)
@@ -156,7 +155,8 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
             best = cost, first, last
     parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
     noise = np.full(90, NOISE)
-    first, last = slope_stretches(as_complex(points), summed_moments(as_complex(points)), radius, breaks, noise, parameters)
+    first, last = slope_stretches(
+        PointSequence(as_complex(points), radius, np.arange(90), summed_moments(as_complex(points)), breaks, DEGREE), noise, parameters)
     np.testing.assert_array_equal(first, best[1])
     np.testing.assert_array_equal(last, best[2])
 

@@ -12,7 +12,8 @@ from dbscan_reg_ros.core.features.small_objects import find_small_objects
 from dbscan_reg_ros.core.registration.landmarks import landmark_motions
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.search import SearchStage
-from dbscan_reg_ros.core.scan import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.figures.overlay import draw_overlay
 from dbscan_reg_ros.figures.sheet import SIZE
 from dbscan_reg_ros.figures.steps import Steps
