@@ -22,7 +22,7 @@ setup(
     description='2D lidar odometry by registration of line segments with DBSCAN clustering',
     license='Apache-2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['replays/*.html']},
+    package_data={PACKAGE: ['py.typed', 'replays/*.html']},
     python_requires='>=3.10',
     install_requires=['numpy>=1.26', 'scipy>=1.11.4', 'scikit-learn>=1.4.1', 'PyYAML'],
     extras_require={'commands': ['matplotlib', 'rosbags', 'tqdm'], 'cluster': ['distributed'],
