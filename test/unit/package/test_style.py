@@ -6,6 +6,8 @@ import subprocess
 
 import pytest
 
+SIDE_BY_SIDE = '-n auto --maxprocesses 4 --dist worksteal'
+
 
 def locked(root):
     """Name -> version, of what scripts/requirements/style.txt pins; that of numpy depends on the Python."""
@@ -24,18 +26,19 @@ def test_the_hook_and_the_tests_run_the_same_versions(root):
 
 @pytest.fixture
 def checks(root, tmp_path):
-    """``checks(ruff=status, mypy=status)``: scripts/test with these in place of the tools; its status, and what ran."""
+    """``checks(*arguments, ruff=status, mypy=status)``: scripts/test with stand-ins for the tools; its status, and what ran."""
     shutil.copytree(root / 'scripts', tmp_path / 'scripts')
     with open(tmp_path / 'scripts' / 'setup', 'a') as setup:
         setup.write(f'set_up() {{ python={tmp_path}/python; }}\nset_up_style() {{ style={tmp_path}; }}\n'
                     'set_up_noble() { noble=; }\nset_up_evo() { :; }\n')
 
-    def checks(ruff=0, mypy=0):
+    def checks(*words, ruff=0, mypy=0):
         for name, status in (('ruff', ruff), ('mypy', mypy), ('python', 0)):
-            (tmp_path / name).write_text(f'#!/bin/sh\necho {name} $1 >> {tmp_path}/ran\nexit {status}\n')
+            (tmp_path / name).write_text(f'#!/bin/sh\necho {name} $* >> {tmp_path}/ran\nexit {status}\n')
             (tmp_path / name).chmod(0o755)
         (tmp_path / 'ran').write_text('')
-        done = subprocess.run(['bash', tmp_path / 'scripts' / 'test'], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(['bash', tmp_path / 'scripts' / 'test', *words], capture_output=True, text=True, timeout=60,
+                              check=False)
         return done.returncode, (tmp_path / 'ran').read_text().splitlines()
     return checks
 
@@ -43,7 +46,21 @@ def checks(root, tmp_path):
 def test_what_ruff_or_mypy_finds_fails_the_tests(checks):
     assert checks(ruff=1) == (1, ['ruff check'])
     assert checks(mypy=1) == (1, ['ruff check', 'mypy'])
-    assert checks() == (0, ['ruff check', 'mypy', 'python -m'])
+    assert checks() == (0, ['ruff check', 'mypy', f'python -m pytest {SIDE_BY_SIDE}'])
+
+
+def test_style_alone_runs_no_test(checks):
+    assert checks('style') == (0, ['ruff check', 'mypy'])
+
+
+@pytest.mark.parametrize('folder', ['unit', 'recordings', 'node', 'fuzz', 'long'])
+def test_a_folder_of_tests_runs_by_its_name(checks, root, folder):
+    assert (root / 'test' / folder).is_dir()
+    assert checks(folder, '-k', 'some') == (0, [f'python -m pytest {SIDE_BY_SIDE} test/{folder} -k some'])
+
+
+def test_other_arguments_go_to_pytest(checks):
+    assert checks('test/unit/features', '-x') == (0, ['python -m pytest test/unit/features -x'])
 
 
 def sources(root):
