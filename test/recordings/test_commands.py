@@ -218,7 +218,8 @@ def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, word
 
 def test_a_benchmark_whose_result_cannot_be_written_is_refused_before_any_work(root, tmp_path):
     result = subprocess.run([sys.executable, '-m', 'benchmarks', 'node', '--json', '/proc/a.json'], cwd=tmp_path,
-                            env=os.environ | {'PYTHONPATH': str(root)}, capture_output=True, text=True, check=False, timeout=60)
+                            env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))}, capture_output=True,
+                            text=True, check=False, timeout=60)
     assert (result.returncode, result.stdout) == (2, '') and '/proc/a.json: cannot be written' in result.stderr
 
 

@@ -66,7 +66,7 @@ def begun(root, tmp_path):
 
     def begin(ready, *words, module='dbscan_reg_ros', workers=2):
         process = subprocess.Popen([sys.executable, '-m', module, *map(str, words)], cwd=tmp_path, text=True,
-                                   env=os.environ | {'PYTHONPATH': str(root)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                                   env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))}, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         begun.append(process)
         wait_until(lambda: (process.poll() is None or pytest.fail(process.communicate()[1]))
                    and len(children(process.pid)) >= workers and ready(), STARTED)
