@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Oriented points of a scan: points with unit normals, their weights, and how they are sampled."""
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
+
+Values = TypeVar('Values', FloatArray, ComplexArray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class OrientedPoints:
         """Multiply a `weight` ``(..., P)`` by the weights of the points."""
         return weight if self.weights is None else weight * self.weights
 
-    def sharpened(self, values: FloatArray) -> FloatArray:
+    def sharpened(self, values: Values) -> Values:
         """Multiply real or complex `values` ``(..., P)`` by the inverse noise scale of the points."""
         return values if self.inverse_noise is None else values * self.inverse_noise
 
