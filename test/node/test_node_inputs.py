@@ -74,9 +74,9 @@ def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(n
 
     def counts():
         values = {v.key: v.value for v in reports[-1].status[0].values}
-        return [int(values[f'scans {kind}']) for kind in ('received', 'answered', 'dropped')]
+        return [int(values[f'scans {kind}']) for kind in ('received', 'processed', 'dropped')]
 
     peer.until(lambda: reports and counts()[1] == len(answers))
-    received, answered, dropped = counts()
-    assert received == answered + dropped
+    received, processed, dropped = counts()
+    assert received == processed + dropped
     assert received > 50
