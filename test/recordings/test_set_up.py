@@ -250,7 +250,7 @@ def test_chromium_is_installed_on_debian_where_there_is_none(add_browser):
     assert add_browser() == ('Installing chromium ...\n', ['update', 'install -y chromium'])
 
 
-@pytest.mark.parametrize('case', [{'system': 'ubuntu'}, {'user': 1000}, {'chromium': GOOD}], ids=lambda case: [*case][0])
+@pytest.mark.parametrize('case', [{'system': 'ubuntu'}, {'user': 1000}, {'chromium': GOOD}], ids=lambda case: next(iter(case)))
 def test_no_browser_is_installed_where_it_may_not_or_need_not_be(add_browser, case):
     assert add_browser(**case) == ('', [])
 
