@@ -16,8 +16,7 @@ from ..robot.parameters import MOUNTINGS, SOURCES
 
 if TYPE_CHECKING:
     from launch.actions import DeclareLaunchArgument, EmitEvent
-
-    from launch import LaunchContext
+    from launch.launch_context import LaunchContext
 
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'

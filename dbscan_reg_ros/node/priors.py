@@ -26,7 +26,7 @@ QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_ANGULAR_VELOCITY = -1.0
 """First element of ``angular_velocity_covariance`` of an IMU without a gyroscope."""
 
-Predict = Callable[[int], Prior]
+Predict = Callable[[int], Prior | None]
 """Stamp [ns] -> prediction of the motion model."""
 
 
@@ -222,7 +222,10 @@ class _Gyroscope:
         if start is None or end is None:
             return None
         rotation = start.inverse() @ end
-        base = interval.base_motion(predict(interval.end))
+        predicted = predict(interval.end)
+        if predicted is None:
+            return None
+        base = interval.base_motion(predicted)
         return base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])
 
 

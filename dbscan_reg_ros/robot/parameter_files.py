@@ -182,7 +182,7 @@ def _about(group: str) -> str:
     if not group:
         return 'Frames, and the mounting of the laser on the base.'
     classes = inspect.getmro(type(getattr(DEFAULTS, group)))
-    return ' '.join(c.__doc__ for c in reversed(classes[:classes.index(ParameterGroup)]))
+    return ' '.join(c.__doc__ or '' for c in reversed(classes[:classes.index(ParameterGroup)]))
 
 
 def _comment(description: Description, indent: str) -> list[str]:

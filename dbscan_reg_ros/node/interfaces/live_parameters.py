@@ -46,8 +46,8 @@ class LiveParameters:
         self._descriptions = {d.name: d for d in NodeParameters.describe()}
         self.value = NodeParameters().replace(self._given())
         for name, value in self.value.flatten().items():
-            value = list(value) if isinstance(value, tuple) else value
-            node.declare_parameter(name, value, describe(self._descriptions[name]), ignore_override=True)
+            declared = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(name, declared, describe(self._descriptions[name]), ignore_override=True)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)

@@ -264,5 +264,4 @@ def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArr
     widths = np.remainder(sectors[:, 1] - sectors[:, 0], full)
     widths[widths == 0.0] = full
     offsets = np.remainder(bearings[:, None] - sectors[:, 0], full)
-    inside: NDArray[np.bool_] = (offsets <= widths + BEARING_TOLERANCE).any(axis=1)
-    return inside
+    return np.asarray((offsets <= widths + BEARING_TOLERANCE).any(axis=1))

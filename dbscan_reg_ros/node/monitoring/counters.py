@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
 from ...core.registration.records import Status
-from ...recordings.scan_checks import ScanWarning
+from ...recordings.scan_checks import Kind, ScanWarning
 
 TIMED_SCANS = 200
 """Number of the latest scans whose processing times are kept."""
@@ -59,7 +59,7 @@ class Counters:
     degenerate_direction: float | None = None
     sensor_pose: SE2 = field(default_factory=SE2)
     skip_reason: str = ''
-    warnings: dict[str, str] = field(default_factory=dict)
+    warnings: dict[Kind, str] = field(default_factory=dict)
 
     def processed_scan(self, update: OdometryUpdate, origin: SE2, sensor_pose: SE2, duration: float) -> None:
         """Count a processed scan.

@@ -226,7 +226,8 @@ class Player:
         if played.channel:
             self._publish_message(played)
         else:
-            self._tick(due)
+            if due is not None:
+                self._tick(due)
             self._publish_scan(played.content)
 
     def _publish_message(self, played: Played) -> None:
