@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the manifest, the installation and an installed executable have to agree on."""
 import ast
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -151,6 +152,8 @@ def test_bloom_installs_every_command_where_ros2_run_looks(source, tmp_path):
     assert executables(tmp_path / 'opt/ros/jazzy') == (set(), set(COMMANDS))
 
 
+@pytest.mark.skipif(not (importlib.util.find_spec('wheel') or importlib.util.find_spec('setuptools.command.bdist_wheel')),
+                    reason='needs setuptools 70.1, or the package wheel')
 def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
     succeed([sys.executable, '-m', 'pip', 'install', '-q', '--disable-pip-version-check', '--no-index', '--no-deps',
              '--no-build-isolation', '--ignore-installed', '--prefix', tmp_path / 'prefix', '.'], source('pip'))
