@@ -45,7 +45,8 @@ def bins(points: ComplexArray, size: int | IntArray) -> IntArray:
     bearing = np.arctan2(points.imag.copy(), points.real.copy())
     bearing += math.pi
     bearing *= size / (2.0 * math.pi)
-    return np.minimum(bearing.astype(np.intp), size - 1)
+    numbers: IntArray = np.minimum(bearing.astype(np.intp), size - 1)
+    return numbers
 
 
 def in_front(radius: FloatArray, near: FloatArray, tolerance: float | FloatArray) -> FloatArray:
