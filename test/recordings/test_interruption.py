@@ -108,7 +108,7 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
     code, output, errors = interrupted(process, number)
     kept = [json.loads(line)['number'] for line in trials.read_text().splitlines()]
     assert (code, errors) == (130, 'tune: interrupted\n') and len(set(kept)) == len(kept) >= 3
-    assert f'kept        {len(kept)} of 200 trials, in out; the same command continues from there' in output
+    assert f'kept        {len(kept)} of 200 trials in out; the same command continues from there' in output
 
 
 def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(begun, recordings, tmp_path):

@@ -175,7 +175,7 @@ def test_changed_parameters_stand_out(browser, page):
     browser.open(page(parameters=Parameters().replace({'rotation.eps': 0.02})).as_uri())
     assert browser.value('document.getElementById("changes").textContent') == '1 not at the default, in bold.'
     assert browser.value('document.querySelector("#parameters .changed").textContent').startswith(
-        'rotation.sigma0.02 raddefault 0.0')
+        'rotation.eps0.02 raddefault 0.0')
     assert browser.value('document.querySelectorAll("#parameters tr").length') == len(Parameters.describe())
 
 
