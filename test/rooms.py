@@ -28,3 +28,14 @@ def look(walls, pose=SE2(), geometry=FULL, noise=0.0, seed=0) -> Scan:
     directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
     ranges = cast(np.array([[pose.x, pose.y]]), directions, np.asarray(walls, dtype=float), np.empty((0, 3)))
     return Scan(0, ranges + np.random.default_rng(seed).normal(0.0, noise, len(ranges)), geometry)
+
+
+def room_log(path, count):
+    """A CARMEN log of a sensor that stands in a room of 7 m by 5 m."""
+    x, y = (np.array(f(np.radians(np.arange(-90, 90)))) for f in (np.cos, np.sin))
+    with np.errstate(divide='ignore'):
+        ranges = np.minimum(np.where(x > 0, 4.0, 3.0) / np.abs(x), np.where(y > 0, 2.0, 3.0) / np.abs(y))
+    words = ' '.join(f'{r:.3f}' for r in ranges)
+    path.write_text(''.join(f'FLASER 180 {words} 0 0 0 0 0 0 {10 + 0.1 * k:.1f} host {0.1 * k:.1f}\n'
+                            for k in range(count)))
+    return path

@@ -21,8 +21,8 @@ from launch_stand_in import rules, visit
 from lifecycle_msgs.msg import State, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
+from rooms import room_log
 from ros_helpers import TIMEOUT, Parameters
-from test_installation import room_log
 
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands.simulate import main as simulate

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
+from rooms import room_log
 
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.version import version
@@ -198,13 +198,3 @@ def test_the_installed_node_answers_the_installed_player(workspace, start, tmp_p
     assert result.returncode == 0, result.stderr + node.output()
     assert result.stdout == 'scans 20 answered 20 skipped 0\n'
     assert node.stop() == 0, node.output()
-
-
-def room_log(path, count):
-    """A CARMEN log of a sensor that stands in a room of 7 m by 5 m."""
-    x, y = (np.array(f(np.radians(np.arange(-90, 90)))) for f in (np.cos, np.sin))
-    with np.errstate(divide='ignore'):
-        ranges = np.minimum(np.where(x > 0, 4.0, 3.0) / np.abs(x), np.where(y > 0, 2.0, 3.0) / np.abs(y))
-    words = ' '.join(f'{r:.3f}' for r in ranges)
-    path.write_text(''.join(f'FLASER 180 {words} 0 0 0 0 0 0 {10 + 0.1 * k:.1f} host {0.1 * k:.1f}\n' for k in range(count)))
-    return path
