@@ -31,7 +31,7 @@ def look(walls, pose=SE2(), geometry=FULL, noise=0.0, seed=0) -> Scan:
 
 
 def room_log(path, count):
-    """A CARMEN log of a sensor that stands in a room of 7 m by 5 m."""
+    """A CARMEN log of a stationary sensor in a room of 7 m by 5 m."""
     x, y = (np.array(f(np.radians(np.arange(-90, 90)))) for f in (np.cos, np.sin))
     with np.errstate(divide='ignore'):
         ranges = np.minimum(np.where(x > 0, 4.0, 3.0) / np.abs(x), np.where(y > 0, 2.0, 3.0) / np.abs(y))
