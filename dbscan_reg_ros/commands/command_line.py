@@ -265,6 +265,6 @@ def explain(error):
         return FAILED, missing_line([error.name.partition('.')[0]])
     if isinstance(error, BrokenExecutor):
         return FAILED, 'a worker process was killed, possibly for lack of memory: use fewer --processes'
-    if isinstance(error, OSError) and error.filename:
-        return FAILED, f'{error.filename}: {error.strerror}'
+    if isinstance(error, OSError) and error.strerror:
+        return FAILED, f'{error.filename}: {error.strerror}' if error.filename else error.strerror
     return FAILED, f'internal error: {error} (-v shows where)'

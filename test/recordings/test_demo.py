@@ -102,7 +102,7 @@ def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path
     (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.eps: -1.0\n')
     process = demo('--params-file', tmp_path / 'wrong.yaml')
     assert process.wait(15.0) == 2
-    assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.sigma = -1\.0: expected .*', process.output().splitlines()[-1])
+    assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.eps = -1\.0: expected .*', process.output().splitlines()[-1])
 
 
 def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):
