@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all commands share: quick help, one-line errors, exit codes, nothing imported that is not needed."""
+import importlib.util
 import os
 import shlex
 import signal
@@ -14,6 +15,8 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands import command_line
+
+needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 
 
 @pytest.fixture
@@ -182,7 +185,7 @@ def test_a_list_ends_where_something_else_begins(words, same):
                                    ['tune', '--parameters', 'refinement.damping=0.1:1', 'density.max_distance', 'absent.log'],
                                    ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
                                    ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', '/tmp/b.log'],
-                                   ['play', '--topics', '/cmd_vel', 'absent.log']])
+                                   pytest.param(['play', '--topics', '/cmd_vel', 'absent.log'], marks=needs_ros)])
 def test_a_list_before_the_file_does_not_swallow_it(shell, words):
     result = shell(*words)
     assert result.returncode == 2 and result.stderr.count('\n') == 1
@@ -203,8 +206,9 @@ def test_the_help_of_compare_lists_all_that_it_takes(shell, root):
 
 
 @pytest.mark.parametrize('words', [
-    ['replay', 'a.log', '--out'], ['compare', 'defaults', 'icp', 'a.log', '--out'], ['tune', 'a.log', '--out'], ['demo', '--out'],
-    ['register', 'a.log', '0', '1', '--out'], ['dump', '--out'], ['simulate'], ['convert', 'a.log'],
+    ['replay', 'a.log', '--out'], ['compare', 'defaults', 'icp', 'a.log', '--out'], ['tune', 'a.log', '--out'],
+    pytest.param(['demo', '--out'], marks=needs_ros), ['register', 'a.log', '0', '1', '--out'],
+    pytest.param(['dump', '--out'], marks=needs_ros), ['simulate'], ['convert', 'a.log'],
 ], ids=lambda words: words[0])
 @pytest.mark.parametrize('place', ['/proc/out', 'file/out', 'file/deep/out'])
 def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, words, place):

@@ -2,6 +2,9 @@
 """What `play` publishes besides the scans, heard over DDS by a node of the test's or used by scan_matcher."""
 import numpy as np
 import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
+
 from bags import SECOND, needs_rosbags, write_bag
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry

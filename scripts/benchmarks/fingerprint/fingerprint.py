@@ -150,7 +150,7 @@ def _made(group, folder, limit, target):
     complete = target / f'{group}.list'
     if not complete.exists():
         words = [sys.executable, '-c', _MAKE, __package__, group, os.fspath(folder), str(limit or 0), os.fspath(target)]
-        result = subprocess.run(words, env=_environment(root()), stderr=subprocess.PIPE, text=True, check=False)
+        result = subprocess.run(words, env=_environment(root(), beside=Path(__file__).parents[2]), stderr=subprocess.PIPE, text=True, check=False)
         if result.returncode:
             raise BenchmarkError(f'{group}: the scans cannot be made: {result.stderr.strip().splitlines()[-1]}')
         sys.stderr.write(result.stderr)
@@ -177,11 +177,12 @@ def make(group, folder, limit, target):
         part.replace(target / f'{group}.list')
 
 
-def _environment(tree, **more):
-    """Variables of a process that finds the package in that tree and nowhere else."""
+def _environment(tree, beside=None, **more):
+    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules."""
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
-    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([os.fspath(tree), *inherited])} | more
+    folders = [os.fspath(folder) for folder in (tree, beside) if folder is not None]
+    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited])} | more
 
 
 class Recorder:
