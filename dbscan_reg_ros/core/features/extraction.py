@@ -25,8 +25,8 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     scan : Scan
     parameters : Parameters
     noise_ratio : float, optional
-        Standard deviation of a range of this sensor as a fraction of the range, where it is known better than from this
-        scan alone.
+        Standard deviation of a range of this sensor as a fraction of the range, where it is known from
+        more than this scan.
 
     Raises
     ------

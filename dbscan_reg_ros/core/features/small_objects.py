@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small free-standing objects of a scan, and poles: those without normals, such as chair legs and tree trunks."""
+"""Small objects of a scan, and poles: those without normals, such as chair legs and tree trunks."""
 import dataclasses
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
     """Add the poles of a scan: oriented points all around each, facing away from its centre.
 
     A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
-    surface; a pole constrains it in every direction. It is taken to be round and as wide as its beams, at most `size`.
+    surface; a pole constrains it in every direction. It is assumed to be round and as wide as its beams, at most `size`.
     All its points together weigh as much as if each of its returns were on two surfaces.
 
     Parameters
@@ -56,7 +56,7 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
 
 
 class SmallObjects(NamedTuple):
-    """Small free-standing objects of a scan, T of them.
+    """Small objects of a scan, T of them.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class _Ring(NamedTuple):
 
 
 def find_small_objects(features: Features, size: float, parameters: SegmentParameters) -> SmallObjects:
-    """Find surfaces (Eq. 5) smaller than a `size` [m] with deeper space, or no return, on both sides."""
+    """Find surfaces (Eq. 5) smaller than a `size` [m] with a larger range, or no return, on both sides."""
     geometry = features.scan.geometry
     circle = round(2.0 * np.pi / abs(geometry.angle_increment)) if geometry.closed else geometry.size
     beams, points, without_normal, breaks = _ring(features, circle, parameters)

@@ -25,7 +25,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     Parameters
     ----------
     reference, current : Scan or Features
-        The earlier and the later scan, or what `extract_features` made of them. Features made once serve several
+        The earlier and the later scan, or their `extract_features`. Features made once serve several
         registrations.
     parameters : Parameters
     prior : Prior, optional
@@ -121,7 +121,7 @@ def heaviest_candidates(problem: Problem) -> Candidates:
 
 
 def needs_wide_search(found: Registration, problem: Problem) -> bool:
-    """Whether the result of the normal stage is doubtful: its score is low, or without a prior it is not ``OK``."""
+    """Whether the result of the normal stage is uncertain: its score is low, or without a prior it is not ``OK``."""
     p = problem.parameters.selection
     if p.wide_search_factor == 1:
         return False

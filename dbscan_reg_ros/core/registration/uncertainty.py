@@ -116,7 +116,7 @@ def observability(information: FloatArray, shared: FloatArray, count: float,
                   parameters: DecisionParameters) -> Observability:
     """Return what of the `information` ``(3, 3)`` of `count` points is `shared` ``(3, 3)`` by both scans.
 
-    Noise of the normals constrains nothing. In a round room, where only noise constrains the rotation, a match rotates
+    Noise of the normals constrains nothing. In a circular room, where only noise constrains the rotation, a match rotates
     to where the noise of both scans agrees by chance: that much is subtracted.
     """
     angle, weak, _ = weakest_direction(shared)
@@ -144,7 +144,7 @@ def _rotation_information(shared: FloatArray, information: FloatArray,
 def degenerate_translation(angle: float, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
     """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it.
 
-    A direction may be degenerate only together with a rotation, as along the wall of a round room. The rotation follows
+    A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation follows
     from the `shared` information ``(3, 3)``.
     """
     (xx, xy, x), (_, yy, y), (_, _, rotation) = shared.tolist()
@@ -194,4 +194,4 @@ def calibrated_covariance(information: FloatArray, shared: FloatArray, variance:
 _CHANCE = 3.0
 """Noise may agree by chance up to this many standard deviations."""
 _DEPENDENT = 5.0
-"""Number of neighbouring points whose normals depend on one another."""
+"""Number of neighbouring points whose normals are correlated."""
