@@ -71,8 +71,8 @@ class ScanGeometry:
             raise ScanError(f'a scan of {self.size} beams; expected 1 to {MAX_BEAMS}')
         if self.bearings_given is None:
             if abs(self.angle_increment) * (self.size - 1) > 4.0 * math.pi:
-                raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice; angles are '
-                                'in radians')
+                raise ScanError(f'{self.size} beams {self.angle_increment} rad apart go round more than twice; angles '
+                                'are in radians')
         elif len(self.bearings_given) != self.size:
             raise ScanError(f'{len(self.bearings_given)} bearings for {self.size} beams')
 
