@@ -109,4 +109,5 @@ def _pip(wheels):
         return python_line('-m', 'pip', 'install', *wheels)
     folder = Path.home() / '.venvs' / PACKAGE
     python = shlex.quote(str(folder / 'bin' / 'python'))
-    return (f'{python_line("-m", "venv", "--system-site-packages", folder)} && {python} -m pip install {shlex.join(wheels)}')
+    return (f'{python_line("-m", "venv", "--system-site-packages", folder)} && {python} -m pip install '
+            f'{shlex.join(wheels)}')

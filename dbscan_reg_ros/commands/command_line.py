@@ -185,7 +185,8 @@ def check_outputs(args):
     if 'out' in given and not isinstance(given['out'], Path):
         check_writable(given['out'] or 'results', CommandError)
         if os.path.isfile(given['out'] or 'results'):
-            raise CommandError(f'{given["out"] or "results"}: expected a folder, and it is a file; choose another place')
+            raise CommandError(f'{given["out"] or "results"}: expected a folder, and it is a file; choose another '
+                               'place')
     files = [given[name] for name in ('out', 'json', 'poses') if isinstance(given.get(name), Path)]
     for file in files:
         if file.is_dir() or not file.parent.is_dir():

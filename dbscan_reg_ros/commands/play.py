@@ -13,10 +13,11 @@ from .command_line import INTERRUPTED, add_recording, interruptible, is_topic, m
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
-    parser = make_parser('play', 'Publish a recording to a running node, by default with its original timing: the scans on scan, '
-                         'and what else the node can use, where it was recorded: /tf, /tf_static, the wheels on wheel_odom, the '
-                         'IMU on imu. The messages keep their own stamps. Ctrl-C ends it. ROS arguments may follow, such as '
-                         '--ros-args -r scan:=laser, or -r /tf:=/tf_recorded where the recorded transforms are not wanted.')
+    parser = make_parser('play', 'Publish a recording to a running node, by default with its original timing: the '
+                         'scans on scan, and what else the node can use, where it was recorded: /tf, /tf_static, the '
+                         'wheels on wheel_odom, the IMU on imu. The messages keep their own stamps. Ctrl-C ends it. '
+                         'ROS arguments may follow, such as --ros-args -r scan:=laser, or -r /tf:=/tf_recorded where '
+                         'the recorded transforms are not wanted.')
     add_recording(parser)
     more = parser.add_mutually_exclusive_group()
     more.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='publish these recorded topics as well')
@@ -72,7 +73,8 @@ def report(recording, answers, problems):
     for line in [*recording.notes, *problems, *shortened(recording.problems), *recording.watch.lines()]:
         print(line, file=sys.stderr)
     if answers.stamps and not any(answers.messages):
-        print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p mounting:=none)",
+        print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p "
+              "mounting:=none)",
               file=sys.stderr)
     if answers.passed:
         print('messages', *(f'{topic} {count}' for topic, count in answers.passed.items()))

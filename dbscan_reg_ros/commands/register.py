@@ -14,13 +14,15 @@ OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decis
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('register', 'Register one scan to another without an initial guess, or show a registration from a '
-                         'snapshot of the node. Prints the motion, its covariance and status, and the hypotheses; draws '
-                         'the result of each step of the method as a picture of its own and all of them on sheet.png.')
+    parser = make_parser('register', 'Register one scan to another without an initial guess, or show a registration '
+                         'from a snapshot of the node. Prints the motion, its covariance and status, and the '
+                         'hypotheses; draws the result of each step of the method as a picture of its own and all of '
+                         'them on sheet.png.')
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
                         '(.npz) of the node; also searched for below the data folder')
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the reference '
-                        'scan and of the current scan, from 0; for a snapshot: the number of the scan (default: the last)')
+                        'scan and of the current scan, from 0; for a snapshot: the number of the scan (default: the '
+                        'last)')
     parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the defaults; '

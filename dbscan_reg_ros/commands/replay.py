@@ -12,8 +12,8 @@ from .command_line import add_recordings, add_workers, complain, explain, make_p
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('replay', 'Run the odometry over recordings, offline and as fast as possible. Each recording gets '
-                         'a dated folder with report.html (a page with map, errors and scans to review), '
+    parser = make_parser('replay', 'Run the odometry over recordings, offline and as fast as possible. Each recording '
+                         'gets a dated folder with report.html (a page with map, errors and scans to review), '
                          'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
                          'parameters used.')
     add_recordings(parser)
@@ -172,7 +172,8 @@ def _too_few(recording, trajectory):
 
     count = len(trajectory.used)
     if count == 1 and trajectory.poses:
-        return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a motion')
+        return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a '
+                              'motion')
     usable = 'only one' if trajectory.poses else 'not one'
     return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used', *trajectory.problems[:1],
                                      *recording.watch.lines()]))

@@ -29,9 +29,9 @@ LIMITS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('simulate', 'Simulate a robot that drives through a floor plan, and record its lidar, wheel odometry '
-                         'and gyroscope with the exact truth. The same arguments give the same recording. Also draws '
-                         'the floor plan and the path as TARGET.png.')
+    parser = make_parser('simulate', 'Simulate a robot that drives through a floor plan, and record its lidar, wheel '
+                         'odometry and gyroscope with the exact truth. The same arguments give the same recording. '
+                         'Also draws the floor plan and the path as TARGET.png.')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log, the truth as the poses '
                         'of the laser; any other name: folder of a ROS 2 bag with /scan, /wheel_odom, /imu, /truth and '
                         '/tf_static')
@@ -116,8 +116,8 @@ def chosen_lidar(args):
         changes['mounting'] = SE2(x, y, math.radians(turn))
     lidar = dataclasses.replace(LIDARS[args.lidar], **changes)
     if lidar.range_min >= lidar.range_max:
-        raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, {lidar.range_max:g} m '
-                           '(--range-max)')
+        raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '
+                           f'{lidar.range_max:g} m (--range-max)')
     return lidar
 
 

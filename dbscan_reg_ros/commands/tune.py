@@ -26,10 +26,10 @@ SEARCHED = ('refinement.map_scale', 'refinement.map_first_scale', 'refinement.da
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('tune', 'Search the parameter values with the smallest odometry error over 1 m. Writes the best '
-                         'values as a parameter file and reports the gain on held-out recordings. Running the same '
-                         'command again continues an interrupted search. The result depends on the seed, not on the '
-                         'number of processes.')
+    parser = make_parser('tune', 'Search the parameter values with the smallest odometry error over 1 m. Writes the '
+                         'best values as a parameter file and reports the gain on held-out recordings. Running the '
+                         'same command again continues an interrupted search. The result depends on the seed, not on '
+                         'the number of processes.')
     add_recordings(parser)
     parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth '
                         'that the search does not use; the gain is measured on them')
@@ -103,8 +103,8 @@ def tune(args):
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, task), watch)
         first = study.cost_of_start
         if cost >= HOPELESS:
-            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans could be registered; '
-                               'expected a longer drive, or more of its scans (--scans)')
+            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans could be '
+                               'registered; expected a longer drive, or more of its scans (--scans)')
         best = start.replace(values)
         head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
                 f'({args.trials} trials, {search}, seed {args.seed}).']

@@ -72,7 +72,8 @@ def known_motion(recording) -> KnownMotion:
     """Return the `KnownMotion` of a recording; raise RecordingError if nothing is known."""
     known = KnownMotion.of(recording)
     if not (known.truth or known.relations):
-        raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or reference.csv')
+        raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or '
+                             'reference.csv')
     return known
 
 
@@ -101,8 +102,8 @@ def paired(known, trajectory_a, trajectory_b) -> Paired:
     else:
         raise RecordingError('nothing is known of the true motion; expected poses, relations or reference.csv')
     if len(first) < FEWEST_BLOCKS:
-        raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive or more '
-                       'of its scans')
+        raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive '
+                       'or more of its scans')
     a, b = (np.array(errors(relative(found[first], found[second]), motions)) for found in poses)
     block = int(np.ceil(BLOCK_METRES * len(first) / max(length, BLOCK_METRES)))
     return Paired(a, b, min(block, len(first) // FEWEST_BLOCKS))

@@ -84,15 +84,16 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     progress = progress or (lambda items, total: items)
     check_target(target)
     if not 0.0 <= kept.start <= kept.end:
-        raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end that is not '
-                             'before it')
+        raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end '
+                             'that is not before it')
     from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
     if to_log and kept.topics:
-        raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans of one '
-                             'topic')
+        raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans '
+                             'of one topic')
     if from_bag and not to_log:
         if kept.topic:
-            raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a bag')
+            raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a '
+                                 'bag')
         return _bag_to_bag(source, target, kept, storage, progress)
     recording = open_recording(source, kept.topic)
     records = _timed(progress(recording.records(), recording.count), kept.start, kept.end)

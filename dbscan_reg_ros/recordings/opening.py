@@ -44,8 +44,8 @@ def is_bag(path) -> bool:
     """
     if path.is_dir():
         if not (path / 'metadata.yaml').exists():
-            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have its '
-                                 f'metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
+            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have '
+                                 f'its metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
         return True
     check_file(path, RecordingError)
     try:

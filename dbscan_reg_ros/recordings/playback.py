@@ -88,7 +88,8 @@ def choose(channels, topics=(), everything=False) -> list:
     """
     held = sorted({channel.recorded for channel in channels})
     if missing := sorted(set(topics) - set(held)):
-        raise RecordingError(f'no topic {", ".join(missing)}; besides the scans there is {", ".join(held) or "nothing"}')
+        raise RecordingError(f'no topic {", ".join(missing)}; besides the scans there is '
+                             f'{", ".join(held) or "nothing"}')
     return [channel for channel in channels if everything or channel.input or channel.recorded in topics]
 
 

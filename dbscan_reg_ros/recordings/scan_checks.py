@@ -136,11 +136,11 @@ class ScanChecks:
             return None
         if frame != old_frame:
             self.restart()
-            return ScanWarning(Kind.FRAME, f'the scans change from the frame {old_frame!r} to {frame!r}: the odometry is that of '
-                               'one laser; give each laser a topic and a node of its own')
+            return ScanWarning(Kind.FRAME, f'the scans change from the frame {old_frame!r} to {frame!r}: the odometry '
+                               'is that of one laser; give each laser a topic and a node of its own')
         if abs(size - old_size) > OTHER_SIZE * old_size:
-            return ScanWarning(Kind.BEAMS, f'the scans change from {old_size} to {size} beams: expected about as many in each; '
-                               'is one cut off, or are there two lasers on one topic?')
+            return ScanWarning(Kind.BEAMS, f'the scans change from {old_size} to {size} beams: expected about as many '
+                               'in each; is one cut off, or are there two lasers on one topic?')
         return None
 
     def _angles(self, fields):
@@ -154,31 +154,32 @@ class ScanChecks:
         mirrored = abs(high - (low - (size - 1) * step)) <= near
         if (high - low) * step < 0.0 and (mirrored or not wrapped):
             return self._lasting(Kind.ANGLE_INCREMENT, (low, high, step), lambda: (
-                f'angle_increment is {step:.6g} rad, but angle_max {high:.6g} rad lies {"above" if high > low else "below"} '
-                f'angle_min {low:.6g} rad: expected the same sign; the beams are taken as angle_increment says. If the map is a '
-                'mirror image, its sign is wrong: mend the driver'))
+                f'angle_increment is {step:.6g} rad, but angle_max {high:.6g} rad lies '
+                f'{"above" if high > low else "below"} angle_min {low:.6g} rad: expected the same sign; the beams are '
+                'taken as angle_increment says. If the map is a mirror image, its sign is wrong: mend the driver'))
         return self._lasting(Kind.ANGLE_MAX, (size, low, high, step), lambda: (
             f'angle_max is {high:.6g} rad, but {size} ranges, angle_min and angle_increment end at {last:.6g} rad; '
             'angle_max is ignored. If the map is bent, angle_increment is wrong: mend the driver'))
 
     def _stamp(self, stamp, now):
         if stamp == 0:
-            return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): there is no twist, and the '
-                               'transform is of little use; the driver has to set it')
+            return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): there is no twist, and '
+                               'the transform is of little use; the driver has to set it')
         last = self._stamps[-1] if self._stamps else stamp - 1
         if last - stamp > RESTART * SECOND:
             self.restart()
         self._stamps.append(stamp)
         if stamp < last and self._in_disorder():
-            return ScanWarning(Kind.STAMP_BACK, f'the stamps of the scans go back by {(last - stamp) / SECOND:.3f} s, to '
-                               f'{stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a loop, was the '
-                               'clock set, or are there two drivers on one topic?')
+            return ScanWarning(Kind.STAMP_BACK, f'the stamps of the scans go back by {(last - stamp) / SECOND:.3f} s, '
+                               f'to {stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a '
+                               'loop, was the clock set, or are there two drivers on one topic?')
         if stamp == last and self._steps(operator.eq) >= REPEATED:
-            return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s): expected the time '
-                               'of each scan; without it there is no speed; the driver has to set header.stamp for every scan')
+            return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s): '
+                               'expected the time of each scan; without it there is no speed; the driver has to set '
+                               'header.stamp for every scan')
         if now and stamp > now + FUTURE * SECOND:
-            return ScanWarning(Kind.STAMP_FUTURE, f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the future; is the '
-                               'sensor\'s clock synchronised, and use_sim_time set where it should be?')
+            return ScanWarning(Kind.STAMP_FUTURE, f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the '
+                               'future; is the sensor\'s clock synchronised, and use_sim_time set where it should be?')
         return None
 
     def _in_disorder(self):
@@ -196,8 +197,8 @@ class ScanChecks:
             return None
         if not 0.0 < step < math.inf:
             return self._lasting(Kind.TIME_INCREMENT, step, lambda: (
-                f'time_increment is {step:.6g} s: expected the time from one beam to the next, or 0 where it is not known; mend '
-                'the driver, or set odometry.deskew to false'))
+                f'time_increment is {step:.6g} s: expected the time from one beam to the next, or 0 where it is not '
+                'known; mend the driver, or set odometry.deskew to false'))
         count = len(self._stamps) - 1
         if count < 2:
             return None
@@ -206,9 +207,9 @@ class ScanChecks:
         if lasts <= interval * (TOO_LONG[0] + TOO_LONG[1] / count) or self._steps(operator.ge):
             return None
         return self._lasting(Kind.TIME_INCREMENT, step, lambda: (
-            f'time_increment is {step:.6g} s, so that {len(fields.ranges)} beams last {lasts:.3g} s, but a scan comes every '
-            f'{interval:.3g} s: expected less; it is in seconds, from one beam to the next; mend the driver, or set '
-            'odometry.deskew to false'))
+            f'time_increment is {step:.6g} s, so that {len(fields.ranges)} beams last {lasts:.3g} s, but a scan comes '
+            f'every {interval:.3g} s: expected less; it is in seconds, from one beam to the next; mend the driver, or '
+            'set odometry.deskew to false'))
 
     def _look_at_ranges(self, fields):
         if self._seen < EVERY or self._seen % EVERY == 0:
@@ -228,16 +229,16 @@ class ScanChecks:
         limits = f'range_min is {low:.6g} m, range_max {high:.6g} m'
         if median > MILLIMETRES:
             return self._lasting(Kind.MILLIMETRES, (low, high), lambda: (
-                f'the ranges look like millimetres: half of them are above {median:.6g}, {limits}; expected metres, all three: '
-                'have the driver divide by 1000'))
+                f'the ranges look like millimetres: half of them are above {median:.6g}, {limits}; expected metres, '
+                'all three: have the driver divide by 1000'))
         if 0.0 < BEYOND * high < median:
             return self._lasting(Kind.RANGE_MAX, high, lambda: (
-                f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of them between; '
-                'what lies beyond is no return: mend range_max in the driver'))
+                f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of '
+                'them between; what lies beyond is no return: mend range_max in the driver'))
         if median < low:
             return self._lasting(Kind.RANGE_MIN, low, lambda: (
-                f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of them between; '
-                'what lies below is no return: mend range_min in the driver'))
+                f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of '
+                'them between; what lies below is no return: mend range_min in the driver'))
         return None
 
     def _lasting(self, kind, key, text):

@@ -24,7 +24,8 @@ def write_tum(path, stamps, poses):
     """
     with replacing(path) as file:
         for stamp, (x, y, theta) in zip(stamps, np.asarray(poses, dtype=float).reshape(-1, 3), strict=True):
-            file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} {math.cos(theta / 2):.12f}\n')
+            file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} '
+                       f'{math.cos(theta / 2):.12f}\n')
 
 
 def read_tum(path):

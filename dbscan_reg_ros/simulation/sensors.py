@@ -89,8 +89,8 @@ def check_simulated(target):
     """RecordingError where `target` exists, cannot be made, or is to be a ROS 1 bag."""
     check_target(target)
     if target.suffix == '.bag':
-        raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without ending; '
-                             'convert makes a ROS 1 bag of it')
+        raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without '
+                             'ending; convert makes a ROS 1 bag of it')
 
 
 def _turning(stamp, rate):

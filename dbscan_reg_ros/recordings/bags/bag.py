@@ -102,8 +102,8 @@ class Bag(Recording):
             if possible(pose):
                 rows.append((_stamp(message), *pose))
             else:
-                self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers below '
-                             f'{FARTHEST:g}')
+                self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers '
+                             f'below {FARTHEST:g}')
         if not rows:
             return None
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
@@ -119,7 +119,8 @@ class Bag(Recording):
                 try:
                     message = (reader.to_ros2 if topic in passed else reader.deserialize)(raw, RENAMED.get(kind, kind))
                 except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
-                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped: {describe(error)}')
+                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped: '
+                                 f'{describe(error)}')
                     continue
                 yield numbers[topic], topic, time, message
 

@@ -78,8 +78,8 @@ def _of_folder(folder):
         start = _start(file)
         is_kind, packed = kind_of(start), _by_start(PACKED, start)
         if is_kind and compression:
-            return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {is_kind} file; name the ' \
-                   f'file itself: {file}'
+            return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {is_kind} file; ' \
+                   f'name the file itself: {file}'
         if is_kind and storage != is_kind:
             return f'metadata.yaml says storage {storage!r}, {name} is an {is_kind} file; name the file itself: {file}'
         if packed and compression != packed[0]:

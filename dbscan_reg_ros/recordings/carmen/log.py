@@ -38,8 +38,8 @@ class CarmenLog(Recording):
         counts, others, surveys = self._survey()
         if not counts:
             held = ', '.join(f'{count} {kind}' for kind, count in others.most_common(MOST_KINDS)) or 'none that is known'
-            raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of the '
-                                 f'file: {held}')
+            raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of '
+                                 f'the file: {held}')
         front = {kind: count for kind, count in counts.items() if kind in FRONT}
         self._choose(front if front and topic is None else counts, topic)
         if topic is None and len(front) not in (0, len(counts)):

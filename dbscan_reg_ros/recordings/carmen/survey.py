@@ -42,18 +42,18 @@ class Survey:
             notes.append(note)
         no_return = self._no_return.limit()
         if no_return is not None:
-            notes.append(f'readings of {no_return:.3f} m or more are taken for no return: the greatest value of the log stands '
-                         'alone and often')
+            notes.append(f'readings of {no_return:.3f} m or more are taken for no return: the greatest value of the '
+                         'log stands alone and often')
         laser, robot = (np.array(poses).reshape(-1, 3) for poses in (self._laser, self._robot))
         is_corrected, wheels = bool(len(robot)) and corrected(laser, robot), self.wheels.poses()
         if not is_corrected and robot.any() and self.wheels.contradict():
             is_corrected, robot = True, wheels
-            notes.append('the poses of the scans differ from the ODOM lines: they are taken for the truth, the ODOM lines for '
-                         'the wheel odometry')
+            notes.append('the poses of the scans differ from the ODOM lines: they are taken for the truth, the ODOM '
+                         'lines for the wheel odometry')
         elif not is_corrected and filtered and robot.any():
             is_corrected, robot = True, np.zeros_like(robot)
-            notes.append('the poses of the scans come from a particle filter (NEFF lines): they are taken for the truth; the log '
-                         'holds no wheel odometry')
+            notes.append('the poses of the scans come from a particle filter (NEFF lines): they are taken for the '
+                         'truth; the log holds no wheel odometry')
         elif wheels is not None and not robot.any():
             robot, laser = wheels, laser if laser.any() else wheels
         return Findings(stamps, laser, robot, is_corrected, no_return, notes)
