@@ -24,8 +24,8 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
     """Add the poles of a scan: oriented points all around each, facing away from its centre.
 
     A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
-    surface; a pole constrains it in every direction. It is assumed to be round and as wide as its beams, at most `size`.
-    All its points together weigh as much as if each of its returns were on two surfaces.
+    surface; a pole constrains it in every direction. It is assumed to be round and as wide as its beams, at most
+    `size`. All its points together weigh as much as if each of its returns were on two surfaces.
 
     Parameters
     ----------

@@ -116,8 +116,8 @@ def observability(information: FloatArray, shared: FloatArray, count: float,
                   parameters: DecisionParameters) -> Observability:
     """Return what of the `information` ``(3, 3)`` of `count` points is `shared` ``(3, 3)`` by both scans.
 
-    Noise of the normals constrains nothing. In a circular room, where only noise constrains the rotation, a match rotates
-    to where the noise of both scans agrees by chance: that much is subtracted.
+    Noise of the normals constrains nothing. In a circular room, where only noise constrains the rotation, a match
+    rotates to where the noise of both scans agrees by chance: that much is subtracted.
     """
     angle, weak, _ = weakest_direction(shared)
     rotation = _rotation_information(shared, information, parameters)[0]
@@ -144,8 +144,8 @@ def _rotation_information(shared: FloatArray, information: FloatArray,
 def degenerate_translation(angle: float, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
     """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it.
 
-    A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation follows
-    from the `shared` information ``(3, 3)``.
+    A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation
+    follows from the `shared` information ``(3, 3)``.
     """
     (xx, xy, x), (_, yy, y), (_, _, rotation) = shared.tolist()
     c, s = math.cos(angle), math.sin(angle)
