@@ -154,10 +154,12 @@ def test_layers_import_only_lower_layers_and_their_own(graph):
             assert BENCHMARKS not in {top(target) for target in targets}, module
 
 
-def test_folders_and_modules_are_of_a_size_that_can_be_surveyed(graph):
+def test_folders_and_modules_are_of_a_size_that_can_be_surveyed(graph, root):
     for folder in {path.parent for path in graph.paths.values()}:
         most = 14 if {'core', 'node'} & set(folder.relative_to(folder.parents[-2]).parts) else 16
         assert len([path for path in folder.iterdir() if path.is_file()]) <= most, folder
+    for folder in {path.parent for path in sources(root / 'test')}:
+        assert len([path for path in folder.iterdir() if path.is_file()]) <= 25, folder
     long = {module: lines for module, path in graph.paths.items() if '.parameters.' not in module
             and (lines := len(path.read_text().splitlines())) > 300}
     assert long == {}

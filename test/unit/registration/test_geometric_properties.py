@@ -112,7 +112,7 @@ DIGEST = """
 import dataclasses
 from hashlib import sha256
 from dbscan_reg_ros import SE2, Odometry
-from test_geometry import NOISE, ROOM, look
+from test_geometric_properties import NOISE, ROOM, look
 odometry, digest = Odometry(), sha256()
 for k in range(40):
     scan = look(ROOM, SE2(0.02 * k, 0.0, 0.03 * k), noise=NOISE, seed=k)

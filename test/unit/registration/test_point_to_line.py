@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Point-to-line residuals, their normal equations and the refinement of candidates."""
+import math
+
+import numpy as np
+import pytest
+from rooms import FULL, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Parameters
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
+from dbscan_reg_ros.core.registration.point_to_line import (
+    Alignment,
+    fit,
+    jacobian,
+    mean_square,
+    normal_equations,
+    polish,
+    refine,
+    shared_information,
+)
+
+PARAMETERS = Parameters()
+DENSITY = PARAMETERS.density
+START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
+MOTION = START.inverse() @ END
+NEAR = MOTION @ SE2(0.03, -0.02, 0.015)
+
+
+def features(pose):
+    return extract_features(look(outline(L_ROOM), pose, FULL))
+
+
+def rows(*motions):
+    return np.array([motion.as_array() for motion in motions])
+
+
+def fitted(reference, current, *motions):
+    return fit(rows(*motions), current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+
+
+def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
+    """A wall at y = 2 m faces the sensor, another at y = -2 m; the point is at y = 1.9 m before it is moved."""
+    x = np.arange(-1.0, 1.0, 0.01)
+    surface = build_likelihood_field(OrientedPoints(np.concatenate((x + 2j, x - 2j)), np.repeat((-1j, 1j), 200), np.arange(400)), DENSITY)
+    point = OrientedPoints(np.array([0.3 + 1.9j]), np.array([-1j]), np.array([0]))
+    before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
+    found = fit(np.array([before, turned, far]), point, surface, 0.5)
+    assert (found.error[0, 0], found.normals[0, 0], found.rotated_points[0, 0]) == pytest.approx((0.05, 1j, 0.3 + 1.9j))
+    assert found.places[1, 0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
+    assert found.weight(0.1)[:, 0] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
+
+
+def test_the_equations_are_those_of_the_numeric_derivatives():
+    reference, current = features(START), features(END)
+    found = fitted(reference, current, NEAR, MOTION)
+    error, weight = found.error[0], found.weight(0.1)[0]
+    assert np.count_nonzero(weight) > 100
+    step, columns = 1e-7, []
+    for axis in range(3):
+        moved = NEAR.as_array()
+        moved[axis] += step
+        columns.append((fitted(reference, current, SE2(*moved)).error[0] - error) / step)
+    # Where a point comes into another cell, its partner may be another.
+    smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
+    assert smooth.mean() > 0.98
+    design = np.vstack((*columns, error))[:, smooth]
+    expected = (design * weight[smooth]) @ design.T
+    equations = normal_equations(found.rows()[..., smooth], found.weight(0.1)[:, smooth])
+    assert equations.shape == (2, 4, 4)
+    np.testing.assert_allclose(equations[0], expected, atol=1e-4)
+
+
+def test_scans_with_the_same_normals_agree_on_all_information():
+    reference, current = features(START), features(END)
+    found = fitted(reference, current, NEAR)
+    weight, same = found.weight(0.1)[0], jacobian(found.normals[0], found.rotated_points[0])
+    np.testing.assert_allclose(
+        shared_information(same, weight, same), normal_equations(found.rows()[0], weight)[:3, :3], atol=1e-9)
+
+
+def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
+    """Walls on both sides, along x; the normals are 0.2 rad off, as good as 160 points that hold x, in truth none."""
+    rng = np.random.default_rng(0)
+    size = 4000
+    places = rng.uniform(-5.0, 5.0, size) + 1j * rng.choice((-1.0, 1.0), size)
+    theirs, own = (-1j * np.sign(places.imag) * np.exp(1j * rng.normal(0.0, 0.2, size)) for _ in range(2))
+    weight, theirs, own = np.ones(size), jacobian(theirs, places), jacobian(own, places)
+    single, shared = normal_equations(theirs, weight)[0, 0], shared_information(theirs, weight, own)[0, 0]
+    assert single == pytest.approx(0.04 * size, rel=0.1)
+    # The sum of as many products of two independent normals of that spread: three standard deviations.
+    assert abs(shared) < 3.0 * 0.04 * math.sqrt(size)
+
+
+def test_a_damped_step_is_that_of_the_damped_matrix():
+    equations = np.zeros((1, 4, 4))
+    equations[0, :3, :3] = np.diag([4.0, 6.0, 9.0])
+    equations[0, :3, 3] = 1.0, 2.0, 3.0
+    assert solve(equations, 0.0)[0] == pytest.approx([1.0 / 4.0, 2.0 / 6.0, 3.0 / 9.0])
+    assert solve(equations, 0.1)[0] == pytest.approx([1.0 / 5.0, 2.0 / 7.0, 3.0 / 10.0], rel=1e-6)
+    assert solve(np.zeros((1, 4, 4)), 0.1)[0].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_mean_square_is_that_of_the_points_errors():
+    """Three points with errors of 1, 2 and 3 m, of which the last weighs twice."""
+    assert mean_square(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 2.0])) == (1.0 + 4.0 + 2.0 * 9.0) / 4.0
+    assert mean_square(np.ones(3), np.zeros(3)) == 0.0
+
+
+def polished(reference, current, candidate):
+    """The last iterations of a candidate ``(3,)``, over all points."""
+    found = fit(candidate[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    return polish(candidate, found, current.oriented_points, PARAMETERS.refinement)
+
+
+def alignment(reference, current):
+    return Alignment(current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine, 1e-6)
+
+
+def test_every_candidate_is_refined_to_the_motion():
+    reference, current = features(START), features(END)
+    near = rows(NEAR, MOTION @ SE2(-0.1, 0.08, -0.05))
+    found, _ = refine(near, alignment(reference, current), [0.2, 0.2, 0.1, 0.05, 0.05])
+    assert np.abs(found - MOTION.as_array()).max() < 2e-3
+    assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
+    last, _ = polished(reference, current, found[0])
+    assert np.abs(last - MOTION.as_array()).max() < 5e-4
+
+
+def test_refining_from_a_known_fit_is_refining():
+    reference, current = features(START), features(END)
+    usual, known = (refine(rows(NEAR), alignment(reference, current), [0.1, 0.05], known)
+                    for known in (None, fitted(reference, current, MOTION, NEAR).select([1])))
+    np.testing.assert_array_equal(usual[0], known[0])
+    np.testing.assert_array_equal(usual[1], known[1])
+
+
+def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
+    reference, current = features(START), features(END)
+    near, far = ((MOTION @ SE2(share * PARAMETERS.refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
+    found, _ = polished(reference, current, near)
+    assert np.abs(found - MOTION.as_array()).max() < 1e-3
+    found, _ = polished(reference, current, far)
+    assert (found == far).all()
+
+
+def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
+    reference, current = features(START), features(END)
+    near = (MOTION @ SE2(0.02, -0.01, 0.01)).as_array()
+    found, errors = polished(reference, current, near)
+    there = fit(found[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    both = errors.alike & there.alike
+    assert both.mean() > 0.95
+    assert np.percentile(np.abs(errors.error - there.error)[both], 95) < 3e-4
+    assert np.median(np.abs(errors.error - fit(near[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine).error)[both]) > 3e-3
+    few = errors.thinned(50)
+    assert few.error.shape == (1, len(current.oriented_points.thinned(50)))
+    np.testing.assert_array_equal(few.rotated_points[0], errors.rotated_points[0, ::8])
