@@ -54,10 +54,10 @@ class NodePriorParameters(PriorParameters):
 
     source: str = parameter(
         'constant_velocity', choices=SOURCES, read_only=True,
-        help='Source of the prediction: none (no prediction, whatever odometry.prior says), constant_velocity (the '
-             'motion model, as odometry.prior says), odometry (the topic wheel_odom), imu (the yaw rate on the topic '
-             'imu, the translation by the motion model) or tf (the base in the frame prior.frame). Where one of the '
-             'last three gives nothing, the motion model predicts.')
+        help='Source of the prediction. Without an external prior: none or constant_velocity (odometry.prior applies). '
+             'With one: odometry (the topic wheel_odom), imu (the yaw rate on the topic imu, with the translation of '
+             'the motion model) or tf (the base in the frame prior.frame). Where an external one gives nothing, the '
+             'motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
         help='Odometry frame on /tf that another node publishes. It is used with prior.source tf.')

@@ -41,8 +41,8 @@ class RingBandParameters(ParameterGroup):
 
     test: str = parameter(
         'consensus', choices=('anchor', 'consensus', 'off'),
-        help='Outlier test of the ring band filter: anchor (slopes from the beam before the ring, as in the paper), '
-             'consensus (the beam lies on no line through two others of its ring) or off (no filter).')
+        help='Outlier test of the ring band filter: consensus, anchor (as in the paper) or off (no filter). consensus: '
+             'the beam lies on no line through two others of its ring; anchor: slopes from the beam before the ring.')
     inner_threshold: int = parameter(
         2, unit='beams', bounds=(1, 4),
         help='Threshold T1 of Eq. 4: an outlier is removed when the inner ring of three beams holds at least this many '

@@ -93,7 +93,7 @@ class OdometryParameters(ParameterGroup):
              'leave out static points.')
     movable_size: float = parameter(
         1.1, unit='m', bounds=(0.0, 100.0),
-        help='An object smaller than this, with deeper space or the end of the scan on both sides, is movable, as '
+        help='An object smaller than this, with larger ranges or the scan end on both sides, is movable, as '
              'people are. Larger values reduce the weight of more objects; 0 treats no object as movable.')
     movable_weight: float = parameter(
         0.03, bounds=(0.0, 1.0),
@@ -110,7 +110,7 @@ class OdometryParameters(ParameterGroup):
              'Larger values confirm objects later; smaller values may confirm one that moves with the sensor.')
     pole_size: float = parameter(
         0.3, unit='m', bounds=(0.0, 10.0),
-        help='An object smaller than this, without normals and with deeper space or no return on both sides, is used '
+        help='An object smaller than this, without normals and with larger ranges or none on both sides, is used '
              'as a round pole. Larger values take more objects for poles; 0 uses no poles.')
     key_frame_distance: float = parameter(
         0.3, unit='m', bounds=(0.0, 100.0),

@@ -152,7 +152,7 @@ class DensityParameters(ParameterGroup):
     violation_tolerance: float = parameter(
         0.15, unit='m', bounds=(0.01, 10.0),
         help='Distance in front of what the other scan saw from which on a point violates its free space. Larger '
-             'values tolerate larger errors; smaller values count more violations.')
+             'values tolerate larger errors; smaller values detect more violations.')
     leverage_ridge: float = parameter(
         1.0, bounds=(0.001, 1000.0),
         help='Ridge of the leverage by which points with a rare normal direction get more weight. Larger values weigh '
@@ -262,7 +262,7 @@ class RefinementParameters(ParameterGroup):
              'values resist outliers more.')
     fine_iterations: int = parameter(
         2, bounds=(0, 100),
-        help='Number of fine iterations when several hypotheses are compared; a clear winner goes straight to '
+        help='Number of fine iterations when several hypotheses are compared; a single top candidate goes to '
              'polishing. Larger values compare more exactly and take longer; 0 compares by the coarse result.')
     fine_scale: float = parameter(
         0.1, unit='m', bounds=(0.001, 10.0),
