@@ -95,8 +95,12 @@ class Gate:
             if registration.degenerate_direction is None and (ok or not has_tentative):
                 return Verdict(Decision.ACCEPT, Reason.WITHIN_GATE)
             return Verdict(Decision.TENTATIVE, Reason.INCONCLUSIVE)
-        if not ok or has_tentative or not self._is_reliable(registration):
-            return Verdict(Decision.REJECT, Reason.UNRELIABLE)
+        if ok and not has_tentative and self._is_reliable(registration):
+            return self._check_outlier(pose)
+        return Verdict(Decision.REJECT, Reason.UNRELIABLE)
+
+    def _check_outlier(self, pose: SE2) -> Verdict:
+        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted."""
         motion, unconfirmed = self.predictions.motion, self._tracking.unconfirmed
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
         if self._within(pose, motion.pose, unknown):

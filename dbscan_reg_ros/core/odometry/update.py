@@ -221,9 +221,7 @@ class _FoundScan:
         """
         state, match, p = self._state, self._match, self._parameters
         due = self._is_due(aligned.pose)
-        added, direction, correspondences = due, match.degenerate_direction, aligned.correspondences
-        if not due and direction is not None and correspondences is not None:
-            added = sees_new_surface(match.features, aligned.pose, correspondences, direction, p)
+        added = due or self._completes_map(aligned)
         constrained = aligned.constrained >= _MIN_CONSTRAINED and not self._registration.rotation_unobservable
         frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
         if added:
@@ -235,6 +233,13 @@ class _FoundScan:
         if due:
             state.covariance.start_key_frame()
         return added
+
+    def _completes_map(self, aligned: _Aligned) -> bool:
+        """Whether the scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
+        direction, correspondences = self._match.degenerate_direction, aligned.correspondences
+        if direction is None or correspondences is None:
+            return False
+        return sees_new_surface(self._match.features, aligned.pose, correspondences, direction, self._parameters)
 
     def _is_due(self, pose: SE2) -> bool:
         """Whether the scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it."""

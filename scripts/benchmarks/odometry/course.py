@@ -11,7 +11,7 @@ from dbscan_reg_ros.simulation import Lidar, follow, simulate, wheel_odometry
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Scans in order, and what is known of the sensor's true motion.
+    """Scans in order, and the true motion of the sensor.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Course:
     wheels : (N, 3) float or None
         Pose of the sensor by the wheels at each scan.
     axis : float or None
-        The direction [rad] in the frame of `reference` that nothing in sight tells.
+        Unobservable direction [rad] in the frame of `reference`.
     """
 
     scans: list

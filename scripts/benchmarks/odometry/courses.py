@@ -47,13 +47,13 @@ def noise(folder, every=50, seed=0) -> list:
 
 
 def person(folder) -> list:
-    """Intel with somebody 0.5 m wide who strolls about 1 m in front of the sensor, once for each seed."""
+    """Intel with a person 0.5 m wide strolling about 1 m in front of the sensor, once for each seed."""
     course, = intel(folder)
     return [dataclasses.replace(course, scans=strolled(course.scans, seed)) for seed in SEEDS]
 
 
 def strolled(scans, seed, radius=0.25) -> list:
-    """Return the scans with a person of this radius [m] who walks to and fro about 1 m in front of the sensor."""
+    """Return the scans with a person of this radius [m] strolling to and fro about 1 m in front of the sensor."""
     rng = np.random.default_rng(seed)
     bearing, hidden = 0.0, []
     for scan in scans:
@@ -83,7 +83,7 @@ def urg04lx(folder) -> list:
 
 
 def lms511(folder) -> list:
-    """Return a sensor that stands still for 7 s."""
+    """Return a stationary sensor, 7 s."""
     scans = list(open_recording(folder / 'lms511' / 'static').scans())
     return [Course(scans, reference=np.zeros((len(scans), 3)))]
 
@@ -117,7 +117,7 @@ def featureless(folder) -> list:
 
 
 def round_room(folder) -> list:
-    """Return a round room, 6 m wide, in which nothing tells how far the sensor has come around its middle, seen by each of the lidars."""
+    """Return a circular room, 6 m wide, by each of the lidars: the rotation about its centre is unobservable."""
     corners = as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(181)))
     tour = np.array([(0.0, 0.0), (1.5, 0.0), (0.0, 1.5), (-1.5, 0.0), (0.0, -1.5), (0.0, 0.0)])
     world = World(np.stack((corners[:-1], corners[1:]), axis=1), tour)
@@ -164,7 +164,7 @@ def lidars(folder) -> list:
 
 
 def leader(folder) -> list:
-    """Corridors whose doors are recesses, through which somebody walks ahead of the sensor, as fast as it drives."""
+    """Corridors whose doors are recesses, with a person walking ahead of the sensor, as fast as it drives."""
     worlds = [corridor(seed=seed) for seed in SEEDS]
     return [simulated(dataclasses.replace(world, people=(Person(world.tour + (1.2, 0.0), speed=0.8),)), seed=seed)
             for world, seed in zip(worlds, SEEDS, strict=True)]

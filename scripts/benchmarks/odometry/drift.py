@@ -87,13 +87,13 @@ def drive(name, course, title, prior='none') -> Drive:
 
 
 def judge(drive) -> dict:
-    """Metric -> number: those of `recordings.metrics.evaluate`, times, and the share of scans called OK.
+    """Metric -> number: those of `recordings.metrics.evaluate`, times, and the fraction of scans called OK.
 
-    Of a sensor that stands still ``drift_m`` and ``drift_deg``, the farthest that it strays. Where nothing in sight
-    tells one direction, ``named``: the share of scans that name it within 10 deg, and ``across_m``: the largest error
-    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the share called OK. Of methods with covariances
-    ``within``: the share of the scans whose pose is off, along x and y and in heading, by less than three times the standard
-    deviation that is said of each.
+    Of a stationary sensor ``drift_m`` and ``drift_deg``, the farthest that it strays. Where one direction is
+    unobservable, ``named``: the fraction of scans that name it within 10 deg, and ``across_m``: the largest error
+    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the fraction called OK. Of methods with covariances
+    ``within``: the fraction of the scans whose pose is off, along x and y and in heading, by less than three of the published
+    standard deviations.
     """
     course, judged, poses = drive.course, drive.course.judged, drive.poses
     reference = course.reference[judged]

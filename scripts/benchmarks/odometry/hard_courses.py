@@ -21,7 +21,7 @@ ACES_DISTANCES = (0.8, 1.2, 1.6)
 SIMULATED_DISTANCES = (1.0, 1.5, 2.0, 2.5)
 """Between key frames [m]."""
 TURN = math.radians(30.0)
-"""A key frame is due as well when the sensor has turned by this [rad] for each metre of the distance."""
+"""A key frame is due as well when its heading changed by this [rad] for each metre of the distance."""
 CAMERAS = {
     'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005, noise_ratio=0.01),
     'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005, noise_ratio=0.015),
@@ -34,7 +34,7 @@ PASSING_SECONDS = 20.0
 PASSERS = 4
 SPINUP_SECONDS = 8.0
 SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)), 'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
-"""Name -> how long the robot stands [s], and how many beams of the first scans return."""
+"""Name -> how long the robot rests [s], and how many beams of the first scans return."""
 
 
 def key_frames(poses, distance, start=0):
@@ -103,7 +103,7 @@ def _begun(world, lidar, seconds, seed, pauses=None):
 
 
 def passers(folder=None, seeds=SEEDS) -> list:
-    """People who pass within half a metre of a lidar of 180 deg that stands or turns slowly on the spot, in a room or a corridor."""
+    """People passing within half a metre of a lidar of 180 deg, at rest or rotating slowly, in a room or a corridor."""
     return [_passed(seed) for seed in seeds]
 
 
@@ -122,7 +122,7 @@ def _passed(seed):
 
 
 def _passer(rng, x, y, heading):
-    """Somebody who walks to and fro past (x, y) [m], in any direction, before a sensor that looks along `heading` [rad]."""
+    """A person walking to and fro past (x, y) [m], in any direction, before a sensor that looks along `heading` [rad]."""
     away, bearing = rng.uniform(0.45, 0.8), heading + rng.uniform(-1.2, 1.2)
     nearest = np.array([x + away * math.cos(bearing), y + away * math.sin(bearing)])
     way = rng.uniform(1.5, 4.0) * np.array([-math.sin(bearing), math.cos(bearing)])
@@ -130,7 +130,7 @@ def _passer(rng, x, y, heading):
 
 
 def spinup(folder=None, seeds=SEEDS) -> list:
-    """Return a lidar that spins up: its first scans hold none or few of its beams; the robot stands, or drives already.
+    """Return a lidar that spins up: its first scans hold none or few of its beams; the robot rests, or drives already.
 
     The poor scans are not judged.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""People who cross close in front of a robot that stands or turns on the spot, ten seeds."""
+"""People crossing close in front of a robot at rest or rotating in place, ten seeds."""
 from ..report import Report
 from . import seeds
 from .hard_courses import passers

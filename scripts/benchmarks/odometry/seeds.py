@@ -24,7 +24,7 @@ def figures(run) -> dict:
     ``error_m``, ``error_deg``: the largest error against the first scan; ``step_ok_m``: the largest error of a step
     between two scans called `OK`; ``silent_count``: steps between `OK` scans that are off by more than 0.1 m or 3 deg;
     ``stretches_count``: stretches of 2 s, all `OK`, that are off by more than 0.2 m or 5 deg; ``ok`` and ``failed``: the
-    share of the scans called so.
+    fraction of the scans with each status.
     """
     course, poses = run.course, run.poses
     reference, seconds = course.reference, course.seconds

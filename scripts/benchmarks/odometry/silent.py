@@ -55,7 +55,7 @@ def silent(drive):
 
 
 def total(rows) -> dict:
-    """Return the figures of several drives as one: counts added up, the greatest errors, the mean share of OK."""
+    """Return the figures of several drives as one: counts added up, the greatest errors, the mean fraction of OK."""
     def one(name):
         values = [row[name] for row in rows]
         return sum(values) if name.endswith('_count') else max(values) if 'worst' in name else float(np.mean(values))

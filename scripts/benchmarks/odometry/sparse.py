@@ -39,7 +39,7 @@ def measure(args) -> Report:
 def compared(name, course, title) -> dict:
     """Return steps of the odometry beside registrations of each scan onto the one before it, without a guess.
 
-    ``odometry`` and ``pairs``: the share of the steps that each has right; ``worse_count``: steps wrong in the odometry whose
+    ``odometry`` and ``pairs``: the fraction of right steps of each; ``worse_count``: steps wrong in the odometry whose
     pair is right, and ``worse_ok_count`` whose pair is `OK` besides; ``failed_count``: scans called `FAILED`, and
     ``failed_ok_count`` those whose pair is `OK`; ``silent_count``: wrong steps between two scans called `OK`.
     """

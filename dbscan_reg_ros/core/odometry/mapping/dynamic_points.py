@@ -27,9 +27,9 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
     parameters : Parameters
     """
     p = parameters.odometry
-    features, detached = _remove_dynamic(features, pose, window, parameters)
+    features, candidates = _remove_dynamic(features, pose, window, parameters)
     walls = features.wall_points
-    movable = detached.nonzero()[0]
+    movable = candidates.nonzero()[0]
     if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
         movable = movable[:0]
     if features.poles:
@@ -45,7 +45,7 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
 
 def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
                     parameters: Parameters) -> tuple[Features, NDArray[np.bool_]]:
-    """Remove the dynamic points; also return which of the remaining wall points may move."""
+    """Remove the dynamic points; also return which of the remaining wall points are movable."""
     p, walls = parameters.odometry, features.wall_points
     movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
     if not p.dynamic_key_frames:
@@ -115,7 +115,7 @@ def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) ->
 
 
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> NDArray[np.bool_]:
-    """Determine which points belong to small detached objects: deeper space, or the end of the scan, is on both sides.
+    """Determine which points belong to small detached objects: larger ranges, or the end of the scan, are on both sides.
 
     Parameters
     ----------
@@ -147,8 +147,8 @@ def detached_points(points: OrientedPoints, size: float, margin: float, closed: 
         before[0] = after[-1] = np.inf
     width, height = (np.maximum.reduceat(part, first) - np.minimum.reduceat(part, first)
                      for part in (position.real, position.imag))
-    detached = (np.hypot(width, height) < size) & (before > start + margin) & (after > end + margin)
-    mask = detached.repeat(edge[1:] - first)
+    is_small = (np.hypot(width, height) < size) & (before > start + margin) & (after > end + margin)
+    mask = is_small.repeat(edge[1:] - first)
     return np.roll(mask, shift) if shift else mask
 
 

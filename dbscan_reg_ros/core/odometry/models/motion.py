@@ -102,7 +102,7 @@ class ConstantVelocityModel:
         if interval.steady and self._velocities and not self._is_as_long_as_last(interval.length):
             # Scans were dropped, now or before.
             increment = integrate(self._mean_twist(), interval.length)
-        # Half a turn stays outside the gate, however long the interval: corridors are symmetric.
+        # A rotation of 180 deg stays outside the gate, however long the interval: corridors are symmetric.
         max_sigma = math.pi / p.gate
         change, rotation_change = p.acceleration * interval.length ** 2, p.angular_acceleration * interval.length ** 2
         rotation_change = min(rotation_change, max_sigma)
@@ -114,7 +114,7 @@ class ConstantVelocityModel:
 
     def gate_covariance(self, prior: Prior, predicted: SE2, lost_time: float,
                         parameters: Parameters) -> NDArray[np.float64]:
-        """Return the covariance of a prediction, widened for changes of velocity that were not observed.
+        """Return the covariance of a prediction, enlarged for changes of velocity that were not observed.
 
         Parameters
         ----------
