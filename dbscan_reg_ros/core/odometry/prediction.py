@@ -23,7 +23,7 @@ class Prediction:
     prior : Prior
         Predicted motion since the last scan.
     gate_covariance : (3, 3) float
-        Covariance of `pose` in the frame of the sensor [m, m, rad], enlarged for the time in which scans were not found.
+        Covariance of `pose` in the frame of the sensor [m, m, rad], enlarged while scans are not found.
     """
 
     pose: SE2

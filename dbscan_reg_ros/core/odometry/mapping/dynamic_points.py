@@ -115,7 +115,7 @@ def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) ->
 
 
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> NDArray[np.bool_]:
-    """Determine which points belong to small detached objects: larger ranges, or the end of the scan, are on both sides.
+    """Determine which points belong to small objects with larger ranges, or the end of the scan, on both sides.
 
     Parameters
     ----------
