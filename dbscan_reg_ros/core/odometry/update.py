@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..features.records import Features
-from ..geometry.se2 import SE2, turned
+from ..geometry.se2 import SE2
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
@@ -37,6 +37,7 @@ from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
 from .records import OdometryUpdate
 from .references import Match, Outcome
+from .report import ReportedStep, report
 from .state import Mode, Tracking, TrackState
 
 
@@ -56,7 +57,7 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
         state.covariance.add_unknown_motion()
     state.window = KeyFrameWindow((KeyFrame(features, state.pose, number=state.output.number),))
     status = Status.FAILED if reason else Status.OK
-    return _report(state, features, _Step(
+    return report(state, features, ReportedStep(
         pose=state.pose, interval=ScanInterval(reason=reason), status=status, is_key_frame=True))
 
 
@@ -103,7 +104,7 @@ def coast(state: TrackState, features: Features, registration: Registration, pre
     state.motion.coast(pose, interval.middle_offset)
     state.tracking = dataclasses.replace(state.tracking, mode=mode, lost_time=lost_time, observability=0.0)
     status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
-    return _report(state, features, _Step(
+    return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=status, registration=registration, key_frame=state.key_frames.latest))
 
 
@@ -189,7 +190,7 @@ class _FoundScan:
         # Report, and learn from the motion.
         zero_velocity_gate = self._parameters.odometry.zero_velocity_gate
         pose = state.output.averaged(state.pose, covariance, interval.length, zero_velocity_gate)
-        update = _report(state, match.features, _Step(
+        update = report(state, match.features, ReportedStep(
             pose=pose, interval=interval, status=registration.status, registration=registration,
             key_frame=match.key_frame, is_key_frame=is_key_frame))
         self._learn(before.inverse() @ state.pose)
@@ -272,33 +273,5 @@ class _FoundScan:
             state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability)
 
 
-class _Step(NamedTuple):
-    """What is reported of one scan; `pose` is without heading correction."""
-
-    pose: SE2
-    interval: ScanInterval
-    status: Status
-    registration: Registration | None = None
-    key_frame: KeyFrame | None = None
-    is_key_frame: bool = False
-
-
-def _report(state: TrackState, features: Features, step: _Step) -> OdometryUpdate:
-    """Publish the pose of a scan."""
-    number, frame = state.output.number, step.key_frame
-    pose, increment = state.output.publish(step.pose)
-    return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _MIN_COVARIANCE,
-        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _MIN_COVARIANCE,
-        interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
-        features=features, reference=None if frame is None else frame.features,
-        reference_pose=pose if frame is None else state.output.corrected(frame.pose),
-        reference_changed=step.is_key_frame, restarted=step.interval.reason,
-        wheel_correction=state.wheels.matrix.copy(),
-        number=number, reference_number=None if frame is None else frame.number)
-
-
 _MIN_CONSTRAINED = 0.2
 """Least `_Aligned.constrained` of a key frame from which the local map takes points."""
-_MIN_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
-"""Covariance added to published ones: none is below 1 mm, 0.06 deg."""

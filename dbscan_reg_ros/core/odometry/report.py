@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Report of one step of the odometry."""
+from typing import NamedTuple
+
+import numpy as np
+
+from ..features.records import Features
+from ..geometry.se2 import SE2, turned
+from ..registration.records import Registration, Status
+from .mapping.key_frame import KeyFrame
+from .models.stamps import ScanInterval
+from .records import OdometryUpdate
+from .state import TrackState
+
+
+class ReportedStep(NamedTuple):
+    """What is reported of one scan; `pose` is without heading correction."""
+
+    pose: SE2
+    interval: ScanInterval
+    status: Status
+    registration: Registration | None = None
+    key_frame: KeyFrame | None = None
+    is_key_frame: bool = False
+
+
+def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
+    """Publish the pose of a scan."""
+    number, frame = state.output.number, step.key_frame
+    pose, increment = state.output.publish(step.pose)
+    return OdometryUpdate(
+        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _MIN_COVARIANCE,
+        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _MIN_COVARIANCE,
+        interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
+        features=features, reference=None if frame is None else frame.features,
+        reference_pose=pose if frame is None else state.output.corrected(frame.pose),
+        reference_changed=step.is_key_frame, restarted=step.interval.reason,
+        wheel_correction=state.wheels.matrix.copy(),
+        number=number, reference_number=None if frame is None else frame.number)
+
+
+_MIN_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+"""Covariance added to published ones: none is below 1 mm, 0.06 deg."""
