@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The documents agree with the source and with each other."""
+import ast
 import re
 
 import pytest
@@ -7,8 +8,8 @@ import pytest
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md', 'doc/method.md',
-             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/reliability.md',
-             'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
+             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/quickstart.md',
+             'doc/reliability.md', 'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
 
 
 def anchors(text):
@@ -60,3 +61,20 @@ def test_parameters_that_are_named_exist(root, name):
     named = set(re.findall(r'`([a-z_]+\.[a-z_]+)(?::[^`]*)?`', (root / name).read_text()))
     named = {name for name in named if name.split('.')[0] in groups and not name.endswith(('.py', '.md'))}
     assert named <= known
+
+
+def texts(path):
+    """The string literals of a module, with a blank for what an f-string inserts."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.JoinedStr):
+            yield ''.join(part.value if isinstance(part, ast.Constant) else ' ' for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def test_messages_that_the_quick_start_quotes_are_those_of_the_node(root):
+    table = (root / 'doc' / 'quickstart.md').read_text().partition('| message |')[2]
+    quoted = [part for message in re.findall(r'^\| `([^`]*)`', table, re.MULTILINE)
+              for part in re.split(r' ?\.\.\.|[:;] ', message) if part.strip()]
+    source = '\n'.join(text for path in (root / 'dbscan_reg_ros' / 'node').rglob('*.py') for text in texts(path))
+    assert len(quoted) >= 8 and [part for part in quoted if part not in source] == []
