@@ -5,8 +5,8 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'dbscan_reg_ros'
-COMMANDS = ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher', 'scan_matcher_lifecycle',
-            'simulate', 'tune')
+COMMANDS = ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
+            'scan_matcher_lifecycle', 'simulate', 'tune')
 ENTRY_POINT = f'{PACKAGE}.__main__:entry_point'
 
 if {'install', 'develop'} & set(sys.argv):

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 def entry_point() -> int:
     """Run the command that the executable, or else its first argument, is named after; return its exit status.
 
-    SIGINT and SIGTERM are blocked at once: one that comes while modules are imported waits until the command or the node
-    handles it.
+    SIGINT and SIGTERM are blocked at once: one that comes while modules are imported waits until the command or the
+    node handles it.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     from pathlib import Path

@@ -104,7 +104,7 @@ def _remedies(modules):
 
 
 def _pip(wheels):
-    """Return the command that installs `wheels`; a Python that belongs to the system takes them in a virtual environment only."""
+    """Return the command that installs `wheels`; with a Python of the system, into a virtual environment."""
     if sys.prefix != sys.base_prefix or not Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').exists():
         return python_line('-m', 'pip', 'install', *wheels)
     folder = Path.home() / '.venvs' / PACKAGE

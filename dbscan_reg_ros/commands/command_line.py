@@ -213,8 +213,9 @@ def complain(command, error, verbose=False) -> int:
 def interruptible(*signals, once=False):
     """Turn `signals` that are not ignored into a KeyboardInterrupt.
 
-    An exception that follows a signal is raised as a KeyboardInterrupt too: rclpy replaces an exception that is raised while
-    it converts a message by one of its own. With `once`, signals after the first are ignored until the process ends.
+    An exception that follows a signal is raised as a KeyboardInterrupt too: rclpy replaces an exception that is raised
+    while it converts a message by one of its own. With `once`, signals after the first are ignored until the process
+    ends.
     """
     came = []
 
@@ -224,7 +225,8 @@ def interruptible(*signals, once=False):
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
+    before = {number: signal.signal(number, interrupt)
+              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
     try:
         yield
     except Exception as error:

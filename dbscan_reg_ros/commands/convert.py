@@ -14,14 +14,16 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'also searched for below the data folder')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log; NAME.bag: ROS 1 bag; '
                         'any other name: folder of a ROS 2 bag')
-    parser.add_argument('--topic', help='topic of the scans; required if there are several and a log is read or written')
+    parser.add_argument('--topic',
+                        help='topic of the scans; required if there are several and a log is read or written')
     parser.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='topics of the bag to keep '
                         '(default: all)')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='keep messages from S seconds after the '
                         'first one')
     parser.add_argument('--end', type=float, default=float('inf'), metavar='S', help='keep messages up to S seconds '
                         'after the first one')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='storage of a ROS 2 bag (default: mcap)')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='storage of a ROS 2 bag (default: mcap)')
     parser.end_list('--topics', is_topic)
     add_data(parser)
     return run(parser, convert, argv)
@@ -35,8 +37,9 @@ def convert(args):
     from ..recordings.conversion import Kept, convert
 
     source = find_recording(args.source, args.data)
-    counts, remarks = convert(source, args.target, Kept(args.topic, args.topics, args.start, args.end), storage=args.storage,
-                              progress=lambda items, total: tqdm(items, source.name, total, disable=None))
+    counts, remarks = convert(
+        source, args.target, Kept(args.topic, args.topics, args.start, args.end), storage=args.storage,
+        progress=lambda items, total: tqdm(items, source.name, total, disable=None))
     for remark in shortened(remarks):
         print(remark)
     print(f'{args.target}  ' + (', '.join(f'{count} {name}' for name, count in counts.items()) or 'no message'))

@@ -120,8 +120,10 @@ def _errors(recording, stamps, poses) -> list:
 
     errors = errors_of(recording, stamps, poses)
     if 'relations_neighbour_mean_m' in errors:
-        return [f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m {errors["relations_neighbour_mean_deg"]:.2f} deg']
+        return [f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m '
+                f'{errors["relations_neighbour_mean_deg"]:.2f} deg']
     if 'final_m' in errors:
         share = 100.0 * errors['final_m'] / errors['path_m']
-        return [f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) {errors["final_deg"]:.2f} deg']
+        return [f'path {errors["path_m"]:.1f} m final error {errors["final_m"]:.3f} m ({share:.2f} %) '
+                f'{errors["final_deg"]:.2f} deg']
     return []

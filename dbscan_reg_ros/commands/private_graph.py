@@ -24,8 +24,8 @@ class ForeignFolder(DbscanRegError):
 def private_graph():
     """Use a ROS domain on this machine alone that no other caller has, for this process and its children.
 
-    A child process that gets the descriptors of `domain_locks` keeps the domain taken until it has ended, even if this process
-    is killed before.
+    A child process that gets the descriptors of `domain_locks` keeps the domain taken until it has ended, even if this
+    process is killed before.
 
     Yields
     ------

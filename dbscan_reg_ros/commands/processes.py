@@ -28,7 +28,8 @@ class Process:
         self.log = log
         with open(log, 'wb') as output, held(*ENDING):
             self._popen = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                                           env=os.environ | (environment or {}), start_new_session=True, pass_fds=domain_locks())
+                                           env=os.environ | (environment or {}), start_new_session=True,
+                                           pass_fds=domain_locks())
             self._end = weakref.finalize(self, _kill_group, self._popen)
         self.pid = self._popen.pid
 

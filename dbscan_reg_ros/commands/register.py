@@ -20,15 +20,16 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'them on sheet.png.')
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
                         '(.npz) of the node; also searched for below the data folder')
-    parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the reference '
-                        'scan and of the current scan, from 0; for a snapshot: the number of the scan (default: the '
-                        'last)')
+    parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
+                        'reference scan and of the current scan, from 0; for a snapshot: the number of the scan '
+                        '(default: the last)')
     parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the defaults; '
-                        'for a snapshot, the parameters stored in it; others register it again, without a prior)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and link it as '
-                        'DIR/NAME_N_N/latest (default: results)')
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the '
+                        'defaults; for a snapshot, the parameters stored in it; others register it again, without a '
+                        'prior)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
+                        'link it as DIR/NAME_N_N/latest (default: results)')
     return run(parser, register, argv)
 
 
@@ -53,7 +54,8 @@ def register(args):
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
     if parameters:
-        note_unused('register', args.params_file, parameters, [name for name in METHOD if not name.startswith(OF_A_DRIVE)])
+        note_unused('register', args.params_file, parameters,
+                    [name for name in METHOD if not name.startswith(OF_A_DRIVE)])
     if path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:

@@ -17,11 +17,13 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
                          'parameters used.')
     add_recordings(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the defaults)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link it as '
-                        'DIR/NAME/latest (default: results)')
-    parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the trajectory '
-                        'where the sensor returned to a place, and also write closed.tum and map_closed.png')
+    parser.add_argument('--params-file', metavar='YAML',
+                        help='parameter file as for ROS 2 nodes (default: the defaults)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
+                        'it as DIR/NAME/latest (default: results)')
+    parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
+                        'trajectory where the sensor returned to a place, and also write closed.tum and '
+                        'map_closed.png')
     add_workers(parser)
     return run(parser, replay, argv)
 
@@ -150,7 +152,8 @@ def _follow(results, mounting):
     from ..replays.sensor_mounting import turned
     from .workers import watched
 
-    recording, parameters, trajectory, faults = results.recording, results.parameters, results.trajectory, results.faults
+    recording, parameters = results.recording, results.parameters
+    trajectory, faults = results.trajectory, results.faults
     stack = ExitStack()
     bag = odometry_bag(results.folder / 'bag', parameters, mounting)
     reports = {'bag': faults.attempt('bag', stack.enter_context, bag), 'pairs to review': results.to_review.add,
@@ -175,8 +178,8 @@ def _too_few(recording, trajectory):
         return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a '
                               'motion')
     usable = 'only one' if trajectory.poses else 'not one'
-    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used', *trajectory.problems[:1],
-                                     *recording.watch.lines()]))
+    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used',
+                                     *trajectory.problems[:1], *recording.watch.lines()]))
 
 
 def register_command(folder, recording) -> str:

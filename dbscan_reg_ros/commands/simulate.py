@@ -23,7 +23,8 @@ LIDAR = (
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
     'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0),
-    'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
+    'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6),
+    'gyro_noise': (0.0, 100.0),
 }
 
 
@@ -38,8 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--seed', type=seed, default=0, help='seed of all random numbers (default: 0)')
     world = parser.add_argument_group('the world and the path')
     world.add_argument('--world', choices=WORLDS, default='rooms', help='kind of floor plan (default: rooms)')
-    world.add_argument('--people', type=int, default=0, metavar='N', help='number of people who walk about (default: 0)')
-    world.add_argument('--laps', type=int, default=1, metavar='N', help='number of laps, alternately forwards and backwards (default: 1)')
+    world.add_argument('--people', type=int, default=0, metavar='N',
+                       help='number of people who walk about (default: 0)')
+    world.add_argument('--laps', type=int, default=1, metavar='N',
+                       help='number of laps, alternately forwards and backwards (default: 1)')
     world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='largest speed (default: 0.8)')
     world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='largest turn rate (default: 0.9)')
     lidar = parser.add_argument_group('the lidar')
@@ -57,8 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help='noise as a fraction of the distance and rotation of each step (default: 0.02 0.02)')
     others.add_argument('--slip', type=float, nargs=3, action='append', default=[], metavar=('BEGIN', 'END', 'FACTOR'),
                         help='between these times [s] the wheels measure FACTOR times the distance; may be repeated')
-    others.add_argument('--gyro-bias', type=float, default=0.002, metavar='RAD/S', help='constant error of the yaw rate (default: 0.002)')
-    others.add_argument('--gyro-noise', type=float, default=0.005, metavar='RAD/S', help='noise of the yaw rate (default: 0.005)')
+    others.add_argument('--gyro-bias', type=float, default=0.002, metavar='RAD/S',
+                        help='constant error of the yaw rate (default: 0.002)')
+    others.add_argument('--gyro-noise', type=float, default=0.005, metavar='RAD/S',
+                        help='noise of the yaw rate (default: 0.005)')
     return run(parser, simulate, argv)
 
 

@@ -33,8 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_recordings(parser)
     parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth '
                         'that the search does not use; the gain is measured on them')
-    parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='parameters to search, '
-                        'each with an optional range; without one, from a fifth to five times the default '
+    parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='parameters to '
+                        'search, each with an optional range; without one, from a fifth to five times the default '
                         f'(default: {" ".join(SEARCHED)})')
     parser.end_list('--parameters', is_parameter)
     parser.add_argument('--params-file', metavar='YAML', help='start of the search, and values of all other '
@@ -44,8 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
                         help='auto: Optuna if it is installed, else random (default: auto)')
     parser.add_argument('--objective', choices=('auto', 'truth', 'consistency'), default='auto',
-                        help='cost to minimise. truth: the error over 1 m; consistency: the disagreement of a forward and a '
-                        'backward pass and the gaps at loops; auto: truth if it is known (default: auto)')
+                        help='cost to minimise. truth: the error over 1 m; consistency: the disagreement of a forward '
+                        'and a backward pass and the gaps at loops; auto: truth if it is known (default: auto)')
     parser.add_argument('--scans', type=positive, metavar='N', help='use only the first N scans of each recording')
     parser.add_argument('--live', metavar='NODE', help='also set the result on the running node with this full name')
     parser.add_argument('--out', metavar='DIR', help='folder of the search and its result '
@@ -112,7 +112,8 @@ def tune(args):
         head += gain(followed(executor, held_out, args.topic, (start, best)), known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join(head))
-    changed = [f'{name}: {start_values[name]} -> {value}' for name, value in values.items() if value != start_values[name]]
+    changed = [f'{name}: {start_values[name]} -> {value}'
+               for name, value in values.items() if value != start_values[name]]
     print('\n'.join(changed or ['No other values were better: the best are those of the start.']))
     print(f'parameters  {folder / "best.yaml"}')
     if args.live:
@@ -137,7 +138,8 @@ def evaluated(executor, trials, start, task):
     from .workers import as_done
 
     candidates = {number: made for number, values in trials.items() if (made := candidate(start, values))}
-    asked = [(path, task.topic, made, task.objective, task.limit) for made in candidates.values() for path in task.paths]
+    asked = [(path, task.topic, made, task.objective, task.limit)
+             for made in candidates.values() for path in task.paths]
     yield from ((number, HOPELESS) for number in trials if number not in candidates)
     numbers, costs = [number for number in candidates for _ in task.paths], defaultdict(dict)
     for job, cost in as_done(executor, cost_of, asked):
@@ -173,7 +175,8 @@ def said_when_interrupted(study, total, folder):
     try:
         yield
     except KeyboardInterrupt:
-        print(f'kept        {study.known} of {total} trials in {folder}; the same command continues from there', flush=True)
+        print(f'kept        {study.known} of {total} trials in {folder}; the same command continues from there',
+              flush=True)
         raise
 
 
@@ -187,7 +190,7 @@ def followed(executor, paths, topic, parameter_sets):
 
 
 def gain(trajectories, known, seed):
-    """Describe the gain on held-out recordings; `trajectories` are (before, after) for each `KnownMotion` in `known`."""
+    """Describe the gain on held-out recordings; `trajectories` are (before, after) for each of the `known` motions."""
     from ..evaluation.comparison import difference, paired
 
     if not trajectories:

@@ -34,8 +34,8 @@ def workers(processes, scheduler=None):
     """Provide an executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
 
     One process is this one. What is submitted has to be importable by other processes. An interruption (Ctrl-C, SIGTERM
-    or SIGHUP) is passed on once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched` gets it
-    as a KeyboardInterrupt and may write what it has, other work ends where it is.
+    or SIGHUP) is passed on once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched`
+    gets it as a KeyboardInterrupt and may write what it has, other work ends where it is.
     """
     if scheduler:
         opened = _cluster(scheduler)
@@ -170,7 +170,8 @@ def _stop(processes):
     try:
         for process in processes:
             process.terminate()
-        while (running := [p.sentinel for p in processes if p.is_alive()]) and (left := deadline - time.monotonic()) > 0:
+        while ((running := [p.sentinel for p in processes if p.is_alive()])
+               and (left := deadline - time.monotonic()) > 0):
             wait(running, left)
     finally:
         for process in processes:
@@ -217,8 +218,8 @@ def _work(function, args, kwargs):
 class _Worker:
     """A local worker, as it is towards its parent, which sends SIGTERM when all has to end.
 
-    No lock is shared with others: a process that is killed would hold it for ever. A report is written at once, since it is
-    shorter than what a pipe takes as one (PIPE_BUF).
+    No lock is shared with others: a process that is killed would hold it for ever. A report is written at once, since
+    it is shorter than what a pipe takes as one (PIPE_BUF).
     """
 
     def __init__(self, reporter):

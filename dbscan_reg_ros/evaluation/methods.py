@@ -129,7 +129,9 @@ def _small_gicp(name):
 
     def prepare(scan):
         # Without points it ends the process.
-        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1) if scan.valid.sum() >= LEAST_RETURNS else None
+        if scan.valid.sum() < LEAST_RETURNS:
+            return None
+        return small_gicp.preprocess_points(lifted(scan, LAYERS), 0.01, 20, 1)
 
     def align(reference, current, guess=None):
         if reference is None or current is None:

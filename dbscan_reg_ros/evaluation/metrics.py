@@ -60,7 +60,7 @@ def relation_errors(stamps, poses, relations) -> dict:
 
 
 def related(stamps, relations):
-    """Return indices of the first and of the second scan of every relation that has both, and which relations these are."""
+    """Return indices of the first and second scan of every relation that has both, and which relations these are."""
     first, first_found = _scans_at(stamps, relations.stamps[:, 0])
     second, second_found = _scans_at(stamps, relations.stamps[:, 1])
     found = first_found & second_found

@@ -49,7 +49,8 @@ class ScanSteps:
         returns = admitted_returns(scan, parameters.scan)
         features = extract_from_returns(returns, parameters)
         filtered, outcome = ring_band_filter(returns.points, returns.noise, parameters.filter)
-        known = as_vectors(landmarks(features, parameters)) if parameters.selection.method == 'density' else np.empty((0, 2))
+        with_landmarks = parameters.selection.method == 'density'
+        known = as_vectors(landmarks(features, parameters)) if with_landmarks else np.empty((0, 2))
         return cls(features, returns.points, filtered, outcome, features.breaks, known)
 
 
@@ -74,7 +75,8 @@ class Steps:
     parameters: Parameters
 
     @classmethod
-    def of(cls, reference: Scan, current: Scan, parameters: Parameters, registration: Registration | None = None) -> 'Steps':
+    def of(cls, reference: Scan, current: Scan, parameters: Parameters,
+           registration: Registration | None = None) -> 'Steps':
         """Return the steps that lead from two scans to their `registration`; without one they are registered anew.
 
         Raises

@@ -105,7 +105,7 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
 
 
 def _topics_of(recording):
-    """Topic -> message type of what a log becomes: beside the scans the wheels and the laser's poses, or its truth alone."""
+    """Topic -> message type of what a log becomes: the scans, and wheels and poses of the laser, or its truth alone."""
     poses = ('/wheel_odom', '/laser_pose') if recording.wheel_odometry() else ('/truth',) if recording.truth() else ()
     return {topic: kind for topic, kind in LOG_TOPICS.items() if topic in (*poses, '/scan')}
 
@@ -190,7 +190,8 @@ def _bag_to_bag(source, target, kept, storage, progress):
                 writer.write(added, time, message)
                 counts[connection.topic] += 1
             if not counts:
-                raise RecordingError(problems[0]) if problems else _nothing(kept.start, kept.end, reader.duration / SECOND)
+                raise (RecordingError(problems[0]) if problems
+                       else _nothing(kept.start, kept.end, reader.duration / SECOND))
     return counts, problems
 
 

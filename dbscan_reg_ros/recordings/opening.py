@@ -12,7 +12,7 @@ from .recording import Recording
 
 
 def open_recording(path, topic=None) -> 'Recording':
-    """Return the recording at `path`: a CARMEN log (plain or gzip), a ROS 1 bag, a ROS 2 bag (folder, sqlite3 or mcap file).
+    """Return the recording at `path`: CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag (folder, sqlite3 or mcap file).
 
     Parameters
     ----------

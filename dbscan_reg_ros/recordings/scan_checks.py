@@ -25,7 +25,7 @@ RESTART = 2.0
 DISORDER = 4, 0.4
 """Nor are so many, which are this share of the `RECENT`: stamps of real drivers go back in up to a quarter."""
 TOO_LONG = 1.15, 2.0
-"""A scan may last this share of the mean interval, and this more divided by how many intervals are known: stamps jitter."""
+"""Greatest ratio of a scan's duration to the mean interval, and what is added to it for one known interval (jitter)."""
 MILLIMETRES = 100.0
 """No scan has its median return farther away than this [m]; in millimetres nearly all do."""
 BEYOND = 1.05
@@ -82,8 +82,9 @@ class ScanFields(NamedTuple):
     def from_message(cls, message) -> 'ScanFields':
         """Those of any object with the fields of a LaserScan message."""
         header = message.header
-        return cls(header.stamp.sec * SECOND + header.stamp.nanosec, header.frame_id, message.angle_min, message.angle_max,
-                   message.angle_increment, message.time_increment, message.range_min, message.range_max, message.ranges)
+        return cls(header.stamp.sec * SECOND + header.stamp.nanosec, header.frame_id, message.angle_min,
+                   message.angle_max, message.angle_increment, message.time_increment, message.range_min,
+                   message.range_max, message.ranges)
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
@@ -258,7 +259,8 @@ class Sighting:
 
     def as_fields(self) -> dict:
         """Plain values, for a file."""
-        return {'kind': self.warning.kind.value, 'text': self.warning.text, 'first_scan': self.first, 'scans': self.count}
+        return {'kind': self.warning.kind.value, 'text': self.warning.text, 'first_scan': self.first,
+                'scans': self.count}
 
 
 class ScanWatch:

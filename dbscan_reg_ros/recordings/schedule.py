@@ -25,7 +25,7 @@ class Schedule:
 
 
 class Timeline:
-    """When what is played of a recording is due: scans by their stamps, all else as long after a scan as it was recorded."""
+    """When messages of a recording are due: scans by their stamps, others as long after a scan as when recorded."""
 
     def __init__(self):
         self._schedule = Schedule()

@@ -12,12 +12,13 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
                     "range_min": m, "range_max": m or null}, ...],
          "updates": [{"scan": index, "reference": index or null, "stamp": ns, "interval": s, "pose": [x, y, theta],
                       "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
-                      "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "", "overlap": 0..1,
-                      "score": 0..1, "degenerate_direction": rad or null, "weakest_information": points or null, "rotation_unobservable": bool}}, ...]}
+                      "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "",
+                          "overlap": 0..1, "score": 0..1, "degenerate_direction": rad or null,
+                          "weakest_information": points or null, "rotation_unobservable": bool}}, ...]}
 
-    ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older than
-    the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior`` is the
-    motion since the update before.
+    ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older
+    than the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior``
+    is the motion since the update before.
 ``ranges_I``
     float32 (N,) [m], of scan I. ``bearings_I``, float64 (N,) [rad], only where they are not uniform.
 ``hypotheses_K``
@@ -199,11 +200,12 @@ def _registration_fields(registration, k, arrays):
     arrays[f'matches_{k}'] = np.asarray(registration.matches, dtype=np.int64).reshape(-1, 2)
     arrays[f'hypotheses_{k}'] = np.array([[*_numbers(h.transform), h.score] for h in registration.hypotheses],
                                          dtype=float).reshape(-1, 4)
-    free = registration.degenerate_direction
+    direction, weakest = registration.degenerate_direction, registration.weakest_information
     return {'transform': _numbers(registration.transform), 'status': registration.status.value,
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
-            'degenerate_direction': None if free is None else float(free),
-            'weakest_information': None if registration.weakest_information is None else float(registration.weakest_information), 'rotation_unobservable': registration.rotation_unobservable}
+            'degenerate_direction': None if direction is None else float(direction),
+            'weakest_information': None if weakest is None else float(weakest),
+            'rotation_unobservable': registration.rotation_unobservable}
 
 
 def _update(fields, k, scans, arrays):
@@ -215,8 +217,8 @@ def _update(fields, k, scans, arrays):
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
             _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
-            told['score'], hypotheses, told['degenerate_direction'], partial(np.asarray, arrays[f'matches_{k}']), told['reason'],
-            told['weakest_information'], told.get('rotation_unobservable', False))
+            told['score'], hypotheses, told['degenerate_direction'], partial(np.asarray, arrays[f'matches_{k}']),
+            told['reason'], told['weakest_information'], told.get('rotation_unobservable', False))
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),

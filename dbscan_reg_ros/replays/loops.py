@@ -39,7 +39,8 @@ ROUNDS = 20
 class Stop(NamedTuple):
     """A key frame of the drive.
 
-    `number` is that of its scan among those used, `covariance` (3, 3) that of its motion since the last, in its own frame.
+    `number` is that of its scan among those used, `covariance` (3, 3) that of its motion since the last, in its own
+    frame.
     """
 
     number: int
@@ -61,7 +62,8 @@ class Loops:
             self._frames[-1] = self._frames[-1]._replace(features=update.reference)
         self._known &= update.registration is not None and not update.restarted
         if update.reference_changed:
-            covariance = update.registration.covariance + np.diag(STEP_SPREAD) ** 2 if self._known else np.diag(UNKNOWN_SPREAD) ** 2
+            covariance = (update.registration.covariance + np.diag(STEP_SPREAD) ** 2 if self._known
+                          else np.diag(UNKNOWN_SPREAD) ** 2)
             self._frames.append(Stop(update.number, update.features, covariance))
             self._known = True
 

@@ -72,9 +72,10 @@ def _pair_to_review(update):
     moved = update.reference_pose.inverse() @ update.pose
     registration, reference, current = update.registration, update.reference, update.features
     matched, matching = registration.matches.T
-    return PairToReview(update.number, update.reference_number, update.status, registration.overlap, registration.reason,
-                _thinned(reference.points), moved.apply(_thinned(current.points)),
-                _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
+    return PairToReview(
+        update.number, update.reference_number, update.status, registration.overlap, registration.reason,
+        _thinned(reference.points), moved.apply(_thinned(current.points)),
+        _lines(reference.segments, matched), moved.apply(_lines(current.segments, matching)))
 
 
 def _lines(segments, chosen):

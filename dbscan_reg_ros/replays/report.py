@@ -135,7 +135,7 @@ def _nothing(known):
 
 
 def _errors(known, stamps, poses, along):
-    """Compute the errors along the trajectory: by the truth, else by relations, else as the difference from the wheels."""
+    """Return the errors along the trajectory: by the truth, else by relations, else the difference from the wheels."""
     if known.truth:
         return _over_a_metre(known.truth, stamps, poses, along,
                              'Error of the motion over the next metre, against the truth', 'error')

@@ -58,14 +58,16 @@ class Results:
         write_metrics(self.folder / 'metrics.json', self.recording, measures)
         truth = self.faults.attempt('truth.tum', self._truth, known)
         if closed:
-            self._draw('map_closed.png', closed[0], f'{name}: {len(poses)} scans, {len(closed[1])} places seen again', truth)
+            title = f'{name}: {len(poses)} scans, {len(closed[1])} places seen again'
+            self._draw('map_closed.png', closed[0], title, truth)
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
         summary = [*(('note', note) for note in self.recording.notes),
                    *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
         if density:
             with self.faults.noted('report.html'):
-                report = Report(title, [('recording', str(self.recording.path)), *summary], known, self.trajectory, density,
+                lines = [('recording', str(self.recording.path)), *summary]
+                report = Report(title, lines, known, self.trajectory, density,
                                 pairs=self._pairs(), parameters=self.parameters, register=register)
                 write_report(self.folder / 'report.html', report)
         return summary
@@ -84,7 +86,8 @@ class Results:
 
     def _close(self, known, measures):
         """Close the loops and add their measures; return the corrected poses and the pairs of scans."""
-        closed, pairs = self.loops.close(self.trajectory.pose_array(), self.parameters.for_odometry(), self.trajectory.yaw)
+        poses = self.trajectory.pose_array()
+        closed, pairs = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
         write_tum(self.folder / 'closed.tum', self.trajectory.stamps, closed)

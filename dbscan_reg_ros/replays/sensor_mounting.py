@@ -22,12 +22,12 @@ def mounting_of(parameters) -> Mounting:
 
 
 def turned(scans, yaw):
-    """Yield `scans` of a laser that is turned by `yaw` [rad] on the base, one by one as a sensor that looks along the base
-    sees them."""
+    """Yield `scans` of a laser with the mounting angle `yaw` [rad] as of one that looks along the base, one by one."""
     geometry = None
     for scan in scans:
         if yaw:
             g = scan.geometry
-            geometry = ScanGeometry(g.angle_min + yaw, g.angle_increment, g.size, g.range_min, g.range_max).reuse(geometry)
+            rotated = ScanGeometry(g.angle_min + yaw, g.angle_increment, g.size, g.range_min, g.range_max)
+            geometry = rotated.reuse(geometry)
             scan = Scan(scan.stamp, scan.ranges, geometry, scan.time_increment, scan.frame_id)
         yield scan

@@ -13,8 +13,8 @@ def write_metrics(path, recording, measures):
     It holds the recording's name and file, notes on how it was read, warnings about its scans, and every measure by its
     name; null for one that is not finite.
     """
-    content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic, 'notes': recording.notes,
-               'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
+    content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
+               'notes': recording.notes, 'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
     with replacing(path) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
@@ -22,7 +22,8 @@ def write_metrics(path, recording, measures):
 
 def summarise(measures) -> list:
     """Return the most important measures of a replay as (name, text) pairs."""
-    counts = [f'{name} {measures[name]}' for name in (*(status.value for status in Status), 'restarts') if measures[name]]
+    names = (*(status.value for status in Status), 'restarts')
+    counts = [f'{name} {measures[name]}' for name in names if measures[name]]
     lines = [('scans', ' '.join([f'{measures["scans"]} skipped {measures["skipped"]}', *counts]))]
     if 'driven_m' in measures:
         lines.append(('driven', _driven(measures)))

@@ -75,9 +75,9 @@ class Trajectory:
     def measures(self, jump) -> dict:
         """Count the scans by outcome; measure the time per scan and the distance driven.
 
-        ``skipped`` scans could not be used, ``failed`` ones could not be registered. ``duration_s`` is the time of the stamps
-        without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` are the distance and rotation
-        from the first to the last pose.
+        ``skipped`` scans could not be used, ``failed`` ones could not be registered. ``duration_s`` is the time of the
+        stamps without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` are the distance
+        and rotation from the first to the last pose.
         """
         counts = Counter(self.statuses)
         measures: dict[str, float] = {'scans': len(self.used), 'skipped': self.used.count(False)}

@@ -6,5 +6,5 @@ from .paths import Path, follow
 from .simulate import Simulation, demo, measure, simulate
 from .worlds import Person, World, corridor, hall, rooms, with_people
 
-__all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'WheelErrors', 'World', 'corridor', 'demo', 'follow', 'hall', 'measure',
-           'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']
+__all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'WheelErrors', 'World', 'corridor', 'demo', 'follow',
+           'hall', 'measure', 'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']

@@ -57,7 +57,8 @@ class RobotRecording:
             return write_log(target, self._records())
         counts = Counter()
         with bag_writer(target) as (writer, serialize):
-            added = {topic: writer.add_topic(topic, kind, latched=topic == '/tf_static') for topic, kind in TOPICS.items()}
+            added = {topic: writer.add_topic(topic, kind, latched=topic == '/tf_static')
+                     for topic, kind in TOPICS.items()}
             for stamp, topic, fields in self._messages():
                 writer.write(added[topic], stamp, serialize(TOPICS[topic], fields))
                 counts[topic] += 1

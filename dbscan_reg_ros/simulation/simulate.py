@@ -81,7 +81,7 @@ def measure(world, poses, lidar, rng, stamp=0, time=0.0) -> Scan:
 
 
 def demo(seed=1) -> Simulation:
-    """Return the building of ``scripts/demo``: a tour through eight rooms and back along the corridor, seen at 10 Hz."""
+    """Return the building of ``scripts/demo``: a tour of eight rooms and back along the corridor, scanned at 10 Hz."""
     world = rooms(seed)
     pauses = {0: 1.0, len(world.tour) - 1: 1.0}
     path = follow(world.tour, speed=1.2, acceleration=0.8, turn_rate=1.2, radius=0.5, pauses=pauses)

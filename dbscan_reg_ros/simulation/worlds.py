@@ -115,7 +115,7 @@ def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
 
 
 def hall(seed=0, length=26.0, depth=18.0) -> World:
-    """Return a hall with two rows of columns, pilasters along its walls and clutter; the tour weaves between the columns."""
+    """Return a hall with two rows of columns, pilasters on its walls and clutter; the tour weaves between columns."""
     rng = np.random.default_rng(seed)
     corners = np.array([(0.0, 0.0), (length, 0.0), (length, depth), (0.0, depth)])
     walls = [wall(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]

@@ -44,8 +44,8 @@ def missing():
 def build(folder, log):
     """Configure, build and install by way of `folder`; `subprocess.CalledProcessError` when a step fails.
 
-    The generators put the paths they are given into source text, where one with an apostrophe is no path any more: they are
-    given links.
+    The generators put the paths they are given into source text, where one with an apostrophe is no path any more: they
+    are given links.
     """
     prefix, source = folder / 'prefix', folder / 'source'
     prefix.symlink_to(PREFIX)

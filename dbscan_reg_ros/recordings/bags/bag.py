@@ -56,7 +56,8 @@ class Bag(Recording):
             held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
                     if c.topic != self.topic and c.msgcount}
         inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
-        return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static', inputs.get(topic, ''))
+        return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static',
+                        inputs.get(topic, ''))
                 for topic, (kind, latched) in held.items()]
 
     def play(self, channels):
@@ -109,7 +110,7 @@ class Bag(Recording):
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
     def _messages(self, topics, passed=()):
-        """Yield number in the topic, counted from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
+        """Yield number in the topic, from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
         numbers = Counter()
         with open_reader(self.path) as reader:
             connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
@@ -149,7 +150,7 @@ def open_reader(path):
 
 
 def safely(reader, connections, report, **window):
-    """Yield the reader's messages (connection, record time [ns], bytes) up to where the bag is damaged, which is reported."""
+    """Yield the reader's messages (connection, record time [ns], bytes) until the bag is damaged; report the damage."""
     messages = reader.messages(connections=connections, **window)
     number = 0
     while True:

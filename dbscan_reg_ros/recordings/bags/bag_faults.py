@@ -68,7 +68,8 @@ def _of_folder(folder):
         told = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
         named = [Path(name).name for name in told['relative_file_paths']]
         storage = told['storage_identifier']
-        compression = told.get('compression_format') if (told.get('compression_mode') or 'none').lower() == 'file' else None
+        mode = (told.get('compression_mode') or 'none').lower()
+        compression = told.get('compression_format') if mode == 'file' else None
     except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return f'its metadata.yaml is damaged; {instead}, or write it anew: ros2 bag reindex {_quoted(folder)}'
     for name in named:
@@ -84,7 +85,8 @@ def _of_folder(folder):
             return f'metadata.yaml says storage {storage!r}, {name} is an {is_kind} file; name the file itself: {file}'
         if packed and compression != packed[0]:
             says = f'that it is compressed with {compression}' if compression else 'nothing of that'
-            return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: {packed[1]} {_quoted(file)}'
+            return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: ' \
+                   f'{packed[1]} {_quoted(file)}'
         if is_kind and (fault := _of_file(file)):
             return f'{name}: {fault}'
     return None
@@ -93,7 +95,8 @@ def _of_folder(folder):
 def _of_file(file):
     kind, name = kind_of(_start(file)), _quoted(file)
     if kind == 'ROS 1 bag' and file.suffix == '.active':
-        return f'a recording that was not closed; mend it with ROS 1: rosbag reindex {name}, and let its name end with .bag'
+        return f'a recording that was not closed; mend it with ROS 1: rosbag reindex {name}, and let its name end ' \
+               'with .bag'
     if kind and file.suffix != ENDINGS[kind]:
         return f'holds {kind} data, and its name does not end with {ENDINGS[kind]}; rename it'
     if kind == 'ROS 1 bag':

@@ -14,7 +14,7 @@ def is_ros1(path) -> bool:
 
 
 def bag_library(ros1=False):
-    """Return the module to read and write bags with: that of `rosbags` where it is installed, else that of `rosbag2_py`.
+    """Return the module to read and write bags with: that of `rosbags` if it is installed, else that of `rosbag2_py`.
 
     Parameters
     ----------

@@ -34,14 +34,15 @@ class MessageMaker:
     def _make(self, kind, fields):
         message, members, parts = self._members(kind)
         if parts:
-            fields = {name: self._part(parts[name], value) if name in parts else value for name, value in fields.items()}
+            fields = {name: self._part(parts[name], value) if name in parts else value
+                      for name, value in fields.items()}
         return message(**(members | fields))
 
     def _part(self, kind, value):
         return [self._make(kind, item) for item in value] if isinstance(value, list) else self._make(kind, value)
 
     def _members(self, kind):
-        """Return the message's class, name -> default of every field, and name -> type of those that are messages or sequences of them.
+        """Return the message's class, the default of every field, and the type of those that are messages or sequences.
         """
         from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}

@@ -51,7 +51,7 @@ class BagReader:
         """Each pass has a reader of its own, which closes its files when it goes."""
 
     def messages(self, connections, start=None, stop=None):
-        """Yield Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
+        """Yield Connection, record time [ns] and bytes of each message recorded in [`start`, `stop`) [ns]."""
         wanted = {connection.topic: connection for connection in connections}
         if not wanted:
             return
@@ -86,7 +86,8 @@ class BagWriter:
     def __enter__(self):
         self._writer = rosbag2_py.SequentialWriter()
         try:
-            self._writer.open(rosbag2_py.StorageOptions(uri=str(self._target), storage_id=self._storage), _as_they_are())
+            options = rosbag2_py.StorageOptions(uri=str(self._target), storage_id=self._storage)
+            self._writer.open(options, _as_they_are())
         except RuntimeError as error:
             raise RecordingError(f'{self._target}: cannot be written by rosbag2 as {self._storage}: {error}') from error
         return self

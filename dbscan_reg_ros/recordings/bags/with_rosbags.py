@@ -50,7 +50,7 @@ class BagReader:
         self.reader.close()
 
     def messages(self, connections, start=None, stop=None):
-        """Return Connection, record time [ns] and bytes of each message recorded at `start` or later and before `stop` [ns]."""
+        """Return Connection, record time [ns] and bytes of each message recorded in [`start`, `stop`) [ns]."""
         return self.reader.messages(connections, start, stop)
 
     def deserialize(self, raw, kind):

@@ -15,7 +15,7 @@ from ..trajectories import finite_numbers
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
 """``PARAM`` lines that we write and read, with what holds without them [m, s]."""
 FLASER_RANGE_MAX = 50.0
-"""The maximum range of a ``FLASER`` and its like [m], which they do not name: what is farther, 81.83, 81.91, is no return."""
+"""Maximum range of ``FLASER`` and similar lines [m], which do not state it: greater values, 81.83, 81.91, are codes."""
 FLASER_NO_RETURN = 81.83
 """What a missing return is written as [m]."""
 UNLIMITED = 1e6
@@ -73,7 +73,7 @@ def read_line(kind, words) -> Line:
 
 
 def read_odometry(words):
-    """Stamp [ns] and pose ``(x, y, theta)`` [m, m, rad] of an ``ODOM`` line; ValueError, IndexError when it is damaged."""
+    """Stamp [ns] and pose ``(x, y, theta)`` [m, m, rad] of an ``ODOM`` line; ValueError or IndexError if damaged."""
     if len(words) != 9:
         raise ValueError(f'{len(words)} values where 9 are needed')
     return _stamp(words[6]), _pose(words[:3])
@@ -95,7 +95,7 @@ def settings_of(scan) -> dict:
 
 
 def format_line(record: Record) -> str:
-    """Return a `Record` as a line of a log: ``FLASER`` where its angles are those of that message, else ``ROBOTLASER1``."""
+    """Return a `Record` as a line of a log: ``FLASER`` if its angles fit that message, else ``ROBOTLASER1``."""
     scan, geometry = record.scan, record.scan.geometry
     n = geometry.size
     is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
@@ -125,7 +125,7 @@ def _read_old(words, poses):
 
 
 def _read_new(words, tail):
-    """``RAWLASER`` and ``ROBOTLASER``: a head of seven values, readings, remissions, `tail` more, stamp, host, logger's stamp."""
+    """``RAWLASER``, ``ROBOTLASER``: head of seven values, readings, remissions, `tail` more, stamp, host, log stamp."""
     n = int(words[7])
     remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
     rest = 9 + n + remissions
@@ -155,7 +155,7 @@ def _flaser_angles(n):
 
 
 def _before(limit):
-    """Return the longest range below the maximum range of a log, which is no return: the `range_max` of a scan, which is."""
+    """Return the `range_max` of a scan, which counts as a return: the float below the maximum range of a log."""
     return np.nextafter(np.float32(limit), np.float32(0.0))
 
 

@@ -25,19 +25,20 @@ _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 class CarmenLog(Recording):
     """A CARMEN log, plain or gzip.
 
-    ``FLASER``, ``RLASER`` and ``LASER3`` hold no angles: their n beams span 180 degrees from -90 on, 180 / n apart for even n
-    and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a missing
-    return. The stamp is the ipc_timestamp, third from the end.
+    ``FLASER``, ``RLASER`` and ``LASER3`` hold no angles: their n beams span 180 degrees from -90 on, 180 / n apart for
+    even n and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a
+    missing return. The stamp is the ipc_timestamp, third from the end.
 
-    What the scans say only together is found once, when the log is opened: which stamps are of use, what stands for a missing
-    return, and which poses are the truth.
+    What the scans say only together is found once, when the log is opened: which stamps are of use, what stands for a
+    missing return, and which poses are the truth.
     """
 
     def __init__(self, path, topic=None):
         super().__init__(path)
         counts, others, surveys = self._survey()
         if not counts:
-            held = ', '.join(f'{count} {kind}' for kind, count in others.most_common(MOST_KINDS)) or 'none that is known'
+            kinds = others.most_common(MOST_KINDS)
+            held = ', '.join(f'{count} {kind}' for kind, count in kinds) or 'none that is known'
             raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of '
                                  f'the file: {held}')
         front = {kind: count for kind, count in counts.items() if kind in FRONT}
@@ -96,9 +97,10 @@ class CarmenLog(Recording):
         return counts, others, surveys
 
     def _messages(self, wanted, counts=None, others=None):
-        """Kind, content and settings of the readable lines of the kinds `wanted`: a `Line`, of ``ODOM`` its stamp and pose.
+        """Kind, content and settings of the readable lines of the kinds `wanted`: a `Line`; of ``ODOM`` stamp and pose.
 
-        Where `counts` and `others` are given, they count the lines that hold scans, damaged ones too, and those of other kinds.
+        Where `counts` and `others` are given, they count the lines that hold scans, damaged ones too, and those of
+        other kinds.
         """
         settings = dict(SETTINGS)
         for number, kind, words in self._lines():

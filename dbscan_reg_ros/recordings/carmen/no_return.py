@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 WIDTH = 0.001
-"""The values from this share of the greatest one below it on are one group: sensors have several codes, 81.83 to 81.91."""
+"""Ratio to the greatest value from which on values form one group: sensors have several codes, 81.83 to 81.91."""
 FEWEST = 20
 """Readings that the group must hold."""
 BAND = 0.01
 """Readings within this share of the greatest, below the group, may not be more than those of the group: walls thin out
 towards the longest ranges, and do not end in a peak."""
 JUMP = 0.1
-"""The reading beside one of the group that is nearer by more than this share lies across a jump, not on the same wall."""
+"""A reading next to one of the group that is below this ratio of it lies across a jump, not on the same wall."""
 DIGITS = 5
 """Values count as equal when so many significant digits are: so what is remembered does not grow with the file."""
 
@@ -25,9 +25,10 @@ class NoReturn:
         self._values = {}
 
     def add(self, ranges, range_max=math.inf):
-        """Look at the readings ``(N,)`` [m] of a scan, in the order of the beams; those beyond `range_max` do not count."""
+        """Add the readings ``(N,)`` [m] of a scan, in the order of the beams; those beyond `range_max` do not count."""
         with np.errstate(invalid='ignore'):
-            usable = ranges[(ranges > 0.0) & np.isfinite(ranges) & ~(ranges > (range_max if range_max > 0.0 else math.inf))]
+            longest = range_max if range_max > 0.0 else math.inf
+            usable = ranges[(ranges > 0.0) & np.isfinite(ranges) & ~(ranges > longest)]
         if not len(usable):
             return
         if (greatest := float(usable.max())) > self._greatest:
@@ -50,8 +51,8 @@ class NoReturn:
     def limit(self):
         """Return the smallest range [m] that means "no return"; None if the file has none.
 
-        A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the group
-        have to lie across a jump.
+        A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the
+        group have to lie across a jump.
         """
         least = (1.0 - WIDTH) * self._greatest
         group = [found for value, found in self._values.items() if value >= least]

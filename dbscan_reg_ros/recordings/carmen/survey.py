@@ -87,8 +87,8 @@ class Findings(NamedTuple):
 class Wheels:
     """The wheel odometry that the ``ODOM`` lines tell, at the scans between them.
 
-    In a log that was corrected afterwards an ``ODOM`` line repeats the corrected pose of the scan before it, and the next
-    ones go on from there. The way of the wheels is put together from the pieces.
+    In a log that was corrected afterwards an ``ODOM`` line repeats the corrected pose of the scan before it, and the
+    next ones go on from there. The way of the wheels is put together from the pieces.
     """
 
     def __init__(self):
@@ -135,10 +135,11 @@ class Wheels:
         return 2 * self._different >= max(len(self._scans) // 3 - 1, 1)
 
     def _decide(self, scan, last, pose, lines, one_moment):
-        """Whether a scan's pose is another than that of the wheels, which were at `last` before it and at `pose` after it.
+        """Whether a scan's pose differs from that of the wheels, which were at `last` before it and at `pose` after it.
 
-        Where `pose` repeats the scan's, `lines` says how many lines came since the scan before it: the first of them repeated
-        that one, only more tell of the wheels; and `one_moment` whether scan and last line belong to one moment.
+        Where `pose` repeats the scan's, `lines` says how many lines came since the scan before it: the first of them
+        repeated that one, only more tell of the wheels; and `one_moment` whether scan and last line belong to one
+        moment.
         """
         if lines is not None:
             self._different += lines > 1 and one_moment
