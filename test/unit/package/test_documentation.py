@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md', 'doc/method.md',
@@ -78,3 +79,10 @@ def test_messages_that_the_quick_start_quotes_are_those_of_the_node(root):
               for part in re.split(r' ?\.\.\.|[:;] ', message) if part.strip()]
     source = '\n'.join(text for path in (root / 'dbscan_reg_ros' / 'node').rglob('*.py') for text in texts(path))
     assert len(quoted) >= 8 and [part for part in quoted if part not in source] == []
+
+
+@pytest.mark.parametrize('name', DOCUMENTS)
+def test_parameter_files_that_are_shown_can_be_read(root, name, tmp_path):
+    for block in re.findall(r'^```yaml\n(.*?)^```', (root / name).read_text(), re.MULTILINE | re.DOTALL):
+        (tmp_path / 'shown.yaml').write_text(block)
+        assert read_parameters(tmp_path / 'shown.yaml') != NodeParameters()
