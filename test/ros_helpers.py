@@ -74,20 +74,20 @@ class Peer:
             thread.join()
 
     def listen(self, kind, topic, quality=100):
-        """A list that takes what is published on `topic`; there is a publisher that knows of it."""
+        """A list that collects what is published on `topic`, once a publisher is discovered."""
         messages = []
         self.node.create_subscription(kind, topic, messages.append, quality)
         self.until(lambda: self.node.count_publishers(topic))
         return messages
 
-    def hear(self, kind, topic):
-        """As `listen`, and scan_matcher knows of it."""
+    def subscribe(self, kind, topic):
+        """As `listen`, and scan_matcher has discovered the subscription."""
         messages = self.listen(kind, topic)
         self.greet()
         return messages
 
     def greet(self, node='/scan_matcher'):
-        """Wait until a node knows all that this one publishes and hears: it does when it has answered a call."""
+        """Wait until a node has discovered this one's publishers and subscriptions: when it has answered a call."""
         self.call(GetParameters, f'{node}/get_parameters', GetParameters.Request())
 
     def call(self, kind, service, request):
@@ -181,7 +181,7 @@ def restamped(scans, stamps):
 
 
 def inverted(scans):
-    """The same beams, as a lidar in the same place says that is turned by 180 deg and upside down."""
+    """The same beams, as published by a lidar in the same place that is mounted upside down and rotated by 180 deg."""
     for scan in scans:
         message = scan_to_message(scan)
         message.angle_min, message.angle_increment = math.pi - message.angle_min, -message.angle_increment
@@ -190,7 +190,7 @@ def inverted(scans):
 
 
 def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
-    """A TransformStamped; `qy` is 1 for half a turn about the y axis."""
+    """A TransformStamped; `qy` is 1 for a rotation of 180 deg about the y axis."""
     message = TransformStamped()
     message.header.stamp = stamp_to_message(stamp)
     message.header.frame_id, message.child_frame_id = parent, child
@@ -206,7 +206,7 @@ def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
 def shown(player, peer, scans, kind, topic):
     """What is last published on `topic` when a running node has answered `scans`."""
     player.wait_for_node(TIMEOUT)
-    messages = peer.hear(kind, topic)
+    messages = peer.subscribe(kind, topic)
     with peer.spinning():
         assert player.play(scans).lost == 0
     last = stamp_to_message(scans[-1].stamp)
@@ -224,7 +224,7 @@ def of_base(truth, laser):
 
 
 class Loudspeaker:
-    """Publishes the same messages again and again, for whoever comes to listen."""
+    """Publishes the same messages periodically, for subscribers at any time."""
 
     def __init__(self, peer, kind, topic, quality=100):
         self._peer = peer
@@ -232,7 +232,7 @@ class Loudspeaker:
         peer.until(self.publisher.get_subscription_count)
 
     def tell(self, *messages):
-        """Publish `messages` once; all that hear reliably have them then."""
+        """Publish `messages` once; every reliable subscription has then received them."""
         for message in messages:
             self.publisher.publish(message)
         assert self.publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))

@@ -96,7 +96,7 @@ def _pattern(rng, size):
 
 
 def _many_walls(rng, size, beams):
-    """``(size,)`` ranges of as many short walls as so many beams each allow, far away and far apart."""
+    """``(size,)`` ranges of as many short walls of `beams` beams each as fit, far away and far apart."""
     walls = np.arange(size) // beams
     level, tilt = rng.uniform(0.5, 1.0, size // beams + 1), rng.uniform(-1.0, 1.0, size // beams + 1)
     return 60.0 * level[walls] * (1.0 + tilt[walls] * (np.arange(size) % beams) * math.tau / max(size, 1))

@@ -17,15 +17,15 @@ BENCHMARKS = {
     'paper': 'Table 1, Table 3 and the example of Figures 4 to 12 beside the published numbers',
     'speed': 'features of one scan plus registration, ours and GICP in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
-    'node': 'the running node: latency, share of a core, memory, time to start',
+    'node': 'the running node: latency, load of a core, memory, time to start',
     'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
     'silent': 'scans that are called OK and are wrong',
-    'covariance': 'whether the covariances tell the truth, in simulated worlds',
+    'covariance': 'whether the covariances agree with the errors, in simulated worlds',
     'sparse': 'key frames far apart: the odometry beside registrations without a guess',
     'narrow': 'odometry of depth cameras with narrow fields of view',
     'passers': 'odometry while people cross close in front of the lidar',
     'spinup': 'odometry that begins while the lidar spins up',
-    'overlap': 'any motion without a guess, by the share of the view in common, and what the status is worth',
+    'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
@@ -67,11 +67,11 @@ def make_parser():
         command.add_argument('--limit', type=positive, metavar='N',
                              help='at most N trials of each kind, evenly spread; of each drive the first N scans')
         command.add_argument('-v', '--verbose', action='store_true',
-                             help='list every trial that failed or was doubted; show the traceback of an error')
+                             help='list every trial that failed or was not OK; show the traceback of an error')
         if name == 'odometry':
             command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
             command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
-                                 help='who tells of the motion; wheel: the odometry of the log, compared with laser '
+                                 help='source of the external prior; wheel: the odometry of the log, compared with laser '
                                  'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')
             command.add_argument('--poses', type=Path, metavar='FILE.csv',
                                  help='write the poses of dbscan on the first course as index,x,y,theta,ms')
@@ -79,7 +79,7 @@ def make_parser():
                                  'of each course with 2 mm of noise on the ranges, without bounds')
             add_processes(command)
         elif name in ('narrow', 'passers', 'spinup'):
-            command.add_argument('--seeds', type=positive, default=10, metavar='N', help='so many of the ten seeds (default: 10)')
+            command.add_argument('--seeds', type=positive, default=10, metavar='N', help='the first N of the ten seeds (default: 10)')
         elif name == 'overlap':
             add_overlap(command)
         elif name == 'fingerprint':
@@ -109,7 +109,7 @@ def add_fingerprint(command):
                          'course, and 50 pairs')
     command.add_argument('--only', nargs='+', metavar='NAME', help='only these drives: the recordings and simulated courses by '
                          'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and pairs')
-    command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and what the other commit says of them, '
+    command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and the results of the other commit, '
                          'in this folder (default: results/fingerprint)')
 
 

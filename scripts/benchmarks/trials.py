@@ -92,7 +92,7 @@ def rates(args, trials, bounds, more=None):
 
 
 def summarise(outcomes) -> dict:
-    """Metric -> number: the success rate of each group, errors, the worth of the status ``OK``, times."""
+    """Metric -> number: the success rate of each group, errors, precision and recall of the status ``OK``, times."""
     groups = dict.fromkeys(outcome.trial.group for outcome in outcomes)
     success = np.array([outcome.success for outcome in outcomes])
     ok = np.array([outcome.status is Status.OK for outcome in outcomes])

@@ -22,7 +22,7 @@ def two_views(world, lidar, rng, motion, times=(0.0, 0.0)):
     rng : numpy.random.Generator
     motion : callable
         ``motion(rng)`` draws the motion, an `SE2`. It is drawn again, with the place, until the straight way between
-        both places keeps 0.2 m clear of what stands still, and the places of people.
+        both places keeps 0.2 m clear of static objects, and the positions of people.
     times : (float, float)
         Of both views [s]: where people are.
 

@@ -66,7 +66,7 @@ def write_damaged(whole, folder, seed):
 
 
 def read_damaged(whole, folder, seeds):
-    """What came of reading as many damaged recordings: how many were refused, read in part and read."""
+    """Numbers of damaged recordings that were refused, read in part and read whole."""
     outcomes = Counter()
     for seed in seeds:
         path = write_damaged(whole, folder, seed)
@@ -174,7 +174,7 @@ def test_a_compressed_bomb_is_refused_in_bounded_memory(tmp_path, name):
     assert memory < MEMORY
 
 
-def test_only_so_many_problems_are_named_and_in_so_many_characters(tmp_path):
+def test_the_number_and_length_of_reported_problems_are_limited(tmp_path):
     path = tmp_path / 'a.log'
     good, wide = (f'FLASER 2 1.0 {word} 1 2 0.5 1 2 0.5 12.5 host 0.1\n' for word in ('2.0', 5000 * 'x'))
     path.write_text(good + 1500 * '?\n')

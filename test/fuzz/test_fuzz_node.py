@@ -45,7 +45,7 @@ def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted
     node = start_node('-p', 'input.queue_size:=50')
     total = size(400, 20_000)
     answers = peer.listen(Odometry, 'odom')
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     speaker = Loudspeaker(peer, LaserScan, 'scan')
     good = scan_to_message(scans[0])
     speaker.until(lambda: answers, good)
@@ -63,7 +63,7 @@ def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted
                 assert np.isfinite(covariance).all()
                 assert np.linalg.eigvalsh(np.reshape(covariance, (6, 6)))[0] > 0.0
         answers.clear()
-    status = diagnosis(peer, heard, lambda s: count(s, 'scans received') >= total)
+    status = diagnosis(peer, received, lambda s: count(s, 'scans received') >= total)
     assert count(status, 'scans processed') + count(status, 'scans skipped') + count(status, 'scans dropped') == count(
         status, 'scans received')
     assert count(status, 'scans skipped') > total // 4 and count(status, 'scans processed') > total // 4

@@ -53,7 +53,7 @@ def check(update):
 
 
 def follow(seed):
-    """How often each status came of the scans of a sequence, and how many were refused."""
+    """Number of scans of a sequence for each status, and of those refused."""
     odometry, outcomes = Odometry(), Counter()
     for index, message in enumerate(messages(seed)):
         try:

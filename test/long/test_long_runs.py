@@ -13,7 +13,7 @@ from dbscan_reg_ros.evaluation.trackers import Step
 
 @pytest.fixture(scope='module')
 def soaked(size):
-    """The figures of a drive, and what tells its answers from others."""
+    """The figures of a drive, and the digest of its results."""
     return soak.in_a_process(soak.drive, size(10_000, 150_000))
 
 
@@ -44,7 +44,7 @@ def test_memory_that_comes_and_goes_is_not_taken_for_growth():
     assert soak.growth([memory + 0.1 * k for k, memory in enumerate(held)]) == pytest.approx(7.2)
 
 
-def test_answers_that_differ_in_one_bit_are_told_apart():
+def test_digests_differ_if_one_bit_of_a_result_differs():
     one, other = soak.Blocks(), soak.Blocks()
     for blocks, value in ((one, 1.0), (other, np.nextafter(1.0, 2.0))):
         for k in range(2000):

@@ -58,8 +58,8 @@ def test_the_twist_is_in_the_frame_of_the_base(start_node, player, scans, truth)
     answers = played(player, scans)
     bases = of_base(truth, laser)
     expected = [(a.inverse() @ b).as_array() / 0.1 for a, b in itertools.pairwise(bases)]
-    told = [(t.linear.x, t.linear.y, t.angular.z) for t in (m.twist.twist for m in answers.messages[1:])]
-    assert (np.abs(np.subtract(told, expected)).mean(axis=0) < 0.12).all()
+    reported = [(t.linear.x, t.linear.y, t.angular.z) for t in (m.twist.twist for m in answers.messages[1:])]
+    assert (np.abs(np.subtract(reported, expected)).mean(axis=0) < 0.12).all()
     assert (np.linalg.norm(expected, axis=1)).max() > 0.5
 
 
@@ -86,9 +86,9 @@ def test_the_first_quaternion_is_a_rotation(node, player, scans):
     assert (q.x, q.y, q.z, q.w) == (0.0, 0.0, 0.0, 1.0)
 
 
-def test_waiting_for_scans_says_where_and_for_whom(node, peer):
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
-    status = diagnosis(peer, heard, lambda s: s.level == DiagnosticStatus.STALE)
+def test_the_log_names_topic_and_type_of_the_scans_it_waits_for(node, peer):
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    status = diagnosis(peer, received, lambda s: s.level == DiagnosticStatus.STALE)
     assert status.message == 'no scans on /scan: no node publishes there'
 
 
@@ -160,7 +160,7 @@ def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the
     assert distances(answers.messages, [pose_of(m) for m in expected.messages]).max() < 0.01
 
 
-def test_a_lidar_turned_by_half_a_turn_gives_the_trajectory_of_the_base(start_node, player, scans, truth):
+def test_a_lidar_mounted_backwards_gives_the_trajectory_of_the_base(start_node, player, scans, truth):
     turned = SE2(0.3, 0.0, math.pi)
     start_node(*mounted(turned))
     back = []
@@ -214,10 +214,10 @@ def test_two_parents_of_the_base_are_noticed_and_ours_is_withdrawn(start_node, p
     other = Loudspeaker(peer, tf_type, '/tf')
     other.until(lambda: "to 'base_link' too, from 'wheel_odom'; publishers on /tf: /peer" in node.output(),
                 tf_type(transforms=[transform('wheel_odom', 'base_link')]))
-    heard = peer.listen(tf_type, '/tf')
+    received = peer.listen(tf_type, '/tf')
     assert player.play(scans[3:10]).lost == 0
     peer.greet()
-    assert not [t for m in heard for t in m.transforms if t.header.frame_id == 'odom']
+    assert not [t for m in received for t in m.transforms if t.header.frame_id == 'odom']
 
 
 def test_the_odometry_can_be_reset(node, player, peer, scans):
@@ -237,17 +237,17 @@ def test_a_parameter_that_is_set_changes_what_the_node_does(node, player, peer, 
 
 
 @pytest.mark.parametrize('reliability', [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE])
-def test_scans_are_heard_whatever_the_quality_of_their_publisher(node, peer, scans, reliability):
+def test_scans_are_received_with_any_qos_of_their_publisher(node, peer, scans, reliability):
     answers = peer.listen(Odometry, 'odom')
     speaker = Loudspeaker(peer, LaserScan, 'scan', QoSProfile(depth=5, reliability=reliability))
     assert speaker.until(lambda: answers, scan_to_message(scans[0]))
 
 
-def test_a_quality_that_cannot_match_is_said_in_words(start_node, peer):
+def test_an_incompatible_qos_is_reported_in_words(start_node, peer):
     start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
-    assert diagnosis(peer, heard, lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
+    assert diagnosis(peer, received, lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
 
 
 def test_stamps_in_the_future_are_named_and_kept(node, player, peer, scans):
@@ -264,7 +264,7 @@ def test_simulated_time_needs_no_more_than_to_be_switched_on(start_node, scans):
 
 
 @pytest.mark.parametrize('beams', [180, 720])
-def test_a_robot_that_stands_still_does_not_drift(node, player, drive, beams):
+def test_a_robot_at_rest_does_not_drift(node, player, drive, beams):
     rng = np.random.default_rng(3)
     lidar = Lidar(beams=beams, angle_min=-0.75 * math.pi, angle_increment=1.5 * math.pi / beams, noise=0.02)
     place = drive.path.poses_at(np.array([2.0]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files: what they start for which arguments, and that this is what the real processes make of it.
+"""The launch files: what they start for which arguments, and that the real processes run accordingly.
 
 ``launch`` and ``launch_ros`` are part of a ROS installation only. Everywhere a stand-in with their keywords and command lines takes
 their place; where the real ones are installed, the two are compared.
@@ -250,23 +250,23 @@ def test_defaults_sensor_parameter_file_and_arguments_count_in_this_order(play, 
 
 
 @pytest.mark.parametrize('node', ['/**', 'scan_matcher'])
-def test_what_is_usual_when_a_recording_is_played_counts_less_than_a_parameter_file(play, start_launched, peer, tmp_path, node):
+def test_a_parameter_file_overrides_the_defaults_of_playback(play, start_launched, peer, tmp_path, node):
     path = parameter_file(tmp_path / 'robot.yaml', {'mounting': 'laser_pose', 'laser_pose': [0.1, 0.0, 0.0]}, node)
     launched, _ = play(params_file=path)
     start_launched(launched)
     assert Parameters(peer).get('mounting', 'laser_pose', 'use_sim_time') == ['laser_pose', [0.1, 0.0, 0.0], True]
 
 
-def test_an_argument_counts_more_than_what_is_usual_when_a_recording_is_played(play):
+def test_an_argument_overrides_the_defaults_of_playback(play):
     found = rules(play(mounting='tf', use_sim_time='false')[0])
     assert found.set == [('use_sim_time', 'true'), ('mounting', 'none')]
     assert values(found) == {'mounting': 'tf', 'use_sim_time': False}
 
 
-# The managed node
+# The lifecycle node
 
 
-def test_the_managed_node_is_left_alone_where_it_is_not_to_start_by_itself(launched):
+def test_the_lifecycle_node_stays_unconfigured_without_autostart(launched):
     [node] = launched('scan_matcher', lifecycle='true', autostart='false', namespace='robot1', base_frame='b')
     assert isinstance(node, launch_stand_in.LifecycleNode)
     assert node.executable == 'scan_matcher_lifecycle' and node.executable in COMMANDS
@@ -275,7 +275,7 @@ def test_the_managed_node_is_left_alone_where_it_is_not_to_start_by_itself(launc
 
 
 @pytest.mark.parametrize('namespace', ['', 'robot1'])
-def test_the_managed_node_is_configured_and_activated(launched, start_launched, peer, namespace):
+def test_the_lifecycle_node_is_configured_and_activated(launched, start_launched, peer, namespace):
     """What launch does with the actions is done here: the events go to the real node, and its own come back."""
     registered, node, first = launched('scan_matcher', lifecycle='true', namespace=namespace, mounting='none')
     handler = registered.event_handler
@@ -388,13 +388,13 @@ def test_two_robots_have_transforms_of_their_own(launched, start_launched, ros_e
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     names = 'robot1', 'robot2'
     processes = [start_launched(launched('scan_matcher', namespace=name, mounting='none')[0]) for name in names]
-    heard = [peer.listen(tf_type, f'/{name}/tf') for name in names]
+    received = [peer.listen(tf_type, f'/{name}/tf') for name in names]
     for name, count in zip(names, (12, 7), strict=True):
         peer.greet(f'/{name}/scan_matcher')
         with Player(['--ros-args', '-r', f'__ns:=/{name}']) as player:
             player.wait_for_node(TIMEOUT)
             assert player.play(scans[:count]).lost == 0
-    peer.until(lambda: [len(messages) for messages in heard] == [12, 7])
+    peer.until(lambda: [len(messages) for messages in received] == [12, 7])
     peer.until(lambda: [transforms_of(peer, name) for name in names] == [
         {f'/{name}/tf', f'/{name}/tf_static'} for name in names])
     for process in processes:
@@ -410,7 +410,7 @@ def test_without_remapped_transforms_two_robots_share_them(launched, start_launc
 
 
 def transforms_of(peer, namespace):
-    """The topics of transforms that the node in a namespace publishes and hears; none while it is not discovered."""
+    """The topics of transforms that the node in a namespace publishes and subscribes to; none before its discovery."""
     node = 'scan_matcher', f'/{namespace}'
     if node not in peer.node.get_node_names_and_namespaces():
         return set()
@@ -446,8 +446,8 @@ def test_ctrl_c_ends_every_process_with_0(play, start_launched, peer, tmp_path, 
     log = room_log(tmp_path / 'room.log', 600)
     processes = [start_launched(node) for node in play(recording=str(log))[1 if stage == 'waiting' else 0:]]
     if stage == 'playing':
-        heard = peer.listen(Odometry, '/odom')
-        peer.until(lambda: len(heard) > 3)
+        received = peer.listen(Odometry, '/odom')
+        peer.until(lambda: len(received) > 3)
     else:
         peer.until(lambda: peer.node.count_publishers('/clock'))
     interrupt(processes)

@@ -72,7 +72,7 @@ def test_twist_is_the_velocity_in_the_base_frame(node, player, scans, truth):
     assert (np.abs(errors).mean(axis=0) < 0.1).all()
 
 
-def test_sensors_that_publish_best_effort_are_heard_and_odometry_is_reliable(node, peer, scans):
+def test_best_effort_scans_are_received_and_odometry_is_reliable(node, peer, scans):
     publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
     peer.until(lambda: publisher.get_subscription_count())
     [subscription] = peer.node.get_subscriptions_info_by_topic('/scan')
@@ -102,7 +102,7 @@ def test_a_namespace_takes_all_topics_along(start_node, peer, scans, ros_environ
 
 def test_segments_show_reference_and_scan_with_matched_ones_apart(node, player, peer, scans):
     player.wait_for_node(TIMEOUT)
-    arrays = peer.hear(MarkerArray, 'segments')
+    arrays = peer.subscribe(MarkerArray, 'segments')
     player.play(scans[:3])
     peer.until(lambda: len(arrays) == 3)
     for scan, message in zip(scans, arrays, strict=False):
@@ -149,14 +149,14 @@ def test_the_transform_is_that_of_the_odometry_and_can_be_switched_off(node, pla
 def test_no_transform_is_sent_for_a_stamp_that_is_not_newer(node, player, peer, scans):
     from tf2_msgs.msg import TFMessage
     player.wait_for_node(TIMEOUT)
-    transforms = peer.hear(TFMessage, '/tf')
+    transforms = peer.subscribe(TFMessage, '/tf')
     order = [scans[k] for k in (0, 2, 1, 2, 3)]
     assert player.play(order).lost == 0
     peer.until(lambda: len(transforms) == 3)
     assert [stamp_from_message(m.transforms[0].header.stamp) for m in transforms] == [scans[k].stamp for k in (0, 2, 3)]
 
 
-def test_without_tf2_msgs_the_node_says_so_once_and_runs(start_node, player, peer, scans, without_tf2_msgs):
+def test_without_tf2_msgs_the_node_warns_once_and_runs(start_node, player, peer, scans, without_tf2_msgs):
     node = start_node(**without_tf2_msgs)
     assert played(player, scans[:3]).lost == 0
     parameters = Parameters(peer)

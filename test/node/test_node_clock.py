@@ -28,35 +28,35 @@ def test_with_simulated_time_every_scan_is_answered_with_its_stamp(start_node, s
     assert distances(answers.messages, truth[:30]).max() < 0.05
 
 
-def test_with_simulated_time_that_stands_still_scans_are_answered_all_the_same(start_node, player, peer, scans):
+def test_scans_are_answered_while_simulated_time_is_constant(start_node, player, peer, scans):
     start_node('-p', 'use_sim_time:=true')
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     assert played(player, scans[:5]).lost == 0
-    assert diagnosis(peer, heard, lambda s: s.message == 'tracking')
+    assert diagnosis(peer, received, lambda s: s.message == 'tracking')
 
 
-def test_a_bag_in_a_loop_starts_anew_each_time_round(node, player, peer, scans, truth):
+def test_a_looped_bag_restarts_the_odometry_with_each_loop(node, player, peer, scans, truth):
     """Stamps that go back by seconds are a recording that starts again."""
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     player.wait_for_node(TIMEOUT)
-    heard = peer.hear(tf_type, '/tf')
+    received = peer.subscribe(tf_type, '/tf')
     for _ in range(2):
         answers = player.play(scans[:50])
         assert answers.lost == 0
         assert pose_of(answers.messages[0]) == SE2()
         assert distances(answers.messages, truth[:50]).max() < 0.05
     said(node, 'odometry reset: the stamps of the scans start again', peer)
-    peer.until(lambda: len(heard) == 100)
+    peer.until(lambda: len(received) == 100)
 
 
 def test_a_clock_that_goes_far_back_resets_the_odometry(start_node, player, peer, scans):
     node = start_node('-p', 'use_sim_time:=true')
     player.wait_for_node(TIMEOUT)
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     clock = Loudspeaker(peer, Clock, '/clock', 1)
     ahead, back = (Clock(clock=stamp_to_message(scans[k].stamp)) for k in (40, 15))
     assert player.play(scans[15:20]).lost == 0
-    clock.until(lambda: heard and heard[-1].header.stamp == ahead.clock, ahead)
+    clock.until(lambda: received and received[-1].header.stamp == ahead.clock, ahead)
     clock.until(lambda: 'the clock went back by 2.5 s' in node.output(), back)
     assert pose_of(player.play(scans[20:21]).messages[0]) == SE2()
 
@@ -91,9 +91,9 @@ def test_a_clock_that_goes_back_after_the_first_scan_of_a_loop_takes_nothing_fro
     node = start_node('-p', 'use_sim_time:=true')
     player.wait_for_node(TIMEOUT)
     clock = Loudspeaker(peer, Clock, '/clock', 1)
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     now = Clock(clock=stamp_to_message(scans[59].stamp))
-    clock.until(lambda: heard and heard[-1].header.stamp == now.clock, now)
+    clock.until(lambda: received and received[-1].header.stamp == now.clock, now)
     assert player.play(scans[40:60]).lost == 0
     assert player.play(scans[:1], patience=0.5).lost == 1
     clock.until(lambda: 'the clock went back' in node.output(), Clock(clock=stamp_to_message(scans[0].stamp)))
@@ -104,7 +104,7 @@ def test_a_clock_that_goes_back_after_the_first_scan_of_a_loop_takes_nothing_fro
 
 
 @pytest.mark.parametrize('stamp', [0, 2_100_000_000 * SECOND])
-def test_a_single_scan_with_a_wrong_stamp_does_not_start_the_odometry_anew(node, player, scans, truth, stamp):
+def test_a_single_scan_with_a_wrong_stamp_does_not_restart_the_odometry(node, player, scans, truth, stamp):
     assert played(player, scans[:30]).lost == 0
     assert player.play(restamped(scans[30:31], [stamp])).lost == 0
     answers = player.play(scans[31:40])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""/diagnostics: what the node says of itself once a second."""
+"""/diagnostics: the status that the node publishes once a second."""
 import math
 import time
 
@@ -37,41 +37,41 @@ def level(status):
 
 def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, reports):
     start_node('-r', '__ns:=/robot')
-    heard = reports()
-    status = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    received = reports()
+    status = diagnosis(peer, received, lambda s: level(s) == 'stale')
     assert status.name == '/robot/scan_matcher: laser odometry'
     assert status.message == 'no scans on /robot/scan: no node publishes there'
     peer.node.create_publisher(LaserScan, '/robot/scan', 10)
-    assert diagnosis(peer, heard, lambda s: 'published there by /peer' in s.message)
+    assert diagnosis(peer, received, lambda s: 'published there by /peer' in s.message)
 
 
 def test_tracking_is_ok_with_rates_timing_and_counts(node, player, peer, reports, scans):
     player.wait_for_node(TIMEOUT)
-    heard = reports()
+    received = reports()
     peer.greet()
     with peer.spinning():
         answers = player.play(scans[:40], rate=1.0)
     assert answers.lost == 0
-    told = [s for m in heard for s in m.status if level(s) == 'ok' and s.message == 'tracking']
-    assert len(told) >= 3
-    numbers = values(told[-2])
+    reported = [s for m in received for s in m.status if level(s) == 'ok' and s.message == 'tracking']
+    assert len(reported) >= 3
+    numbers = values(reported[-2])
     assert float(numbers['scan rate [Hz]']) == pytest.approx(10.0, abs=2.0)
     assert float(numbers['odometry rate [Hz]']) == pytest.approx(10.0, abs=2.0)
     assert 0.0 < float(numbers['processing time median [ms]']) <= float(numbers['processing time maximum [ms]'])
     assert float(numbers['overlap']) > 0.7
     assert numbers['scans dropped'] == numbers['scans skipped'] == '0'
     assert numbers['scans processed'] == numbers['status ok']
-    assert told[-1].hardware_id == 'laser'
-    silent = diagnosis(peer, heard, lambda s: level(s) == 'stale')
+    assert reported[-1].hardware_id == 'laser'
+    silent = diagnosis(peer, received, lambda s: level(s) == 'stale')
     assert silent.message.startswith('no scans on /scan: ')
     assert values(silent)['scans processed'] == '40'
 
 
-def test_it_is_said_once_a_second(node, peer, reports):
-    heard = reports()
-    peer.until(lambda: heard)
-    start, count = time.monotonic(), len(heard)
-    peer.until(lambda: len(heard) >= count + 3)
+def test_diagnostics_are_published_once_a_second(node, peer, reports):
+    received = reports()
+    peer.until(lambda: received)
+    start, count = time.monotonic(), len(received)
+    peer.until(lambda: len(received) >= count + 3)
     assert time.monotonic() - start == pytest.approx(3.0, abs=0.7)
 
 
@@ -85,38 +85,38 @@ def walls(count):
         yield Scan(START + k * 100_000_000, ranges + rng.normal(0.0, 0.005, 360), geometry, 0.0, 'laser')
 
 
-def test_between_two_walls_the_direction_that_is_not_known_is_told(node, player, peer, reports):
+def test_between_two_walls_the_degenerate_direction_is_reported(node, player, peer, reports):
     player.wait_for_node(TIMEOUT)
-    heard = reports()
+    received = reports()
     peer.greet()
     with peer.spinning():
         assert player.play(walls(30), rate=1.0).lost == 0
-    told = [s for m in heard for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
-    assert told, [s.message for m in heard for s in m.status]
-    assert math.remainder(float(values(told[0])['degenerate direction [rad]']) - 0.5, math.pi) == pytest.approx(0.0, abs=0.05)
-    assert 'along 29 deg' in told[0].message or 'along 28 deg' in told[0].message
-    assert int(values(told[-1])['status degenerate']) > 0
+    reported = [s for m in received for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
+    assert reported, [s.message for m in received for s in m.status]
+    assert math.remainder(float(values(reported[0])['degenerate direction [rad]']) - 0.5, math.pi) == pytest.approx(0.0, abs=0.05)
+    assert 'along 29 deg' in reported[0].message or 'along 28 deg' in reported[0].message
+    assert int(values(reported[-1])['status degenerate']) > 0
 
 
 def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):
     player.wait_for_node(TIMEOUT)
-    heard = reports()
+    received = reports()
     peer.greet()
     rng = np.random.default_rng(1)
     assert player.play(scans[:3]).lost == 0
     noise = [type(s)(s.stamp, rng.uniform(0.5, 20.0, s.geometry.size), s.geometry, 0.0, 'laser') for s in scans[3:23]]
     with peer.spinning():
         player.play(noise, rate=1.0)
-    told = [s for m in heard for s in m.status if level(s) == 'error']
-    assert any(s.message.startswith('lost: ') and len(s.message) > len('lost: ') for s in told)
-    assert int(values(told[-1])['status failed']) > 0
+    reported = [s for m in received for s in m.status if level(s) == 'error']
+    assert any(s.message.startswith('lost: ') and len(s.message) > len('lost: ') for s in reported)
+    assert int(values(reported[-1])['status failed']) > 0
 
 
 def test_scans_that_cannot_be_used_are_an_error(node, player, peer, reports, scans):
-    heard = reports()
+    received = reports()
     speaker = Loudspeaker(peer, LaserScan, 'scan')
     bad = changed(scans[0], angle_increment=0.0)
-    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'angle_increment is 0' in s.message], bad)
+    seen = speaker.until(lambda: [s for m in received for s in m.status if 'angle_increment is 0' in s.message], bad)
     assert level(seen[0]) == 'error'
     assert int(values(seen[0])['scans skipped']) > 0
 
@@ -124,9 +124,9 @@ def test_scans_that_cannot_be_used_are_an_error(node, player, peer, reports, sca
 def test_a_mounting_that_is_not_known_is_an_error(start_command, peer, reports, scans):
     pytest.importorskip('tf2_msgs', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)')
     start_command('scan_matcher')
-    heard = reports()
+    received = reports()
     speaker = Loudspeaker(peer, LaserScan, 'scan')
-    seen = speaker.until(lambda: [s for m in heard for s in m.status if 'no transform from' in s.message],
+    seen = speaker.until(lambda: [s for m in received for s in m.status if 'no transform from' in s.message],
                          scan_to_message(scans[0]))
     assert level(seen[0]) == 'error'
 
@@ -135,21 +135,21 @@ def test_two_parents_of_the_base_are_an_error(start_node, player, peer, reports,
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     node = start_node()
     player.wait_for_node(TIMEOUT)
-    heard = reports()
+    received = reports()
     other = Loudspeaker(peer, tf_type, '/tf')
     other.until(lambda: 'another node sends' in node.output(), tf_type(transforms=[transform('wheels', 'base_link')]))
     with peer.spinning():
         assert player.play(scans[:20], rate=1.0).lost == 0
-    told = [s for m in heard for s in m.status if 'another node sends' in s.message]
-    assert told
-    assert {level(s) for s in told} == {'error'}
+    reported = [s for m in received for s in m.status if 'another node sends' in s.message]
+    assert reported
+    assert {level(s) for s in reported} == {'error'}
 
 
-def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, peer, reports, scans):
+def test_an_incompatible_scan_qos_is_reported_in_words(start_node, peer, reports, scans):
     node = start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
-    heard = reports()
+    received = reports()
     publisher = peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
-    status = diagnosis(peer, heard, lambda s: 'quality of service' in s.message)
+    status = diagnosis(peer, received, lambda s: 'quality of service' in s.message)
     assert level(status) == 'stale'
     assert 'the quality of service of /peer on /scan is incompatible with ours' in status.message
     assert 'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
@@ -161,68 +161,68 @@ def test_a_quality_of_service_that_cannot_match_is_said_in_words(start_node, pee
 BEST_EFFORT = rclpy.qos.qos_profile_sensor_data
 
 
-def test_a_pose_that_is_published_best_effort_is_said_not_to_get_here(node, player, peer, reports, scans):
-    heard = reports()
+def test_a_pose_with_incompatible_best_effort_qos_is_reported(node, player, peer, reports, scans):
+    received = reports()
     peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
-    status = diagnosis(peer, heard, lambda s: '/set_pose' in s.message)
-    told = 'the quality of service of /peer on /set_pose is incompatible with ours, its messages are not received: ' \
+    status = diagnosis(peer, received, lambda s: '/set_pose' in s.message)
+    reported = 'the quality of service of /peer on /set_pose is incompatible with ours, its messages are not received: ' \
            'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
            'qos_overrides./set_pose.subscription.reliability:=best_effort'
     assert level(status) == 'stale'
-    assert status.message == f'no scans on /scan: published there by /play; {told}'
-    said(node, told, peer)
+    assert status.message == f'no scans on /scan: published there by /play; {reported}'
+    said(node, reported, peer)
     played(player, scans[:3])
-    status = diagnosis(peer, heard, lambda s: level(s) == 'warn')
-    assert told in status.message
-    assert node.output().count(told) == 1
+    status = diagnosis(peer, received, lambda s: level(s) == 'warn')
+    assert reported in status.message
+    assert node.output().count(reported) == 1
 
 
 @pytest.mark.parametrize('source, topic, kind', [('odometry', 'wheel_odom', Odometry), ('imu', 'imu', Imu)])
-def test_a_source_whose_quality_of_service_cannot_match_is_said_not_to_get_here(start_node, peer, reports, source, topic, kind):
+def test_a_prior_with_an_incompatible_qos_is_reported(start_node, peer, reports, source, topic, kind):
     override = f'qos_overrides./{topic}.subscription.reliability'
     node = start_node('-p', f'prior.source:={source}', '-p', f'{override}:=reliable')
-    heard = reports()
+    received = reports()
     peer.node.create_publisher(kind, topic, BEST_EFFORT)
-    told = f'the quality of service of /peer on /{topic} is incompatible with ours, its messages are not received: its reliability is ' \
+    reported = f'the quality of service of /peer on /{topic} is incompatible with ours, its messages are not received: its reliability is ' \
            f'best effort, ours reliable; let it publish with ours, or start this node with {override}:=best_effort'
-    diagnosis(peer, heard, lambda s: told in s.message)
-    said(node, told, peer)
+    diagnosis(peer, received, lambda s: reported in s.message)
+    said(node, reported, peer)
 
 
-def test_static_transforms_that_are_volatile_are_said_not_to_get_here(node, peer, reports):
+def test_volatile_static_transforms_are_reported_as_incompatible(node, peer, reports):
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-    heard = reports()
+    received = reports()
     peer.node.create_publisher(tf_type, '/tf_static', 10)
-    diagnosis(peer, heard, lambda s: '/tf_static' in s.message)
+    diagnosis(peer, received, lambda s: '/tf_static' in s.message)
     said(node, 'the quality of service of /peer on /tf_static is incompatible with ours, its messages are not received: '
          'its durability is volatile, ours transient local; let it publish with ours', peer)
 
 
 @pytest.mark.parametrize('source, topic, expected', [('odometry', 'wheel_odom', 'nav_msgs/msg/Odometry'),
                                                      ('imu', 'imu', 'sensor_msgs/msg/Imu')])
-def test_a_source_of_another_type_is_said_not_to_get_here(start_node, peer, reports, source, topic, expected):
+def test_a_prior_of_another_type_is_reported(start_node, peer, reports, source, topic, expected):
     node = start_node('-p', f'prior.source:={source}')
-    heard = reports()
+    received = reports()
     peer.node.create_publisher(PoseWithCovarianceStamped, topic, 10)
-    told = f'/peer publishes geometry_msgs/msg/PoseWithCovarianceStamped on /{topic}; expected {expected}: ' \
+    reported = f'/peer publishes geometry_msgs/msg/PoseWithCovarianceStamped on /{topic}; expected {expected}: ' \
            'its messages are not received'
-    diagnosis(peer, heard, lambda s: told in s.message)
-    said(node, told, peer)
+    diagnosis(peer, received, lambda s: reported in s.message)
+    said(node, reported, peer)
 
 
 def test_another_publisher_on_our_odometry_is_named(node, player, peer, reports, scans):
-    heard = reports()
+    received = reports()
     with Peer('base_driver') as driver:
         driver.node.create_publisher(Odometry, 'odom', 10)
-        status = diagnosis(peer, heard, lambda s: '/odom' in s.message)
-        told = '/odom is also published by /base_driver: subscribers receive two odometries mixed; remap ours'
-        assert told in status.message
-        said(node, told, peer)
+        status = diagnosis(peer, received, lambda s: '/odom' in s.message)
+        reported = '/odom is also published by /base_driver: subscribers receive two odometries mixed; remap ours'
+        assert reported in status.message
+        said(node, reported, peer)
         played(player, scans[:3])
-        assert told in diagnosis(peer, heard, lambda s: level(s) == 'warn').message
+        assert reported in diagnosis(peer, received, lambda s: level(s) == 'warn').message
     played(player, scans[3:6])
-    diagnosis(peer, heard, lambda s: '/odom' not in s.message)
-    assert node.output().count(told) == 1
+    diagnosis(peer, received, lambda s: '/odom' not in s.message)
+    assert node.output().count(reported) == 1
 
 
 def test_a_second_node_of_our_name_on_our_odometry_is_named(start_node, player, peer, reports):
@@ -232,7 +232,7 @@ def test_a_second_node_of_our_name_on_our_odometry_is_named(start_node, player, 
 
 
 class Endpoint:
-    """A publisher that is discovered before its node is, as rmw tells of it."""
+    """A publisher that is discovered before its node, as rmw reports it."""
 
     node_name = '_NODE_NAME_UNKNOWN_'
     node_namespace = '_NODE_NAMESPACE_UNKNOWN_'
@@ -245,9 +245,9 @@ def test_a_node_that_is_not_discovered_is_unnamed():
     assert named([]) == ''
 
 
-def test_a_paused_node_says_so(node, player, peer, reports, scans):
+def test_a_paused_node_reports_its_state(node, player, peer, reports, scans):
     assert played(player, scans[:3]).lost == 0
-    heard = reports()
+    received = reports()
     assert peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=True)).success
-    status = diagnosis(peer, heard, lambda s: s.message == 'paused')
+    status = diagnosis(peer, received, lambda s: s.message == 'paused')
     assert level(status) == 'ok'

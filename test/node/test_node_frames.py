@@ -56,7 +56,7 @@ def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans)
     assert played(player, scans[:5]).lost == 0
 
 
-def test_strays_do_not_end_what_is_known_of_the_mounting(start_command, player, peer, scans, tf_type):
+def test_scans_of_another_frame_do_not_change_the_mounting(start_command, player, peer, scans, tf_type):
     """One on /tf does nothing, one on /tf_static only while its publisher is there."""
     start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
@@ -122,7 +122,7 @@ class Buffer:
             raise ExtrapolationException(f'{stamp} is not known')
         return self.messages[stamp]
 """
-"""What the node needs of it where it hears of one moving frame, at the stamps of the scans."""
+"""The transforms of one moving frame at the stamps of the scans, all that the node uses."""
 
 
 @pytest.fixture
@@ -186,10 +186,10 @@ def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, 
 def test_the_inverse_transform_is_sent_where_asked_for(start_node, player, peer, scans, tf_type):
     start_node('-p', 'invert_tf:=true', '-p', 'odom_frame:=laser_odom')
     player.wait_for_node(TIMEOUT)
-    heard = peer.hear(tf_type, '/tf')
+    received = peer.subscribe(tf_type, '/tf')
     answers = player.play(scans[:10])
-    peer.until(lambda: len(heard) == 10)
-    for message, answer in zip(heard, answers.messages, strict=True):
+    peer.until(lambda: len(received) == 10)
+    for message, answer in zip(received, answers.messages, strict=True):
         [sent] = message.transforms
         assert (sent.header.frame_id, sent.child_frame_id) == ('base_link', 'laser_odom')
         assert sent.header.stamp == answer.header.stamp
@@ -202,7 +202,7 @@ def test_the_inverse_transform_is_sent_where_asked_for(start_node, player, peer,
 def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, player, peer, scans, tf_type, parent):
     node = start_node()
     player.wait_for_node(TIMEOUT)
-    heard = peer.listen(tf_type, '/tf')
+    received = peer.listen(tf_type, '/tf')
     assert player.play(scans[:3]).lost == 0
     assert not any('another node sends' in line for line in node.output().splitlines())
     with Peer('wheels') as wheels:
@@ -212,9 +212,9 @@ def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, pla
         assert f"to 'base_link' too, from '{parent}'" in node.output()
         assert '/wheels' in node.output()
         peer.until(lambda: '/scan_matcher' not in publishers(peer))
-    sent = len(ours(heard))
+    sent = len(ours(received))
     assert player.play(scans[3:10]).lost == 0
-    assert len(ours(heard)) == sent
+    assert len(ours(received)) == sent
     parameters = Parameters(peer)
     for value in (False, True):
         [result] = parameters.set(publish_tf=value)
@@ -249,7 +249,7 @@ def stray(tf_type, scans):
 
 def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, scans, tf_type, stray):
     node = start_node()
-    heard, reports = peer.listen(tf_type, '/tf'), peer.listen(DiagnosticArray, '/diagnostics')
+    received, reports = peer.listen(tf_type, '/tf'), peer.listen(DiagnosticArray, '/diagnostics')
     last = give_way(node, player, peer, scans, tf_type, stray)
     status = diagnosis(peer, reports, lambda s: 'another node sends' in s.message)
     assert status.level == DiagnosticStatus.ERROR
@@ -258,28 +258,28 @@ def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, 
     assert 4.9 < time.monotonic() - last < 8.0
     said(node, "no other node has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
     diagnosis(peer, reports, lambda s: 'another node sends' not in s.message)
-    sent = len(ours(heard))
+    sent = len(ours(received))
     with peer.spinning():
         assert player.play(scans[3:13], rate=2.0).lost == 0
-    assert len(ours(heard)) >= sent + 5
+    assert len(ours(received)) >= sent + 5
     assert node.output().count('another node sends') == 1
 
 
 def test_publish_tf_set_to_true_sends_at_once(start_node, player, peer, scans, tf_type, stray):
     node = start_node()
-    heard = peer.listen(tf_type, '/tf')
+    received = peer.listen(tf_type, '/tf')
     last = give_way(node, player, peer, scans, tf_type, stray)
     [result] = Parameters(peer).set(publish_tf=True)
     assert result.successful
     peer.until(lambda: '/scan_matcher' in publishers(peer))
     assert time.monotonic() - last < 4.0
-    sent = len(ours(heard))
+    sent = len(ours(received))
     assert player.play(scans[3:6]).lost == 0
-    peer.until(lambda: len(ours(heard)) == sent + 3)
+    peer.until(lambda: len(ours(received)) == sent + 3)
 
 
 def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_node, player, peer, scans, tf_type):
-    """A publisher of another static transform stays when the one with ours goes: which of them it was shows when all are heard again."""
+    """A publisher of another static transform stays when the one with ours goes: which of them remain is known once all are received again."""
     joints = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     joints.publish(tf_type(transforms=[transform('base_link', 'laser')]))
     node = start_node()
@@ -321,35 +321,35 @@ def parents(messages):
 
 
 def rounds(scans, count):
-    """So many scans at 10 Hz: the same ones to and fro, with stamps that go on."""
+    """`count` scans at 10 Hz: the same ones forth and back, with increasing stamps."""
     turn = itertools.cycle([*scans, *scans[-2:0:-1]])
     return restamped(list(itertools.islice(turn, count)), [scans[0].stamp + k * SECOND // 10 for k in range(count)])
 
 
 def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type, size):
-    """They start at the same scan; then both are told to send, and may collide once; then one of them ends, and the other takes
+    """They start at the same scan; then both are set to send, and may collide once; then one of them ends, and the other takes
     over."""
     first, second = start_node(), start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')
     player.wait_for_node(TIMEOUT)
     peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
-    heard = peer.listen(tf_type, '/tf')
+    received = peer.listen(tf_type, '/tf')
     peer.greet('/second')
     run = rounds(scans[:40], size(300, 600))
     third = len(run) // 3
     with peer.spinning():
         player.play(run[:third], rate=1.0)
-    who, stamps = parents(heard)
+    who, stamps = parents(received)
     assert len(set(stamps)) == len(stamps) and changes(who) == 0
     assert len(who) > 0.8 * third
     for name in ('/scan_matcher', '/second'):
         assert Parameters(peer, name).set(publish_tf=True)[0].successful
     with peer.spinning():
         player.play(run[third:2 * third], rate=1.0)
-    who, _ = parents(heard)
+    who, _ = parents(received)
     {'odom': first, 'laser_odom': second}[who[-1]].stop()
     with peer.spinning():
         player.play(run[2 * third:], rate=1.0)
-    left, stamps = parents(heard)
+    left, stamps = parents(received)
     assert len(stamps) <= len(set(stamps)) + 1
     assert changes(left) <= 3
     assert left[-1] != who[-1] and stamps[-1] == run[-1].stamp
@@ -368,26 +368,26 @@ def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_thei
         for value in (False, True):
             assert Parameters(peer, name).set(publish_tf=value)[0].successful
     peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
-    heard = peer.listen(tf_type, '/tf')
+    received = peer.listen(tf_type, '/tf')
     with peer.spinning():
         player.play(scans[:20], rate=1.0)
     peer.until(lambda: any("too, from 'odom'; publishers on /tf: " in node.output() for node in nodes))
-    _, stamps = parents(heard)
+    _, stamps = parents(received)
     assert len(stamps) <= len(set(stamps)) + 1
 
 
 def test_a_scan_with_a_stamp_of_the_far_future_does_not_end_the_transform(start_node, player, peer, scans, tf_type):
     start_node()
     player.wait_for_node(TIMEOUT)
-    heard = peer.hear(tf_type, '/tf')
+    received = peer.subscribe(tf_type, '/tf')
     stamps = [scan.stamp for scan in scans[:10]]
     stamps[4] += 3600 * SECOND
     player.play(restamped(scans[:10], stamps), patience=0.5)
-    peer.until(lambda: stamps[9] in parents(heard)[1])
-    assert set(stamps[:4] + stamps[5:]) <= set(parents(heard)[1])
+    peer.until(lambda: stamps[9] in parents(received)[1])
+    assert set(stamps[:4] + stamps[5:]) <= set(parents(received)[1])
 
 
-def test_only_where_we_and_others_send_transforms_there_is_something_to_hear(start_node, player, peer, scans, tf_type):
+def test_tf_is_subscribed_to_only_while_we_and_others_publish_it(start_node, player, peer, scans, tf_type):
     node = start_node()
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:3]).lost == 0
@@ -403,11 +403,11 @@ def test_only_where_we_and_others_send_transforms_there_is_something_to_hear(sta
     assert 'Traceback' not in node.output()
 
 
-def test_where_no_transform_is_sent_or_read_there_is_nothing_to_hear(start_node, player, peer, tf_type):
+def test_tf_is_not_subscribed_to_if_no_transform_is_sent_or_read(start_node, player, peer, tf_type):
     start_node('-p', 'publish_tf:=false')
     player.wait_for_node(TIMEOUT)
     peer.node.create_publisher(tf_type, '/tf', 100)
-    reports = peer.hear(DiagnosticArray, '/diagnostics')
+    reports = peer.subscribe(DiagnosticArray, '/diagnostics')
     peer.until(lambda: len(reports) == 3)
     assert peer.node.count_subscribers('/tf') == 0
 
@@ -424,14 +424,14 @@ def test_transforms_of_other_robots_do_not_matter(start_node, player, peer, scan
     node = start_node('-r', '/tf:=tf', '-r', '/tf_static:=tf_static', '-r', '__ns:=/left')
     with Peer('right') as right:
         other = right.node.create_publisher(tf_type, '/tf', 100)
-        heard = peer.listen(tf_type, '/left/tf')
+        received = peer.listen(tf_type, '/left/tf')
         other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
         from dbscan_reg_ros.node.playback.player import Player
         with Player(['--ros-args', '-r', '__ns:=/left']) as left:
             assert played(left, scans[:10]).lost == 0
-        peer.until(lambda: heard)
+        peer.until(lambda: received)
         other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
-    [sent] = heard[-1].transforms
+    [sent] = received[-1].transforms
     assert stamp_from_message(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
     assert 'another node sends' not in node.output()
 

@@ -35,7 +35,7 @@ def test_bearings_outside_all_sectors_are_kept():
 
 @pytest.mark.parametrize('upside_down', [False, True])
 def test_the_robots_own_body_is_masked(start_node, player, peer, scans, truth, tmp_path, upside_down):
-    """A post on the robot hides a sector; it moves along, so that it would hold the odometry back."""
+    """A pole on the robot hides a sector; it moves with the sensor, so its points would bias the odometry towards standstill."""
     place = ['-p', 'mounting:=laser_pose', '-p', 'upside_down:=true', '-p', 'laser_pose:=[0.1, 0.0, 2.0]']
     start_node('-p', 'input.mask:=[0.5, 1.5, 3.0, -3.0, 0.0, 0.0, 0.0, 0.0]', '-p', 'input.mask_range:=0.6',
                '-p', f'snapshot.folder:={tmp_path}', *(place if upside_down else []))
@@ -52,7 +52,7 @@ def test_the_robots_own_body_is_masked(start_node, player, peer, scans, truth, t
         assert np.isfinite(update.scan.ranges[~post & (bearings > -2.9) & (bearings < 2.9)]).all()
 
 
-def test_only_one_scan_in_so_many_is_used(start_node, player, scans, truth):
+def test_every_nth_scan_is_used(start_node, player, scans, truth):
     start_node('-p', 'input.every_nth:=4')
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:40], rate=4.0, patience=0.5)
@@ -63,7 +63,7 @@ def test_only_one_scan_in_so_many_is_used(start_node, player, scans, truth):
 def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(node, peer, scans):
     publisher = Loudspeaker(peer, LaserScan, 'scan').publisher
     answers = peer.listen(Odometry, 'odom')
-    reports = peer.hear(DiagnosticArray, '/diagnostics')
+    reports = peer.subscribe(DiagnosticArray, '/diagnostics')
     messages = [scan_to_message(scan) for scan in scans]
     for message in messages:
         publisher.publish(message)

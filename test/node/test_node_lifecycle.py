@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The managed node: the same odometry, brought up and down step by step."""
+"""The lifecycle node: the same odometry, through the transitions of a lifecycle."""
 import signal
 
 import pytest
@@ -32,7 +32,7 @@ def state(peer):
 
 
 def topics(peer):
-    """What the node publishes and hears, but for what every node does; None while it is not discovered."""
+    """Topics that the node publishes and subscribes to, without those of every node; None before its discovery."""
     if 'scan_matcher' not in peer.node.get_node_names():
         return None
     every = {'/rosout', '/parameter_events', '/scan_matcher/transition_event', '/clock'}
@@ -64,8 +64,8 @@ def test_it_answers_only_while_active(managed, player, peer, scans, truth):
     assert distances(answers.messages, truth[:20]).max() < 0.05
     assert change(peer, Transition.TRANSITION_DEACTIVATE)
     peer.until(lambda: '/scan' not in topics(peer))
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
-    assert diagnosis(peer, heard, lambda s: s.message == 'inactive')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    assert diagnosis(peer, received, lambda s: s.message == 'inactive')
     assert change(peer, Transition.TRANSITION_CLEANUP)
     peer.until(lambda: topics(peer) == set())
     assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
@@ -85,7 +85,7 @@ def test_it_can_be_brought_up_again_and_starts_at_the_origin(managed, player, pe
         peer.until(lambda: not peer.node.count_subscribers('/scan'))
 
 
-def test_the_pose_goes_on_when_it_is_only_deactivated(managed, player, peer, scans, truth):
+def test_deactivation_keeps_the_pose(managed, player, peer, scans, truth):
     assert change(peer, Transition.TRANSITION_CONFIGURE)
     for begin in (0, 10):
         assert change(peer, Transition.TRANSITION_ACTIVATE)

@@ -52,13 +52,13 @@ def test_the_local_map_lies_on_the_walls(node, player, peer, drive, scans):
     assert np.median(nearest) < 0.03
 
 
-def test_pictures_are_made_only_while_somebody_looks(node, player, peer, scans):
-    """Without a subscriber the node has nothing to send them to, and says so by its counts."""
+def test_images_are_drawn_only_while_there_is_a_subscriber(node, player, peer, scans):
+    """Without a subscriber the node draws none, as its counters show."""
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:10]).lost == 0
     for topic in ('/path', '/local_map', '/segments'):
         assert peer.until(lambda topic=topic: peer.node.get_publishers_info_by_topic(topic))
-    maps = peer.hear(PointCloud2, 'local_map')
+    maps = peer.subscribe(PointCloud2, 'local_map')
     with peer.spinning():
         assert player.play(scans[10:20]).lost == 0
     peer.until(lambda: maps)

@@ -53,7 +53,7 @@ def between(scans, truth):
 
 
 def priors_taken(peer, folder):
-    """What the odometry was told of each motion, from a snapshot."""
+    """External priors that the odometry used, from a snapshot."""
     answer = peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
     assert answer.success, answer.message
     assert answer.message.startswith(str(folder))
@@ -67,24 +67,24 @@ def start_with(start_command, tmp_path):
 
 
 def play_slowly(player, peer, loudspeaker, scans, messages):
-    """Each scan after all that is told of the time before it; what is told of its own time comes after it."""
+    """Each scan follows the messages stamped before it; those with its own stamp follow it."""
     answered = []
-    told = 0
+    sent = 0
     peer.greet()
     with peer.spinning():
         for scan in scans:
-            while told < len(messages) and stamp(messages[told]) < scan.stamp:
-                loudspeaker.publisher.publish(messages[told])
-                told += 1
-            late = messages[told] if told < len(messages) else None
+            while sent < len(messages) and stamp(messages[sent]) < scan.stamp:
+                loudspeaker.publisher.publish(messages[sent])
+                sent += 1
+            late = messages[sent] if sent < len(messages) else None
             answers = play_and_tell(player, scan, loudspeaker, late)
-            told += late is not None
+            sent += late is not None
             answered += answers.messages
     return answered
 
 
 def play_and_tell(player, scan, loudspeaker, late):
-    """Publish the scan, then what is told later than it."""
+    """Publish the scan, then the messages stamped after it."""
     def one():
         yield scan
         if late is not None:
@@ -99,7 +99,7 @@ def stamp(message):
 @pytest.mark.parametrize(('motion', 'translation', 'rotation'), [
     ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
     ((0.0, 2.0, 0.5), 0.2, 0.2)])
-def test_a_motion_told_is_as_uncertain_as_way_and_turn_make_it(motion, translation, rotation):
+def test_the_covariance_of_a_prior_grows_with_distance_and_rotation(motion, translation, rotation):
     spread = NodePriorParameters().wheel_sigma(SE2(*motion))
     assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
 
@@ -110,7 +110,7 @@ def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, pl
     start_with('odometry', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
-    messages = [wheel(*told) for told in between(scans[:20], truth[:20]) for _ in range(times)]
+    messages = [wheel(*each) for each in between(scans[:20], truth[:20]) for _ in range(times)]
     answers = play_slowly(player, peer, wheels, scans[:20], messages)
     assert None not in answers
     updates = priors_taken(peer, tmp_path)
@@ -122,20 +122,20 @@ def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, pl
     assert distances(answers, of_base(truth[:20], LASER)).max() < 0.05
 
 
-def test_what_is_wrong_with_the_wheels_is_told(start_with, player, peer, scans, truth):
-    """They find every way a tenth too short; the laser looks aside, but what is told is of the base."""
+def test_the_wheel_calibration_is_reported(start_with, player, peer, scans, truth):
+    """They measure each distance a tenth too short; the laser faces sideways, the prior is that of the base."""
     start_with('odometry', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     stamps, bases = zip(*between(scans, truth), strict=True)
-    told = [SE2()]
+    reported = [SE2()]
     for before, now in itertools.pairwise(bases):
         step = before.inverse() @ now
-        told.append(told[-1] @ SE2(0.9 * step.x, 0.9 * step.y, step.theta))
-    play_slowly(player, peer, Loudspeaker(peer, Odometry, 'wheel_odom'), scans, list(map(wheel, stamps, told)))
-    count = len(heard)
-    peer.until(lambda: len(heard) > count + 1)
-    values = {pair.key: float(pair.value) for pair in heard[-1].status[0].values if pair.key.startswith('wheel ')}
+        reported.append(reported[-1] @ SE2(0.9 * step.x, 0.9 * step.y, step.theta))
+    play_slowly(player, peer, Loudspeaker(peer, Odometry, 'wheel_odom'), scans, list(map(wheel, stamps, reported)))
+    count = len(received)
+    peer.until(lambda: len(received) > count + 1)
+    values = {pair.key: float(pair.value) for pair in received[-1].status[0].values if pair.key.startswith('wheel ')}
     assert 6.0 < values['wheel distance scale correction [%]'] < 13.0
     assert abs(values['wheel rotation scale correction [%]']) < 4.0
     assert abs(values['wheel curvature correction [deg/m]']) < 2.0
@@ -146,7 +146,7 @@ def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, pe
     node = start_with('odometry', *PLACE)
     player.wait_for_node(TIMEOUT)
     wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
-    messages = [wheel(*told) for told in between(scans[:10], truth[:10])]
+    messages = [wheel(*each) for each in between(scans[:10], truth[:10])]
     play_slowly(player, peer, wheels, scans[:10], messages[:-1])
     answers = player.play(scans[10:60])
     assert answers.lost == 0
@@ -165,7 +165,7 @@ def test_wheels_that_say_no_pose_are_named_and_not_believed(start_with, player, 
     assert player.play(scans[:5]).lost == 0
 
 
-def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, player, peer, scans, truth, tmp_path):
+def test_the_yaw_rate_gives_the_rotation_and_the_motion_model_the_translation(start_with, player, peer, scans, truth, tmp_path):
     start_with('imu', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     imu = Loudspeaker(peer, Imu, 'imu')
@@ -182,7 +182,7 @@ def test_the_yaw_rate_gives_the_turn_and_the_rest_goes_on_as_before(start_with, 
         assert update.prior.transform.theta == pytest.approx((was.inverse() @ now).theta, abs=0.02)
         speed = math.hypot(*before.twist[:2])
         assert math.hypot(update.prior.transform.x, update.prior.transform.y) == pytest.approx(0.1 * speed, abs=0.03)
-        # The way is known no better than without a gyroscope, the turn as its parameters say.
+        # A gyroscope leaves the covariance of the translation as it is; the parameters give that of the rotation.
         own = math.hypot(0.01, 0.1 ** 2, 0.3 * 0.1 * speed)
         assert update.prior.translation_sigma == pytest.approx(own, rel=0.2)
         assert update.prior.rotation_sigma == pytest.approx(0.03, rel=1e-6)
@@ -204,7 +204,7 @@ def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, p
     assert node.output().count('begins with -1') == 1
 
 
-def test_a_frame_of_somebody_else_gives_the_motion(start_with, player, peer, scans, truth, tmp_path):
+def test_transforms_of_another_node_give_the_motion(start_with, player, peer, scans, truth, tmp_path):
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
     start_with('tf', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)

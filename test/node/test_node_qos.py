@@ -89,7 +89,7 @@ def test_a_quality_of_service_that_does_not_exist_ends_the_node_with_one_line(st
     assert line.startswith(f'scan_matcher: qos_overrides.{name} = {{{policy!r}: {value!r}}}: expected reliability')
 
 
-def test_a_managed_node_that_could_not_be_configured_leaves_no_publisher(start_command, peer):
+def test_a_lifecycle_node_that_fails_to_configure_leaves_no_publisher(start_command, peer):
     node = start_command('scan_matcher_lifecycle', '--ros-args', '-p', 'mounting:=none',
                          *overridden('/path.publisher', reliability='nonsense'))
     for _ in range(2):

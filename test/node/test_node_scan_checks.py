@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says of scans that a driver states wrongly, and of no scans: what is said of a recording of the same."""
+"""Warnings of the node about wrong scan metadata and missing scans: the same as for a recording."""
 import array
 import math
 import time
@@ -36,8 +36,8 @@ def message(scan, stamp=None, frame_id='laser', scale=1.0, **fields):
     return wrong
 
 
-def told_of(path):
-    """What is said of a recording: kind -> text."""
+def warnings_about(path):
+    """Warnings about a recording: kind -> text."""
     return {s.warning.kind.value: s.warning.text for s in open_recording(path).look_through().sightings}
 
 
@@ -48,25 +48,25 @@ def warnings(process):
 
 
 @pytest.mark.parametrize('kind', CHANGES)
-def test_the_node_says_of_scans_what_is_said_of_their_recording(kind, start_node, peer, scans, tmp_path):
+def test_the_node_warns_about_scans_as_about_their_recording(kind, start_node, peer, scans, tmp_path):
     messages = [message(scan, **CHANGES[kind](k)) for k, scan in enumerate(scans[:20])]
-    offline = told_of(write_bag(tmp_path / 'bag', [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
+    offline = warnings_about(write_bag(tmp_path / 'bag', [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
                                                    for k, each in enumerate(messages)]))
     assert list(offline) == [kind]
     node = start_node('-p', 'input.queue_size:=50')
-    heard = peer.listen(DiagnosticArray, '/diagnostics')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
     speaker = Loudspeaker(peer, LaserScan, 'scan')
     peer.greet()
     speaker.tell(*messages)
     said(node, offline[kind], peer)
-    status = peer.until(lambda: next((s for m in heard for s in m.status if offline[kind][:20] in s.message), None))
+    status = peer.until(lambda: next((s for m in received for s in m.status if offline[kind][:20] in s.message), None))
     assert status.level in (status.WARN, status.ERROR)
     assert warnings(node) == [offline[kind]]
 
 
 @pytest.mark.parametrize('name', ['replay_two_frames', 'millimetres/ranges_only', 'millimetres/ranges_and_range_max'])
-def test_the_node_says_of_a_recording_that_is_played_what_is_said_of_it(cases, name, start_node, player):
-    offline = told_of(cases / name)
+def test_the_node_warns_about_a_played_recording_as_replay_does(cases, name, start_node, player):
+    offline = warnings_about(cases / name)
     assert len(offline) == 1
     node = start_node()
     player.wait_for_node(20.0)
@@ -84,7 +84,7 @@ def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_
     assert command.output().count('the ranges look like millimetres') == 1
 
 
-def test_where_no_scan_comes_the_log_says_so_ever_more_rarely(start_node, peer):
+def test_missing_scans_are_logged_at_growing_intervals(start_node, peer):
     node = start_node()
     peer.until(lambda: 'ready' in node.output())
     ready = time.monotonic()

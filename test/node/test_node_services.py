@@ -38,7 +38,7 @@ def test_after_a_reset_the_next_scan_is_the_origin(node, player, peer, scans, tr
     assert covariance[0, 0] < 1e-5
 
 
-def test_scans_are_not_used_while_paused_and_the_pose_goes_on_afterwards(node, player, peer, scans, truth):
+def test_a_paused_node_ignores_scans_and_keeps_the_pose(node, player, peer, scans, truth):
     assert played(player, scans[:10]).lost == 0
     assert pause(peer, True).message == 'paused: scans are ignored'
     assert player.play(scans[10:13], patience=0.3).lost == 3
@@ -131,7 +131,7 @@ def test_a_snapshot_that_cannot_be_written_says_why(start_node, player, peer, sc
     assert player.play(scans[3:5]).lost == 0
 
 
-def test_a_snapshot_in_the_home_of_nobody_says_so(start_node, player, peer, scans):
+def test_a_snapshot_in_the_home_of_an_unknown_user_is_refused_with_the_reason(start_node, player, peer, scans):
     start_node('-p', 'snapshot.folder:=~nobody_of_this_name/snapshots')
     assert played(player, scans[:3]).lost == 0
     answer = trigger(peer, 'snapshot')
@@ -158,13 +158,13 @@ def test_a_dump_is_taken_back_unchanged(start_node, start_command, peer, tmp_pat
 
 
 def test_a_dump_without_a_node_ends_with_one_line(start_command):
-    process = start_command('dump', '--node', '/nobody', '--wait', '0.5')
+    process = start_command('dump', '--node', '/missing', '--wait', '0.5')
     assert process.wait(TIMEOUT) == 2
-    assert 'no answer from the node /nobody in 0.5 s' in process.output()
+    assert 'no answer from the node /missing in 0.5 s' in process.output()
     assert len(process.output().strip().splitlines()) == 1
 
 
-def test_a_dump_of_another_node_says_so(start_command, peer):
+def test_a_dump_of_another_kind_of_node_is_refused(start_command, peer):
     with peer.spinning():
         process = start_command('dump', '--node', '/peer')
         assert process.wait(TIMEOUT) == 2

@@ -13,7 +13,7 @@ from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.robot.parameter_files import read_parameters
 
 LIBRARY = ('Error', 'magic', 'please report', 'Unrecognized', 'frame descriptor', 'weakref', 'Exception')
-"""Words of libraries; nobody knows from them what to do."""
+"""Texts of libraries, which do not say what to do."""
 
 
 def refusal(path):
@@ -36,7 +36,7 @@ def refusal(path):
     ('storage_identifier_empty', "says storage '', mcap_plain.mcap is an mcap file", 'name the file itself'),
     ('only_multi_echo', '/echoes (sensor_msgs/msg/MultiEchoLaserScan)', 'laser_proc'),
 ])
-def test_public_bags_that_cannot_be_read_are_told_what_they_are_and_what_helps(cases, name, what, help):
+def test_unreadable_public_bags_are_refused_with_cause_and_remedy(cases, name, what, help):
     message = refusal(cases / 'unclear_bag_messages' / name)
     assert what in message and help in message
 

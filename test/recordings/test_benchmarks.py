@@ -200,7 +200,7 @@ def test_standing_still_scores_on_intel_as_published(data):
     assert row['ate_m'] == pytest.approx(10.0, abs=0.2)
 
 
-def test_a_still_sensor_does_not_drift_for_who_stands_still(data):
+def test_a_method_without_motion_does_not_drift_at_rest(data):
     row = drift.measure(arguments(data, method=['identity'], course=['lms511'])).metrics['identity']
     assert row['lms511_drift_m'] == row['lms511_drift_deg'] == 0.0
 
@@ -216,7 +216,7 @@ def test_dropped_scans_are_a_fifth_and_noise_scans_do_not_count(data):
     assert noisy.judged[0]
 
 
-def test_a_gyroscope_tells_the_turns_and_wheels_the_motion():
+def test_a_gyroscope_gives_rotations_and_wheels_motions():
     poses = [SE2()]
     for turn in np.linspace(-0.5, 0.5, 40):
         poses.append(poses[-1] @ SE2(0.2, 0.0, float(turn)))
@@ -224,12 +224,12 @@ def test_a_gyroscope_tells_the_turns_and_wheels_the_motion():
     course = courses.Course([None] * len(poses), reference=reference, wheels=reference)
     before = Prior(SE2(0.1, 0.0, 0.0), np.diag([0.3, 0.3, 0.4]) ** 2)
     first, *gyroscope = PRIORS['imu'](course)
-    told = [each(before) for each in gyroscope]
-    turns = np.array([each.transform.theta for each in told])
+    priors = [each(before) for each in gyroscope]
+    turns = np.array([each.transform.theta for each in priors])
     assert first is None and np.abs(turns - 1.01 * np.linspace(-0.5, 0.5, 40)).max() < 0.012
     assert np.ptp(turns - 1.01 * np.linspace(-0.5, 0.5, 40)) > 0.003
-    assert all(math.hypot(each.transform.x, each.transform.y) == pytest.approx(0.1) for each in told)
-    assert all(each.translation_sigma == pytest.approx(0.3) for each in told)
+    assert all(math.hypot(each.transform.x, each.transform.y) == pytest.approx(0.1) for each in priors)
+    assert all(each.translation_sigma == pytest.approx(0.3) for each in priors)
     first, *wheels = PRIORS['wheel'](course)
     steps = [each(before).transform.as_array() for each in wheels]
     assert first is None and np.allclose(steps, [(0.2, 0.0, turn) for turn in np.linspace(-0.5, 0.5, 40)])
@@ -252,7 +252,7 @@ def test_the_person_hides_a_part_of_the_view_and_adds_no_range(data):
 
 @pytest.mark.parametrize('begin', [4000, 4100, 4150])
 def test_wheels_keep_the_heading_where_a_person_holds_what_little_is_seen(data, begin):
-    """A robot turns on the spot; with somebody in front of it a few points fit another place as well, 100 deg off."""
+    """A robot turns on the spot; with a person in front of it a few points also fit a pose 100 deg off."""
     whole, = courses.intel(data)
     walked = dataclasses.replace(whole, scans=courses.strolled(whole.scans, 11))
     poses = drift.drive('dbscan', walked.take(np.arange(begin, 4300)), 'Intel', 'wheel').poses
@@ -310,7 +310,7 @@ def test_a_run_prints_a_table_writes_json_and_ends_with_0(data, tmp_path, capsys
     (['odometry', '--course', 'moon'], "unknown course 'moon'"),
     (['odometry', '--limit', '1'], '--limit 1: a drive of one scan'),
 ])
-def test_what_is_unknown_is_said_in_one_line(data, capsys, words, message):
+def test_unknown_names_are_reported_in_one_line(data, capsys, words, message):
     assert main([*words, '--data', str(data)]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count('\n') == 1
@@ -326,7 +326,7 @@ def test_a_limit_of_nothing_is_refused(capsys):
     assert stop.value.code == 2 and "'0': expected a whole number above 0" in capsys.readouterr().err
 
 
-def test_missing_data_is_said_in_one_line(tmp_path, capsys):
+def test_missing_data_are_reported_in_one_line(tmp_path, capsys):
     assert main(['pairs', '--method', 'identity', '--data', str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert 'pairs.csv' in error and error.count('\n') == 1
@@ -347,7 +347,7 @@ def test_what_a_benchmark_would_ignore_is_refused(words, capsys):
     assert f'unrecognized arguments: {words[1]} {words[2]}' in capsys.readouterr().err
 
 
-def test_the_script_runs_with_the_python_it_is_told(root, data):
+def test_the_script_runs_with_the_chosen_python(root, data):
     done = subprocess.run([root / 'scripts' / 'bench', 'pairs', '--data', data, '--method', 'identity', '--limit', '2'],
                           env={'PYTHON': sys.executable, 'PATH': '/usr/bin:/bin'}, capture_output=True, text=True,
                           timeout=120)

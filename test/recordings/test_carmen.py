@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CARMEN logs of other people: which lines are read, which poses are the truth, and what is said of it."""
+"""CARMEN logs from other sources: which lines are read, which poses are the truth, and the warnings."""
 import gzip
 import json
 import math
@@ -86,7 +86,7 @@ def test_truth_and_wheels_of_public_logs(cases, name, truth, wheels):
 
 
 def way(count=12):
-    """Poses of wheels that go round a bend, and the same corrected: not quite where the wheels say."""
+    """Wheel odometry around a bend, and a corrected trajectory that differs from it slightly."""
     wheels = np.array([(0.3 * k, 0.02 * k * k, 0.05 * k) for k in range(count)])
     rng = np.random.default_rng(3)
     return wheels, compose(wheels, rng.normal(0.0, 0.05, (count, 3)))
@@ -205,7 +205,7 @@ def test_a_log_without_scans_names_its_lines_and_those_that_are_read(tmp_path):
 
 # Missing returns and stamps in public logs
 
-def test_no_return_at_32_767_is_told_by_the_log(cases):
+def test_no_return_at_32_767_is_found_from_the_log(cases):
     recording = open_recording(cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log')
     ranges = np.concatenate([scan.ranges for scan in recording.scans()])
     assert np.isinf(ranges).sum() == 1 + 42 + 53 and ranges[np.isfinite(ranges)].max() == np.float32(32.598)
@@ -213,7 +213,7 @@ def test_no_return_at_32_767_is_told_by_the_log(cases):
 
 
 @pytest.mark.parametrize(('log', 'missing'), [('intel/intel.log.gz', 48459), ('aces/aces.log.gz', 620)])
-def test_intel_and_aces_are_read_as_they_stand_there(data, log, missing):
+def test_intel_and_aces_are_read_unchanged(data, log, missing):
     recording = open_recording(data / log)
     assert recording.notes == [] and recording.problems == []
     with gzip.open(data / log, 'rt') as file:
@@ -246,7 +246,7 @@ def test_negative_stamps_of_a_log_are_shifted(tmp_path):
     assert recording.notes == ['stamps from -3.000 s on are shifted to start at 1 s'] and recording.problems == []
 
 
-# What is said
+# Warnings
 
 def test_register_convert_and_compare_tell_once_what_was_assumed(cases, tmp_path, capsys):
     path = cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log'

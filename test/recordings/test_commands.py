@@ -101,7 +101,7 @@ def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
     assert capsys.readouterr().err == line
 
 
-def test_a_signal_is_an_interruption_whatever_a_library_makes_of_it():
+def test_a_signal_is_an_interruption_whatever_error_a_library_raises():
     usual = signal.getsignal(signal.SIGUSR1)
     with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1):
         try:
@@ -133,7 +133,7 @@ def test_an_ignored_signal_stays_ignored():
 
 def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
     code = ('import sys; from dbscan_reg_ros.commands import command_line\n'
-            'def work(args):\n    for _ in range(100_000): print("a line that nobody reads")\n'
+            'def work(args):\n    for _ in range(100_000): print("a line that is not read")\n'
             'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
     with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b'a line that nobody reads\n'

@@ -77,7 +77,7 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
 
 
-def test_a_worse_set_is_found_and_the_exit_status_says_so(compare, tmp_path):
+def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
     names = ('coarse_iterations', 'fine_iterations', 'polish_iterations', 'map_iterations')
     lines = ['/**:', '  ros__parameters:', '    refinement:', *(f'      {name}: 0' for name in names)]
     (tmp_path / 'bad.yaml').write_text('\n'.join(lines) + '\n')

@@ -125,7 +125,7 @@ def test_an_absent_recording_is_left_out_and_said(tmp_path, capsys):
     (['--against', 'HEAD', '--only', 'moon'], "unknown drive 'moon'"),
     (['--against', 'no-such-commit'], 'no-such-commit'),
 ])
-def test_an_unknown_drive_or_commit_is_said_in_one_line(checkout, data, capsys, words, message):
+def test_an_unknown_drive_or_commit_is_reported_in_one_line(checkout, data, capsys, words, message):
     assert main(['fingerprint', '--data', str(data), *words]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count('\n') == 1

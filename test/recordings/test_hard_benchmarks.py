@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Copies with noise, courses that are hard for a gate, and registrations by the share of the view in common."""
+"""Copies with noise, courses that are hard for a gate, and registrations by the overlap of the views."""
 import dataclasses
 import json
 import math

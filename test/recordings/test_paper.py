@@ -100,7 +100,7 @@ def test_errors_of_table_1_are_those_of_each_group():
 
 
 def test_the_papers_steps_find_what_its_figures_show(log):
-    """Figure 6: the turn; 8: two key clusters, one opposite; 9 to 12: the divergence falls, and is least at the truth."""
+    """Figure 6: the rotation; 8: two key clusters, one opposite; 9 to 12: the divergence has its minimum at the truth."""
     trial = figure4.trial(log.scans[figure4.EXAMPLE])
     found = steps.found(trial, paper_parameters())
     assert found['turn_deg'] < math.degrees(0.001)

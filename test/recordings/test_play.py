@@ -44,7 +44,7 @@ def peer(ros_environment):
         yield peer
 
 
-def hear(peer, kind, topic, quality=RELIABLE):
+def subscribe(peer, kind, topic, quality=RELIABLE):
     messages = []
     peer.node.create_subscription(kind, topic, messages.append, quality)
     return messages
@@ -106,14 +106,14 @@ def test_without_a_node_the_player_says_what_is_missing(ros_environment):
 
 
 def test_a_mere_listener_is_enough_where_no_answer_is_needed(peer, scans):
-    heard = hear(peer, LaserScan, 'scan')
+    received = subscribe(peer, LaserScan, 'scan')
     with Player() as player:
         with pytest.raises(PlayerError, match='publishes /odom'):
             player.wait_for_node(0.3)
         with peer.spinning():
             player.wait_for_node(TIMEOUT, answering=False)
         player.play(scans[:3], rate=1000.0)
-        peer.until(lambda: len(heard) == 3)
+        peer.until(lambda: len(received) == 3)
 
 
 def test_a_node_that_has_gone_ends_the_play(node, ros_environment, scans):
@@ -131,7 +131,7 @@ def test_a_node_that_has_gone_ends_the_play(node, ros_environment, scans):
 def test_scans_keep_the_timing_of_their_stamps_and_the_clock_never_goes_back(node, peer, scans):
     arrivals = []
     peer.node.create_subscription(LaserScan, 'scan', lambda m: arrivals.append((time.monotonic(), m)), RELIABLE)
-    ticks = hear(peer, Clock, '/clock', rclpy.qos.QoSProfile(
+    ticks = subscribe(peer, Clock, '/clock', rclpy.qos.QoSProfile(
         depth=RELIABLE, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT))
     some = scans[:40]
     assert any(a.stamp > b.stamp for a, b in itertools.pairwise(some)), 'stamps should go back in this stretch'
@@ -192,7 +192,7 @@ def test_without_a_node_the_command_gives_up_in_time(start_command, intel):
                                         + command_line('scan_matcher'))
 
 
-def test_ros_arguments_are_told_from_own_ones():
+def test_ros_arguments_are_separated_from_own_ones():
     words = ['a', '--ros-args', '-r', 'x:=y', '--', '-b', '--ros-args', '-p', 'c:=1']
     assert split_arguments(words) == (['a', '-b'], ['--ros-args', '-r', 'x:=y', '--', '--ros-args', '-p', 'c:=1'])
     assert split_arguments(['a']) == (['a'], [])

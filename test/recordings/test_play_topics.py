@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `play` publishes besides the scans, heard over DDS by a node of the test's or used by scan_matcher."""
+"""What `play` publishes besides the scans, received over DDS by a node of the test or used by scan_matcher."""
 import numpy as np
 import pytest
 
@@ -50,7 +50,7 @@ def bag(tmp_path, scans, tf_type):
     return write_bag(tmp_path / 'bag', messages, kinds=kinds)
 
 
-def heard(peer, **topics):
+def received(peer, **topics):
     """Name -> list that takes the messages of that kind on that topic."""
     lists = {name: [] for name in topics}
     for name, (kind, topic, quality) in topics.items():
@@ -59,7 +59,7 @@ def heard(peer, **topics):
 
 
 def everything(peer, tf_type):
-    return heard(peer, scan=(LaserScan, 'scan', 100), wheels=(Odometry, 'wheel_odom', 100), imu=(Imu, 'imu', 100),
+    return received(peer, scan=(LaserScan, 'scan', 100), wheels=(Odometry, 'wheel_odom', 100), imu=(Imu, 'imu', 100),
                  tf=(tf_type, '/tf', 100), static=(tf_type, '/tf_static', LATCHED), chatter=(String, '/chatter', 100))
 
 
@@ -94,22 +94,22 @@ def test_other_topics_are_published_on_demand(start_command, peer, bag, tf_type,
     assert [m.data for m in lists['chatter']] == [f'word {k}' for k in range(COUNT)]
 
 
-def test_whoever_comes_late_hears_the_static_transforms(start_command, peer, bag, tf_type):
-    lists = heard(peer, scan=(LaserScan, 'scan', 100))
+def test_late_subscribers_receive_the_static_transforms(start_command, peer, bag, tf_type):
+    lists = received(peer, scan=(LaserScan, 'scan', 100))
     command = start_command('play', bag, '--rate', '0.02', '--wait', '20')
     peer.until(lambda: lists['scan'])
     (publisher,) = peer.node.get_publishers_info_by_topic('/tf_static')
     assert publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     (moving,) = peer.node.get_publishers_info_by_topic('/tf')
     assert moving.qos_profile.durability == DurabilityPolicy.VOLATILE
-    late = heard(peer, static=(tf_type, '/tf_static', LATCHED))['static']
+    late = received(peer, static=(tf_type, '/tf_static', LATCHED))['static']
     peer.until(lambda: late)
     assert late[0].transforms[0] == filled(TransformStamped(), {'header': {'frame_id': 'base_link'}, 'child_frame_id': 'laser'})
     assert command.running()
 
 
 def test_ctrl_c_ends_with_status_0_and_what_was_played_until_then(start_command, peer, bag):
-    lists = heard(peer, scan=(LaserScan, 'scan', 100))
+    lists = received(peer, scan=(LaserScan, 'scan', 100))
     command = start_command('play', bag, '--rate', '0.02', '--wait', '20')
     peer.until(lambda: lists['scan'])
     assert command.stop() == 0, command.output()
@@ -117,7 +117,7 @@ def test_ctrl_c_ends_with_status_0_and_what_was_played_until_then(start_command,
 
 
 def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans, tf_type):
-    lists = heard(peer, scan=(LaserScan, 'scan', 100), clock=(Clock, '/clock', BEST_EFFORT), tf=(tf_type, '/tf', 100))
+    lists = received(peer, scan=(LaserScan, 'scan', 100), clock=(Clock, '/clock', BEST_EFFORT), tf=(tf_type, '/tf', 100))
     play(start_command, peer, bag, '--clock')
     peer.until(lambda: len(lists['tf']) == COUNT)
     times = [stamp_from_message(m.clock) for m in lists['clock']]
@@ -141,7 +141,7 @@ def test_the_wheels_of_a_log_are_published_before_the_scans_that_they_belong_to(
     poses = [pose.as_array() for pose in truth[10:10 + COUNT]]
     write_log(tmp_path / 'a.log', [Record(scan, (0.0, 0.0, 0.0), pose)
                                    for scan, pose in zip(scans[10:10 + COUNT], poses, strict=True)])
-    lists = heard(peer, scan=(LaserScan, 'scan', 100), wheels=(Odometry, 'wheel_odom', 100))
+    lists = received(peer, scan=(LaserScan, 'scan', 100), wheels=(Odometry, 'wheel_odom', 100))
     play(start_command, peer, tmp_path / 'a.log')
     peer.until(lambda: len(lists['wheels']) == COUNT)
     assert [m.header.stamp for m in lists['wheels']] == [m.header.stamp for m in lists['scan']]
@@ -159,7 +159,7 @@ def test_damaged_messages_and_types_that_are_not_installed_are_named(start_comma
     write_bag(tmp_path / 'bag', [
         ('/imu', 1, b'\0\1\0\0x'), ('/scan', 2, bytes(serialize(kinds['/scan'], scan_fields(scans[0])))),
         ('/imu', 3, bytes(serialize(kinds['/imu'], {}))), ('/thing', 4, b'\0\1\0\0\1\0\0\0')], kinds=kinds, store=store)
-    lists = heard(peer, scan=(LaserScan, 'scan', 100), imu=(Imu, 'imu', 100))
+    lists = received(peer, scan=(LaserScan, 'scan', 100), imu=(Imu, 'imu', 100))
     output = play(start_command, peer, tmp_path / 'bag', '--all')
     peer.until(lambda: lists['imu'])
     assert len(lists['imu']) == 1 and 'imu: 1 damaged messages skipped' in output

@@ -80,7 +80,7 @@ def test_a_laser_ahead_of_the_robot_is_no_correction(tmp_path):
 
 
 @pytest.mark.parametrize(('n', 'step', 'last'), [(180, 1.0, 89.0), (181, 1.0, 90.0), (361, 0.5, 90.0), (360, 0.5, 89.5)])
-def test_flaser_spans_half_a_turn(tmp_path, n, step, last):
+def test_flaser_spans_180_degrees(tmp_path, n, step, last):
     (scan,) = open_recording(write_log(tmp_path / 'a.log', flaser([2.0] * n))).scans()
     bearings = np.degrees(scan.geometry.bearings)
     assert bearings[0] == pytest.approx(-90.0, abs=1e-4) and bearings[-1] == pytest.approx(last, abs=1e-4)

@@ -99,12 +99,12 @@ def test_the_paper_to_the_letter(intel, root, tmp_path, capsys):
 
 def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, tmp_path, capsys):
     assert main([str(snapshot), '--out', str(tmp_path)]) == 0
-    told, transform = printed_motion(capsys.readouterr().out), updates[-1].registration.transform
-    assert told == pytest.approx([transform.x, transform.y, math.degrees(transform.theta)], abs=6e-4)
+    printed, transform = printed_motion(capsys.readouterr().out), updates[-1].registration.transform
+    assert printed == pytest.approx([transform.x, transform.y, math.degrees(transform.theta)], abs=6e-4)
     check_pictures(tmp_path / 'kept_5' / 'latest')
 
 
-def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_anew(snapshot, updates, tmp_path, capsys):
+def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot, updates, tmp_path, capsys):
     (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {selection.top_candidates: 3, selection.min_support_ratio: 0.0}}')
     assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
     text, update = capsys.readouterr().out, updates[2]
@@ -119,9 +119,9 @@ def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel
     drive = [each for each in Parameters.describe() if each.name.startswith(OF_A_DRIVE)]
     others = own.replace({each.name: next(c for c in each.choices if c != each.default) if each.choices
                           else not each.default if each.type is bool else each.maximum for each in drive})
-    told = register(reference, current, others)
-    assert told.transform == register(reference, current, own).transform
-    np.testing.assert_array_equal(told.covariance, register(reference, current, own).covariance)
+    found = register(reference, current, others)
+    assert found.transform == register(reference, current, own).transform
+    np.testing.assert_array_equal(found.covariance, register(reference, current, own).covariance)
     file = tmp_path / 'a.yaml'
     write_parameters(file, NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
     assert intel(3, 5505, '--params-file', file) == 2

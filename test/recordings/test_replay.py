@@ -27,7 +27,7 @@ from dbscan_reg_ros.robot.parameters import NodeParameters
 
 
 def picture(path):
-    """Shares of ink ``(rows, columns)`` of a picture: 0 is white, 1 is black."""
+    """Darkness ``(rows, columns)`` of a picture: 0 is white, 1 is black."""
     from matplotlib.image import imread
     return 1.0 - imread(path)[..., :3].mean(axis=2)
 
@@ -112,7 +112,7 @@ def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(replay, tmp
 
 
 def test_a_replay_is_what_the_node_answers_however_the_laser_sits(start_node, scans, tmp_path):
-    """To the last bit, by the real node; the trajectory of the sensor tells the same motion."""
+    """Bit for bit, by the real node; the trajectory of the sensor is the same motion."""
     from ros_helpers import played
     from rosbags.highlevel import AnyReader
 
@@ -154,7 +154,7 @@ def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
         assert capsys.readouterr().err.startswith(f'{said}replay: {data}/absent.log: ')
 
 
-def test_a_sensor_that_stands_still_stays_where_it_is(replay, tmp_path):
+def test_a_sensor_at_rest_keeps_its_pose(replay, tmp_path):
     assert replay('lms511/static') == 0
     _, poses = read_tum(tmp_path / 'static' / 'latest' / 'trajectory.tum')
     assert np.hypot(poses[:, 0], poses[:, 1]).max() < 2e-3

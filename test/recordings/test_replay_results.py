@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay writes whatever goes wrong with its reports, and what it says of scans, distance and restarts."""
+"""What a replay writes even if its reports fail, and its summary of scans, distance and restarts."""
 import dataclasses
 import json
 import math
@@ -61,7 +61,7 @@ CLOCKS = {
 
 @pytest.mark.parametrize('clock', CLOCKS)
 def test_pairs_to_review_name_scans_whatever_becomes_of_the_clock(rotating, clock):
-    """A scan whose features are made anew, once the motion is known, keeps its number."""
+    """A scan whose features are extracted again, once the motion is known, keeps its number."""
     scans = CLOCKS[clock](rotating)
     odometry, pairs, loops, references = Odometry(), PairsToReview(), Loops(), {}
     made_anew = 0
@@ -179,7 +179,7 @@ def test_one_usable_scan_of_many_is_one_clear_line(replay, rotating, tmp_path, c
     assert error.startswith(f'replay: {tmp_path}/drive: only one of 6 scans could be used; scan 0 not used: ')
 
 
-def test_without_truth_the_distance_the_time_and_the_ends_are_told(replay, drive, rotating, capsys):
+def test_without_truth_distance_time_and_end_points_are_reported(replay, drive, rotating, capsys):
     """What could not be used and what could not be registered have two names."""
     blind = dataclasses.replace(rotating[20], ranges=np.full_like(rotating[20].ranges, np.inf))
     code, folder = replay([*rotating[:20], blind, *rotating[21:]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a replay: it opens in a real browser, shows everything, and asks nobody."""
+"""The page of a replay: it opens in a real browser, shows everything, and loads nothing from the network."""
 import dataclasses
 import json
 import re
@@ -179,7 +179,7 @@ def test_changed_parameters_stand_out(browser, page):
     assert browser.value('document.querySelectorAll("#parameters tr").length') == len(Parameters.describe())
 
 
-def test_a_page_of_nothing_says_so(browser, tmp_path):
+def test_an_empty_page_states_that_nothing_is_known(browser, tmp_path):
     path = tmp_path / 'empty.html'
     unknown = KnownMotion(None, None, None)
     write_report(path, Report('nothing', [], unknown, Trajectory(), density_map([], []), [], Parameters()))

@@ -40,7 +40,7 @@ PUBLISHED = {
     '_storage.QoS.reliable': '(self)',
     '_storage.QoS.transient_local': '(self)',
 }
-"""What rosbag2's published type stubs (``rosbag2_py/rosbag2_py/*.pyi``) say of all that we call."""
+"""Signatures of all that we call, from rosbag2's published type stubs (``rosbag2_py/rosbag2_py/*.pyi``)."""
 
 
 @pytest.fixture(scope='module')

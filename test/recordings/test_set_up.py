@@ -112,19 +112,19 @@ def test_an_environment_is_made_once(make):
     assert make() == []
 
 
-def test_an_environment_is_made_anew_when_its_requirements_change(make):
+def test_an_environment_is_made_again_when_its_requirements_change(make):
     make()
     (make.folder / 'wanted.txt').write_text('one==2\n')
     assert make() == ['venv', 'install wanted.txt']
 
 
-def test_an_environment_whose_python_is_gone_is_made_anew(make):
+def test_an_environment_whose_python_is_gone_is_made_again(make):
     make()
     (make.venv / 'bin' / 'python').unlink()
     assert make() == ['venv', 'install wanted.txt']
 
 
-def test_an_interrupted_environment_is_made_anew(make):
+def test_an_interrupted_environment_is_made_again(make):
     make()
     (make.venv / 'stamps' / 'base').unlink()
     assert make() == ['venv', 'install wanted.txt']

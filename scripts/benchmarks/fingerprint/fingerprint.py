@@ -196,7 +196,7 @@ class Recorder:
                                              stdout=subprocess.PIPE, stderr=output, text=True, cwd=tree, env=environment)
 
     def record(self, source, target):
-        """Write what the package says of an input file to another; BenchmarkError where it fails."""
+        """Write the results of the package for an input file to another file; BenchmarkError if it fails."""
         try:
             self._process.stdin.write(f'{source}\t{target}\n')
             self._process.stdin.flush()

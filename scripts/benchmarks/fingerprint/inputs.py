@@ -73,7 +73,7 @@ def packed(scans, kind='odometry', **more) -> dict:
 
 
 def with_wheels(recording, limit=None) -> dict:
-    """Return the scans with the motion since the last one as the wheels tell it."""
+    """Return the scans with the motion since the last one as measured by the wheels."""
     scans = list(recording.scans())[:limit]
     _, wheels = recording.wheel_odometry()
     told = np.vstack((np.full((1, 3), np.nan), relative(wheels[:-1], wheels[1:])))[:len(scans)]
@@ -119,7 +119,7 @@ def regarded(scan, angle_min, angle_increment):
 
 
 def through_node(kind, limit=None) -> dict:
-    """Return the same drive for the node, which is told where the laser sits."""
+    """Return the same drive for the node, with the mounting as a parameter."""
     _, raw = mounted(kind, limit)
     if kind == 'moving':
         seconds = 1e-9 * (np.array([scan.stamp for scan in raw]) - raw[0].stamp)

@@ -104,7 +104,7 @@ class Listener:
         return rows
 
     def _meet(self, process):
-        """Wait until the node hears and is heard: it does when it has answered a call to a service of its own."""
+        """Wait until both sides have discovered each other: when the node has answered a call to a service."""
         from rcl_interfaces.srv import GetParameters
         client = self._node.create_client(GetParameters, '/scan_matcher/get_parameters')
         deadline = time.monotonic() + PATIENCE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records what the package found in one source tree says of drives and pairs of scans: run by ``bench fingerprint``.
+"""Records the results of the package of one source tree for drives and pairs of scans: run by ``bench fingerprint``.
 
     python recorder.py ROOT
 
@@ -74,7 +74,7 @@ def as_numbers(value):
 
 
 def record_odometry(given):
-    """Rows of what `Odometry.process` says of each scan."""
+    """Rows of the results of `Odometry.process` for each scan."""
     odometry, scan_type, pose_type = find('Odometry')(), find('Scan'), find('SE2')
     rows = {name: [] for name in FIELDS}
     for k, each in enumerate(messages(given)):
@@ -93,7 +93,7 @@ def record_odometry(given):
 
 
 def record_registrations(given):
-    """Rows of what `register` says of each pair, without a guess."""
+    """Rows of the results of `register` for each pair, without a prior."""
     extract, register, scan_type = find('extract_features'), find('register'), find('Scan')
     features = [extract(scan_type.from_message(each)) for each in messages(given)]
     rows = {name: [] for name in REGISTRATION_FIELDS}
@@ -104,7 +104,7 @@ def record_registrations(given):
 
 
 def record(source, target, root):
-    """Read an input, write what the package says of it."""
+    """Read an input, write the results of the package."""
     with np.load(source, allow_pickle=False) as file:
         given = {name: file[name] for name in file.files}
     kind = str(given['kind'])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node in a process of its own: latency, share of a core, memory and the time it takes to start."""
+"""The node in a process of its own: latency, load of a core, memory and the time it takes to start."""
 import os
 import tempfile
 import time
@@ -80,7 +80,7 @@ def run(beams, fov, rate, count, seconds=None) -> dict:
 
 
 class _Usage:
-    """Share of a core and growth of the memory of a process while scans are taken from a list."""
+    """Load of a core and growth of the memory of a process while scans are taken from a list."""
 
     def __init__(self, pid, settled):
         self._pid = pid
@@ -96,7 +96,7 @@ class _Usage:
             yield scan
 
     def result(self):
-        """(share of a core, growth of the memory [MB])"""
+        """(load of a core [0..1], growth of the memory [MB])"""
         began, spent = self._begin
         return ((cpu_seconds(self._pid) - spent) / (time.monotonic() - began), memory_mb(self._pid) - self._memory)
 

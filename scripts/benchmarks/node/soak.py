@@ -25,7 +25,7 @@ from .running_node import PATIENCE, cpu_seconds, graph, memory_mb, running_node,
 
 SCANS = 150_000
 BLOCK = 1000
-"""So many scans are compared at a time; what is held in memory is compared with that after the first of them."""
+"""Scans per block of the comparison; the memory is compared with that after the first block."""
 STEP = 250
 """So often is the memory looked at."""
 RUNS = 3

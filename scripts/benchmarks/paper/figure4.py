@@ -49,7 +49,7 @@ def exact(outcome) -> bool:
 
 
 def measure(args):
-    """Return a `Report`: for the 50 scans and for others the share of exact results besides the usual one."""
+    """Return a `Report`: for the 50 scans and for others the fraction of exact results besides the usual one."""
     from dbscan_reg_ros.evaluation.methods import chosen
 
     scans = Intel.below(args.data).scans

@@ -19,7 +19,7 @@ SEEDS = 5
 TRANSLATION, ROTATION = 1.5, 0.8
 """Largest translation along each axis [m] and rotation [rad] between the two scans."""
 OVERLAPS = {'high': (0.85, 1.0), 'low': (0.3, 0.6)}
-"""Share of the view in common, from and to."""
+"""Overlap of the views, from and to."""
 AREA, COLUMNS = 20.0, 90
 
 

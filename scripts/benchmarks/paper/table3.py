@@ -100,7 +100,7 @@ def add_simulated(report, methods, limit=None):
 
 
 def add_recorded(report, methods, args):
-    """Add the table of the Intel log: medians of the absolute errors, beside what its truth is worth."""
+    """Add the table of the Intel log: medians of the absolute errors, beside the accuracy of its truth."""
     groups = [f'motion{number}' for number in range(1, len(TABLE) + 1)]
     rows = {'truth': {f'{group}_{name}': value for group in groups for name, value in UNCERTAINTY.items()}}
     for name, outcomes in run(methods, recorded(Intel.below(args.data), args.limit), 'table 3, Intel').items():

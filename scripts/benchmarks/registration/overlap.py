@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registration without a guess for any motion, by the share of the view in common: success rate, and precision and recall of `OK`."""
+"""Registration without a prior for any motion, by the overlap of the views: success rate, and precision and recall of `OK`."""
 import dataclasses
 import itertools
 import math
@@ -30,13 +30,13 @@ SEEDS = 5
 """Worlds of each kind."""
 EDGES = (0.0, 0.3, 0.5, 0.7, 1.0)
 CLASSES = ('0_30', '30_50', '50_70', '70_100')
-"""Share of the view in common [%]."""
+"""Overlap of the views [%]."""
 SLACK = 0.3
 """A return counts as within what the reference saw when it is no farther than this [m] behind it."""
 DRAWS = 12
 """So many pairs are drawn at most for each one that is wanted of a class: with small motions few share little."""
 PEOPLE, CLUTTER, CLEAR = 4, 30, 0.4
-"""Of a busy world: people, small things tried, and how far [m] these stay from the tour."""
+"""Of a busy world: people, small objects tried, and how far [m] these stay from the tour."""
 APART = 5.0
 """Longest time between two views [s], in which people walk."""
 METHODS = ('dbscan', 'small_gicp')
@@ -83,7 +83,7 @@ def worlds(name) -> list:
 
 
 def cluttered(world, seed) -> World:
-    """Return the world with small boxes and posts that keep clear of its tour."""
+    """Return the world with small boxes and poles that keep clear of its tour."""
     rng = np.random.default_rng(seed)
     way = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(world.tour)])
     low, high = world.segments.min(axis=(0, 1)), world.segments.max(axis=(0, 1))
@@ -100,7 +100,7 @@ def cluttered(world, seed) -> World:
 
 
 def shared_view(reference, current, truth) -> float:
-    """Return the share of the current returns that lie, by the truth, within what the reference saw, with some slack.
+    """Return the fraction of the current returns that lie, by the truth, within the view of the reference, with a tolerance.
 
     A point lies within it when it is in the field of view, and no farther than the reference's range at the nearest beam,
     or than its range_max where that beam has no return.
@@ -144,7 +144,7 @@ def outcomes(cell, wanted, names) -> dict:
 
 
 def rates(rows) -> dict:
-    """Metric -> number for each class: pairs, the share right, how many `OK` and how many of these wrong, the share of the
+    """Metric -> number for each class: pairs, the fraction right, how many `OK` and how many of these wrong, the fraction of the
     right ones called `OK`, and of all pairs those that are `OK` and wrong."""
     metrics = {}
     for k, name in enumerate(CLASSES):

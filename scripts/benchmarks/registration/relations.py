@@ -28,7 +28,7 @@ def trials(intel, limit=None) -> list:
 
 
 def common_view(trial) -> float:
-    """Return the share of the returns, of the scan that shares less, that the other scan has at the true pose, 0..1.
+    """Return the fraction of returns that the other scan has too at the true pose, 0..1: of the scan with the smaller one.
 
     A return is shared when the other scan has one within 0.2 m, or within two beam spacings far away.
     """
@@ -43,7 +43,7 @@ def common_view(trial) -> float:
 
 
 def by_view(outcomes) -> dict:
-    """Success by the share of the view in common: ``view_30_50`` where 30 to 50 % are shared, and how many they are."""
+    """Success by the overlap of the views: ``view_30_50`` from 30 to 50 %, and how many pairs they are."""
     views = np.array([common_view(outcome.trial) for outcome in outcomes])
     success = np.array([outcome.success for outcome in outcomes])
     metrics = {}

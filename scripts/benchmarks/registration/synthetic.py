@@ -26,7 +26,7 @@ BOUNDS = {
 
 
 def disturbed(scan, noise, outlier_share, rng):
-    """``(N,)`` ranges [m] of `scan` with N(0, `noise`) added and a share of the beams replaced.
+    """``(N,)`` ranges [m] of `scan` with N(0, `noise`) added and a fraction of the beams replaced.
 
     The replaced beams return U(0.2 m, min(10 m, the longest return)); `inf` marks beams with no return.
     """
@@ -59,7 +59,7 @@ def chosen(scans, rng) -> list:
 
 
 def trials(intel, limit=None, seed=0) -> list:
-    """Return a `Trial` for each chosen scan, kind of motion and share of outliers; `limit` counts for each combination."""
+    """Return a `Trial` for each chosen scan, kind of motion and fraction of outliers; `limit` counts for each combination."""
     rng = np.random.default_rng(seed)
     indices = chosen(intel.scans, rng)
     motions = {

@@ -99,11 +99,11 @@ class SequentialWriter:
     def close(self):
         if self._base:
             self._base.commit()
-            (self._folder / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._told()}))
+            (self._folder / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._described()}))
             self._base.close()
             self._base = None
 
-    def _told(self):
+    def _described(self):
         counts = dict(self._base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id').fetchall())
         first, last = self._base.execute('SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
         span = {'starting_time': {'nanoseconds_since_epoch': first or 0}, 'duration': {'nanoseconds': (last or 0) - (first or 0)},
@@ -121,4 +121,4 @@ class SequentialWriter:
 def _profile(quality):
     forever = {'sec': 9223372036, 'nsec': 854775807}
     return {'deadline': forever, 'lifespan': forever, 'liveliness': 1, 'liveliness_lease_duration': forever,
-            'avoid_ros_namespace_conventions': False, **quality.told}
+            'avoid_ros_namespace_conventions': False, **quality.described}

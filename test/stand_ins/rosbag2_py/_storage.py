@@ -30,7 +30,7 @@ class QoS:
     """The numbers are those of ``rmw_qos_reliability_policy_t`` and ``rmw_qos_durability_policy_t``."""
 
     def __init__(self, history_depth):
-        self.told = {'history': 1, 'depth': history_depth, 'reliability': 1, 'durability': 2}
+        self.described = {'history': 1, 'depth': history_depth, 'reliability': 1, 'durability': 2}
 
     def reliable(self):
         return self._with(reliability=1)
@@ -39,7 +39,7 @@ class QoS:
         return self._with(durability=1)
 
     def _with(self, **policies):
-        self.told.update(policies)
+        self.described.update(policies)
         return self
 
 
@@ -57,21 +57,21 @@ class TopicInformation:
 class BagMetadata:
     def __init__(self, path):
         try:
-            told = yaml.safe_load((Path(path) / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+            described = yaml.safe_load((Path(path) / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
         except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
             raise RuntimeError(f'Exception on parsing info file: {error}') from error
-        self.compression_mode, self.storage_identifier = told['compression_mode'], told['storage_identifier']
-        self.files = [Path(path) / name for name in told['relative_file_paths']]
-        self.message_count = told['message_count']
-        self.starting_time = Time(nanoseconds=told['starting_time']['nanoseconds_since_epoch'])
-        self.duration = Duration(nanoseconds=told['duration']['nanoseconds'])
+        self.compression_mode, self.storage_identifier = described['compression_mode'], described['storage_identifier']
+        self.files = [Path(path) / name for name in described['relative_file_paths']]
+        self.message_count = described['message_count']
+        self.starting_time = Time(nanoseconds=described['starting_time']['nanoseconds_since_epoch'])
+        self.duration = Duration(nanoseconds=described['duration']['nanoseconds'])
         self.topics_with_message_count = [TopicInformation(_topic(each['topic_metadata']), each['message_count'])
-                                          for each in told['topics_with_message_count']]
+                                          for each in described['topics_with_message_count']]
 
 
-def _topic(told):
+def _topic(described):
     qualities = []
-    for each in told['offered_qos_profiles']:
+    for each in described['offered_qos_profiles']:
         qualities.append(QoS(each['depth']))
-        qualities[-1].told = each
-    return TopicMetadata(0, told['name'], told['type'], told['serialization_format'], qualities)
+        qualities[-1].described = each
+    return TopicMetadata(0, described['name'], described['type'], described['serialization_format'], qualities)

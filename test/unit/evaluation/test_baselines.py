@@ -63,13 +63,13 @@ def test_a_guess_is_where_the_search_starts(method):
 
 
 @pytest.mark.parametrize('method', [icp, idc])
-def test_a_half_turn_is_beyond_them(method):
+def test_a_rotation_by_180_degrees_is_beyond_them(method):
     truth = SE2(0.5, 0.4, 2.5)
     metres, degrees = error(truth, register(method, *views(truth)))
     assert metres > 0.1 or degrees > 2.0
 
 
-def test_lines_say_so_when_there_are_none():
+def test_icl_fails_without_lines():
     empty = Scan(0, np.full(180, np.inf), ScanGeometry(-math.pi / 2, math.pi / 180, 180))
     scan, _ = views(SE2())
     assert register(icl, scan, empty).status is Status.FAILED

@@ -18,7 +18,7 @@ def at(degrees, radius=1.0):
     return radius * np.exp(1j * np.radians(np.asarray(degrees, dtype=float)))
 
 
-def test_a_view_knows_the_least_and_the_greatest_range_around_each_bearing():
+def test_a_profile_has_the_least_and_the_greatest_range_around_each_bearing():
     view = build_free_space_profile(circle(np.where(np.arange(360) < 180, 2.0, 3.0)), math.radians(1.0))
     assert len(view.near) == len(view.far) == 360
     bins = view.bins(at([-90.5, -1.5, -0.5, 0.5, 1.5, 90.5, 179.5, -179.5]))
@@ -36,7 +36,7 @@ def test_one_beam_without_a_return_is_bridged_and_three_are_not():
 
 
 @pytest.mark.parametrize('increment, bins', [(0.5, 60), (math.radians(-2.0), 180), (1e-4, 2880)])
-def test_a_view_is_as_fine_as_the_beams_within_limits(increment, bins):
+def test_the_resolution_of_a_profile_is_that_of_the_beams_within_limits(increment, bins):
     assert len(build_free_space_profile(circle(2.0), increment).near) == bins
 
 

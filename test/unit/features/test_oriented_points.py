@@ -21,13 +21,13 @@ def drawn(count, seed=0):
                  np.exp(1j * rng.uniform(-math.pi, math.pi, count)), np.arange(count))
 
 
-def test_points_without_a_normal_are_left_out_of_a_cloud():
+def test_points_without_a_normal_are_left_out():
     cloud = build_oriented_points(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]), np.array([4, 6]))
     assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j] and cloud.beams.tolist() == [6]
 
 
 @pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)), (4, range(0, 10, 3))])
-def test_a_cloud_is_thinned_evenly_to_at_most_so_many(count, kept):
+def test_points_are_thinned_evenly_to_a_maximum_number(count, kept):
     points = np.arange(10.0) + 0j
     assert OrientedPoints(points, points, np.arange(len(points))).thinned(count).points.real.tolist() == list(kept)
 

@@ -41,39 +41,39 @@ def test_the_noise_keeps_within_its_limits():
     assert estimate_noise(np.tile([1.0, 5.0], 50), limits) == estimate_noise(np.full(7, 2.0), limits) == 0.03
 
 
-def along_a_wall(noise, share, seed=0, uneven=0.0):
-    """Points of a wall 1 m aside, 1 m to 10 m away, a degree from beam to beam, give or take what is `uneven` [rad]."""
+def along_a_wall(noise, ratio, seed=0, uneven=0.0):
+    """Points of a wall 1 m aside, 1 m to 10 m away, a degree from beam to beam, within `uneven` [rad]."""
     rng, bearing = np.random.default_rng(seed), np.arange(-84, 85) * DEGREE
     bearing = bearing + uneven * rng.uniform(-1.0, 1.0, len(bearing))
     ranges = 1.0 / np.cos(bearing)
-    ranges += rng.normal(0.0, np.maximum(noise, share * ranges))
+    ranges += rng.normal(0.0, np.maximum(noise, ratio * ranges))
     return ranges * np.exp(1j * bearing)
 
 
-def share_of(points, limits=LIMITS, every=1):
+def ratio_in(points, limits=LIMITS, every=1):
     return estimate_noise_ratio(points, every * np.arange(len(points)), limits)
 
 
-def shares(noise, share, limits=LIMITS, uneven=0.0):
-    return np.array([share_of(along_a_wall(noise, share, seed, uneven), limits) for seed in range(200)])
+def ratios(noise, ratio, limits=LIMITS, uneven=0.0):
+    return np.array([ratio_in(along_a_wall(noise, ratio, seed, uneven), limits) for seed in range(200)])
 
 
-@pytest.mark.parametrize('share', [0.01, 0.02, 0.04])
-def test_noise_in_proportion_to_the_range_is_told_as_a_share(share):
-    found = shares(0.0, share)
-    assert np.median(found) == pytest.approx(share, rel=0.05)
+@pytest.mark.parametrize('ratio', [0.01, 0.02, 0.04])
+def test_noise_proportional_to_the_range_is_found_as_a_ratio(ratio):
+    found = ratios(0.0, ratio)
+    assert np.median(found) == pytest.approx(ratio, rel=0.05)
     assert np.mean(found == 0.0) < 0.2, 'of 169 beams: usual, not always'
 
 
-def test_the_same_noise_everywhere_is_no_share_and_neither_is_a_wall_that_bends():
-    assert np.mean(shares(0.01, 0.0) == 0.0) > 0.9
+def test_constant_noise_gives_no_ratio_and_neither_does_a_bent_wall():
+    assert np.mean(ratios(0.01, 0.0) == 0.0) > 0.9
     assert np.abs(np.diff(np.abs(along_a_wall(0.0, 0.0)), 2)).max() > 0.3
-    assert shares(0.0, 0.0).max() < 1e-9
+    assert ratios(0.0, 0.0).max() < 1e-9
 
 
 def test_beams_may_be_spread_unevenly():
-    assert shares(0.0, 0.0, uneven=0.3 * DEGREE).max() < 1e-9
-    assert np.median(shares(0.0, 0.03, uneven=0.3 * DEGREE)) == pytest.approx(0.03, rel=0.05)
+    assert ratios(0.0, 0.0, uneven=0.3 * DEGREE).max() < 1e-9
+    assert np.median(ratios(0.0, 0.03, uneven=0.3 * DEGREE)) == pytest.approx(0.03, rel=0.05)
 
 
 def test_outliers_are_no_noise():
@@ -81,16 +81,16 @@ def test_outliers_are_no_noise():
     for seed in range(200):
         points, rng = along_a_wall(0.01, 0.0, seed), np.random.default_rng(seed)
         wild = rng.random(len(points)) < 0.3
-        found.append(share_of(np.where(wild, rng.uniform(0.2, 10.0, len(points)) * points / np.abs(points), points)))
+        found.append(ratio_in(np.where(wild, rng.uniform(0.2, 10.0, len(points)) * points / np.abs(points), points)))
     assert np.mean(found) < 0.001
     assert np.mean(np.array(found) > 0.0) < 0.1
 
 
-def test_the_share_keeps_within_its_limit_and_asks_for_points_side_by_side():
-    assert shares(0.0, 0.04, ScanParameters(noise_ratio_max=0.03)).max() == 0.03
-    assert shares(0.0, 0.04, ScanParameters(noise_ratio_max=0.0)).max() == 0.0
+def test_the_ratio_keeps_within_its_limit_and_needs_neighbouring_points():
+    assert ratios(0.0, 0.04, ScanParameters(noise_ratio_max=0.03)).max() == 0.03
+    assert ratios(0.0, 0.04, ScanParameters(noise_ratio_max=0.0)).max() == 0.0
     points = along_a_wall(0.0, 0.04)
-    assert share_of(points, every=2) == share_of(points[:17]) == share_of(points[:0]) == 0.0
+    assert ratio_in(points, every=2) == ratio_in(points[:17]) == ratio_in(points[:0]) == 0.0
 
 
 def test_noise_that_one_of_two_scans_shows_is_chance():
@@ -103,11 +103,11 @@ def test_noise_that_one_of_two_scans_shows_is_chance():
     assert found(0.05, 0.05).weakest_information < 0.9 * found(0.0, 0.0).weakest_information
 
 
-def test_a_sensor_has_the_share_that_nearly_all_of_its_scans_tell():
-    def usual(shares):
+def test_the_noise_ratio_of_a_sensor_is_that_of_nearly_all_its_scans():
+    def usual(ratios):
         known, values = NoiseRatioHistory(), []
-        for share in shares:
-            known = known.after(share)
+        for ratio in ratios:
+            known = known.after(ratio)
             values.append(known.value)
         return values
 
@@ -135,7 +135,7 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     assert np.abs(found[0] - unweighted[0]).max() > 1e-4
 
 
-def test_a_part_of_a_cloud_stays_as_sharp():
+def test_selected_points_keep_their_inverse_noise():
     cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None, np.array((1.0, 0.5, 0.25, 0.2)))
     assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
     assert cloud.tolerance(0.1).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.5])
@@ -143,7 +143,7 @@ def test_a_part_of_a_cloud_stays_as_sharp():
     assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0, 3.0]), 'where they lie'
 
 
-def test_only_points_that_are_noisier_than_usual_are_blunt():
+def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
     features = extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.02))
     assert features.oriented_points.inverse_noise is None
     noisy = dataclasses.replace(features, noise_ratio=0.02).oriented_points
@@ -152,14 +152,14 @@ def test_only_points_that_are_noisier_than_usual_are_blunt():
     assert (noisy.inverse_noise[~far] == 1.0).all() and noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
 
 
-def test_a_range_is_as_noisy_as_the_scan_and_more_where_its_share_is_unusual():
+def test_the_noise_of_a_range_grows_with_an_unusual_ratio():
     radius = np.array([0.5, 2.5, 5.0, 10.0])
     assert range_noise(radius, 0.01, 0.02).tolist() == pytest.approx([0.01, 0.01, 0.06, 0.16])
     assert range_noise(radius, 0.01, 0.0).tolist() == [0.01] * 4
 
 
 def test_far_walls_are_as_straight_as_their_noise_lets_them_be():
-    """A hall of 16 m by 12 m, ranges off by 3 %: with noise told as one for all its walls fall to pieces, and normals stray."""
+    """A hall of 16 m by 12 m, ranges off by 3 %: with the same noise for every range, its walls break into pieces and its normals scatter."""
     hall_walls, rng = outline([(-8.0, -6.0), (8.0, -6.0), (8.0, 6.0), (-8.0, 6.0)]), np.random.default_rng(0)
     clean = look(hall_walls, geometry=ScanGeometry(-math.pi, 0.5 * DEGREE, 720))
     scan = dataclasses.replace(clean, ranges=clean.ranges * (1.0 + 0.03 * rng.normal(size=720)))
@@ -168,7 +168,7 @@ def test_far_walls_are_as_straight_as_their_noise_lets_them_be():
         normals = np.abs(features.normals[features.normals.any(axis=1)])
         return np.median(np.arcsin(normals.min(axis=1)))
 
-    told, not_told = extract_features(scan), extract_features(scan, noise_ratio=0.0)
-    assert told.noise_ratio == pytest.approx(0.03, abs=0.006)
-    assert straying(told) < 0.25 < 0.4 < straying(not_told)
-    assert np.median(told.segments.length) > 3.0 > 1.0 > np.median(not_told.segments.length)
+    with_ratio, without_ratio = extract_features(scan), extract_features(scan, noise_ratio=0.0)
+    assert with_ratio.noise_ratio == pytest.approx(0.03, abs=0.006)
+    assert straying(with_ratio) < 0.25 < 0.4 < straying(without_ratio)
+    assert np.median(with_ratio.segments.length) > 3.0 > 1.0 > np.median(without_ratio.segments.length)

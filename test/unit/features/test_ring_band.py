@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ring band filter: the panels of Figure 1, the regions of Figure 2, and what the paper leaves open."""
+"""Ring band filter: the panels of Figure 1, the regions of Figure 2, and what the paper does not specify."""
 import math
 
 import numpy as np

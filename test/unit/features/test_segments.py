@@ -187,7 +187,7 @@ def test_corners_lie_where_the_walls_meet(parameters, noise):
 @WAYS
 @pytest.mark.parametrize('turn', range(0, 360, 15))
 def test_walls_in_every_direction_are_alike(parameters, turn):
-    """A wall of 4 m at 2 m, wherever it stands: exact but for the float32 of its ranges."""
+    """A wall of 4 m at 2 m, in any direction: exact but for the float32 of its ranges."""
     pose = SE2(0.0, 0.0, math.radians(turn))
     found = segments_of(np.array([[(2.0, -2.0), (2.0, 2.0)]]), parameters, pose)
     assert len(found) == 1 + (found.beams[0, 0] == 0)
@@ -235,7 +235,7 @@ def test_segments_run_counter_clockwise():
 
 
 @pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'segments.sections': 5})], ids=['points', 'sections'])
-def test_errors_of_the_fit_are_as_large_as_said(parameters):
+def test_errors_of_the_fit_agree_with_its_covariance(parameters):
     """A wall 2 m ahead, 100 times with noise: errors in units of their standard deviations."""
     wall = np.array([[(2.0, -2.0), (2.0, 2.0)]])
     direction, offset = [], []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small things without normals that stand free count as round posts; among chairs and trees they hold the odometry."""
+"""Small isolated objects without normals become round poles, which constrain the odometry among chairs and trees."""
 import math
 
 import numpy as np
@@ -20,7 +20,7 @@ UNFILTERED = Parameters().replace({'filter.test': 'off'})
 SEGMENTS = UNFILTERED.segments
 LEG, OTHER = (1.2, 0.6, 0.02), (0.4, 1.3, 0.025)
 WALLS = outline(L_ROOM)[[0, 5]]
-"""Two walls of a room; the legs stand where nothing is behind them."""
+"""Two walls of a room; there is no wall behind the legs."""
 
 
 def place_with(*circles, pose=SE2(), geometry=FULL):
@@ -32,7 +32,7 @@ def place_with(*circles, pose=SE2(), geometry=FULL):
 
 
 def middles(features):
-    """Middles of the posts, complex [m]."""
+    """Centres of the poles, complex [m]."""
     return features.poles.points.reshape(-1, 8).mean(axis=1)
 
 
@@ -60,7 +60,7 @@ def test_it_does_not_matter_at_which_beam_the_scan_begins():
         assert features.poles.beams.min() >= 0 and features.poles.beams.max() < 360
 
 
-def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
+def test_poles_can_be_left_out_and_downweighted():
     features = with_poles(place_with(LEG, OTHER), 0.3, SEGMENTS)
     cloud, walls = features.oriented_points, len(features.wall_points)
     assert len(cloud) == walls + 16 and (cloud.weights[:walls] == 1.0).all()
@@ -75,22 +75,22 @@ def test_what_is_left_out_leaves_posts_out_and_what_is_doubted_counts_less():
 
 
 @pytest.mark.parametrize('circle', [(0.6, -1.42, 0.03), (1.2, 0.6, 0.3)], ids=['before a wall', 'large'])
-def test_what_is_large_or_stands_close_before_a_wall_is_no_post(circle):
+def test_a_large_object_or_one_close_to_a_wall_is_no_pole(circle):
     features = place_with(circle)
     assert with_poles(features, 0.3, SEGMENTS) is features
 
 
-def test_what_is_no_smaller_than_asked_for_is_no_post():
+def test_an_object_above_the_maximum_size_is_no_pole():
     features = place_with(LEG)
     assert with_poles(features, 0.005, SEGMENTS) is features
 
 
-def test_walls_are_no_posts():
+def test_walls_are_no_poles():
     features = place_with()
     assert with_poles(features, 0.3, SEGMENTS) is features and len(features.oriented_points) == len(features.wall_points)
 
 
-def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_not():
+def test_an_object_is_isolated_unless_a_nearer_one_is_beside_it():
     """Two returns with none around them; then with one of something nearer beside them."""
     ranges = np.full(360, np.inf)
     ranges[100:180] = 2.0 / np.cos(np.radians(np.arange(100, 180) - 140.0))
@@ -103,16 +103,16 @@ def test_beside_nothing_a_thing_stands_free_and_beside_something_nearer_it_does_
 
 
 @pytest.mark.parametrize('closed', [True, False])
-def test_where_a_scan_ends_nobody_knows_what_lies_beside(closed):
-    """The first beam sees a leg; only a scan that goes all the way round tells what lies before it."""
+def test_an_object_at_the_end_of_a_scan_is_not_isolated(closed):
+    """The first beam hits a leg; its neighbour before it is known in a full circle only."""
     geometry = FULL if closed else ScanGeometry(-math.pi, math.radians(1.0), 330)
     assert geometry.closed == closed
     features = with_poles(place_with((-1.2, 0.0, 0.012), geometry=geometry), 0.3, SEGMENTS)
     assert (features.poles is not None) == closed
 
 
-def test_a_post_holds_both_directions():
-    """Two legs in an empty place, seen from 5 cm beside and turned by 0.02 rad."""
+def test_a_pole_constrains_both_directions():
+    """Two legs without walls, seen from a pose 5 cm and 0.02 rad away."""
     def seen(pose):
         legs = place_with(LEG, OTHER, pose=pose)
         features = with_poles(legs, 0.3, SEGMENTS)
@@ -124,7 +124,7 @@ def test_a_post_holds_both_directions():
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
 
 
-def test_who_sets_off_unnoticed_is_found_where_the_motion_may_have_led():
+def test_an_unobserved_start_is_found_within_the_grown_uncertainty():
     """In a wood of which a few trunks on one side hold hardly anything; no scan is looked for where the first one was for ever."""
     course = simulated(wood(23), seed=23).take(slice(150))
     odometry = Odometry()

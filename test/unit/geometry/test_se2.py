@@ -40,7 +40,7 @@ def test_points_move_as_the_paper_says():
     np.testing.assert_allclose(SE2().apply([1.0, 2.0]), [1.0, 2.0])
 
 
-def test_a_turn_leaves_the_angle_alone():
+def test_a_rotated_vector_keeps_its_angle():
     turned = SE2(0.0, 0.0, 0.3) @ SE2(1.0, 2.0, 0.4)
     assert turn_matrix(0.3) @ (1.0, 2.0, 0.4) == pytest.approx([turned.x, turned.y, 0.4])
 

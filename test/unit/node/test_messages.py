@@ -144,7 +144,7 @@ def test_a_transform_says_where_the_laser_sits_and_which_way_up(yaw, roll):
     assert mounting.pose.as_array() == pytest.approx([0.2, -0.1, yaw])
 
 
-def test_turned_about_the_y_axis_the_laser_looks_back():
+def test_rotated_about_the_y_axis_the_laser_faces_backwards():
     mounting = Mounting.from_matrix(matrix_from_message(quaternion(pitch=math.pi)))
     assert mounting.upside_down
     assert abs(mounting.pose.theta) == pytest.approx(math.pi)

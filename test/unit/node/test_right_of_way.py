@@ -19,7 +19,7 @@ def sending(now=0.0):
 
 
 def taken_over(right, start, step=0.01):
-    """When ours is taken over, if nobody else is heard from `start` on."""
+    """Time at which ours is sent, if no transform of another node is received from `start` on."""
     return next(now for k in itertools.count() if right.take_over(now := start + k * step))
 
 
@@ -44,7 +44,7 @@ def test_one_stray_transform_takes_five_seconds_and_no_more():
     assert right.may_send(1.1 + WAIT + DISCOVERY, alone)
 
 
-def test_one_that_goes_on_is_given_way_to_for_as_long_as_it_does():
+def test_a_continuing_publisher_keeps_the_right_of_way():
     right = sending()
     for now in np.arange(1.0, 200.0, 4.9):
         right.conflict(now)
@@ -83,10 +83,10 @@ def test_who_insists_sends_at_once_and_waits_for_five_seconds_the_next_time():
 
 
 def simulated(seed, duration=120.0):
-    """Who of two like nodes sends each scan's transform: a list of (time, those that send).
+    """Which of two equal nodes sends the transform of each scan: a list of (time, senders).
 
-    Both hear the same scans, at 10 Hz with a pause, and look round once a second, each in its time; both start at once and do not
-    know each other, so that both send at first.
+    Both receive the same scans, at 10 Hz with a pause, and check the graph once a second, each with its own phase. Both start at once
+    before they have discovered each other, so that both send at first.
     """
     rng = np.random.default_rng(seed)
     rights, phases, announced = [RightOfWay(), RightOfWay()], rng.uniform(0.0, 1.0, 2), [0.0, 0.0]

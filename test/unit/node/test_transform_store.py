@@ -87,7 +87,7 @@ def test_frames_that_are_not_connected_are_named(store):
         store.lookup('base', 'laser', 0)
 
 
-def test_when_stamps_start_again_what_moves_is_forgotten_and_when_one_is_only_late_it_is_not(store):
+def test_restarted_stamps_clear_moving_transforms_and_a_late_stamp_does_not(store):
     store.add(transform('base', 'mast', x=5.0), static=True)
     for stamp in (100, 101, 92):
         store.add(transform('mast', 'laser', x=float(stamp), stamp=stamp * SECOND), static=False)

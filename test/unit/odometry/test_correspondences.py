@@ -54,7 +54,7 @@ def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
 
 
 def test_equations_are_turned_into_the_odometry_frame():
-    """Those of a registration to a key frame that is turned by half a right angle and stands elsewhere."""
+    """Those of a registration to a key frame at another position, rotated by 45 deg."""
     frame, current = SE2(-0.6, 0.3, 0.25 * math.pi), features(END)
     near = END @ SE2(0.03, -0.02, 0.015)
     inside = frame.inverse() @ near
@@ -72,10 +72,10 @@ def test_a_point_on_several_key_frames_counts_once():
     np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
 
 
-def test_points_are_dealt_to_key_frames_when_there_are_many():
-    """Nine times the same key frame: three hands of the points say together what all of them say to each.
+def test_points_are_distributed_over_key_frames_when_there_are_many():
+    """Nine times the same key frame: three subsets of the points give together what all points give with each key frame.
 
-    The few that face along the room are dealt to none: all key frames see them.
+    The few that face along the room are in no subset: they are compared with all key frames.
     """
     cloud = features(END).oriented_points
     along = np.abs(cloud.normals.real) > 0.7
@@ -94,7 +94,7 @@ def test_points_are_dealt_to_key_frames_when_there_are_many():
     assert np.array_equal(3 * found[~rare], times[~rare])
 
 
-def test_a_point_less_changes_the_partners_of_hardly_any_other():
+def test_leaving_out_a_point_changes_few_correspondences_of_others():
     cloud, near = features(END).oriented_points, END @ SE2(0.03, -0.02, 0.015)
     views = window(*(START @ SE2(0.02 * k, 0.01 * k, 0.01 * k) for k in range(9)))
     density = dataclasses.replace(DENSITY, max_points=len(cloud))
@@ -107,7 +107,7 @@ def test_a_point_less_changes_the_partners_of_hardly_any_other():
     assert len(before ^ after) < 0.05 * len(before)
 
 
-def test_key_frames_are_looked_up_each_in_its_own_surface():
+def test_key_frames_are_looked_up_each_in_its_own_likelihood_field():
     """Each sees a part of the room only; together they find the scan."""
     poses = SE2(3.5, 0.0, 0.2), SE2(-1.5, 2.6, -1.0), START
     near = END @ SE2(0.04, -0.03, 0.03)
@@ -116,8 +116,8 @@ def test_key_frames_are_looked_up_each_in_its_own_surface():
     assert (END.inverse() @ found).as_array() == pytest.approx(np.zeros(3), abs=3e-3)
 
 
-def test_a_wall_ends_where_a_key_frame_saw_it_end():
-    """Its last line would go on for as far as points have partners, and noise of its normal would pull what lies beyond back."""
+def test_correspondences_end_with_the_wall_of_the_key_frame():
+    """Without this limit the last line of the wall would extend to points beyond its end, and its noise would bias them."""
     short, longer = (extract_features(look(np.array([[(-2.0, -1.0), (end, -1.0)]]))) for end in (1.0, 1.3))
     correspondences = KeyFrameWindow([KeyFrame(short, SE2())]).correspondences(SE2(), longer.oriented_points, DENSITY)
     x, last = longer.oriented_points.points.real, short.oriented_points.points.real.max()
@@ -127,26 +127,26 @@ def test_a_wall_ends_where_a_key_frame_saw_it_end():
     assert found[x < last].all() and not found[beyond].any() and beyond.sum() > 3
 
 
-def partners_of_nothing(pose):
+def no_correspondences(pose):
     return window(SE2()).correspondences(pose, OrientedPoints(np.array([50.0 + 50.0j]), np.array([-1j]), np.array([0])), DENSITY)
 
 
-def test_where_no_point_has_a_partner_the_prior_has_its_way():
-    """The turn wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
+def test_without_correspondences_the_pose_is_that_of_the_prior():
+    """The angle wraps: from 3.1 rad to -3.1 rad it is 0.083 rad."""
     pose, expected = SE2(29.0, 1.0, 3.1), SE2(30.0, -1.0, -3.1)
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 4.0]])
-    found = align(partners_of_nothing(pose), pose, PosePrior(expected, root @ root.T), [0.1], 0.0)
+    found = align(no_correspondences(pose), pose, PosePrior(expected, root @ root.T), [0.1], 0.0)
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
-def test_damping_shortens_a_step_by_a_share_of_the_information_along_x_and_y():
+def test_damping_adds_a_fraction_of_the_information_along_x_and_y():
     """A quarter of 2 + 2 is added to 2, 2 and 4."""
     pose = SE2(0.3, 0.0, 0.0)
-    found = align(partners_of_nothing(pose), pose, PosePrior(SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0])), [0.1], 0.25)
+    found = align(no_correspondences(pose), pose, PosePrior(SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0])), [0.1], 0.25)
     assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
 
 
-def test_a_step_from_where_partners_were_looked_for_moves_their_errors():
+def test_a_step_from_the_pose_of_the_correspondences_changes_their_errors():
     """As at the place itself, to a tenth of a millimetre, and with the same weights."""
     current, views = features(END), window(START)
     near, step = END @ SE2(0.02, -0.02, 0.01), SE2(0.004, 0.003, 0.002)
@@ -177,7 +177,7 @@ def test_points_move_with_the_scan_and_the_more_the_farther_they_are_when_it_tur
     assert correspondences.mean_displacement(SE2(END.x + 0.03, END.y - 0.04, END.theta)) == pytest.approx(0.05)
     reach = np.abs(correspondences.rotated_points).mean()
     assert correspondences.mean_displacement(SE2(END.x, END.y, END.theta + 0.01)) == pytest.approx(0.01 * reach, rel=1e-4)
-    assert partners_of_nothing(END).mean_displacement(START) == 0.0
+    assert no_correspondences(END).mean_displacement(START) == 0.0
 
 
 def test_a_window_drops_its_oldest_key_frames():

@@ -13,7 +13,7 @@ STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
 MATCHED = np.diag((0.002, 0.003, 0.001)) ** 2
 SPREAD = np.diag((0.01, 0.01, 0.02)) ** 2
 CHANGE = np.diag((0.006, 0.006, 0.01)) ** 2
-NOBODY, EVERYBODY = np.zeros((3, 3)), np.eye(3)
+NONE, ALL = np.zeros((3, 3)), np.eye(3)
 ALONG_A_WALL = np.array([[0.1, 0.0, 0.0], [0.0, 0.9, 0.0], [0.0, 0.1, 0.9]])
 
 
@@ -21,10 +21,10 @@ def sigma(covariance):
     return np.sqrt(np.diagonal(covariance))
 
 
-def test_what_the_key_frames_hold_is_as_good_as_the_match():
+def test_a_pose_fixed_by_key_frames_has_the_covariance_of_the_match():
     drift = CovariancePropagation()
     for _ in range(5):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
     np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
     before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
     np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
@@ -33,17 +33,17 @@ def test_what_the_key_frames_hold_is_as_good_as_the_match():
 def test_every_key_frame_adds_its_own_error():
     drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
     for k in range(1, 5):
-        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
+        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
         drift.start_key_frame()
         assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
         assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
     assert drift.pose[1, 1] > 4 * MATCHED[1, 1]
 
 
-def test_where_nothing_holds_the_motion_an_unknown_speed_goes_on():
+def test_along_an_unobservable_motion_the_uncertainty_of_the_speed_stays():
     drift, still = CovariancePropagation(), SE2()
     for k in range(1, 31):
-        drift.propagate(still, INTERVAL, Prior(still, 1e-12 * EVERYBODY, 1e-12 * EVERYBODY))
+        drift.propagate(still, INTERVAL, Prior(still, 1e-12 * ALL, 1e-12 * ALL))
         assert sigma(drift.pose) == pytest.approx(3 * [k * INTERVAL], rel=1e-3)
         assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-3)
 
@@ -55,7 +55,7 @@ def test_no_speed_grows_without_bound():
     assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-6)
 
 
-def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
+def test_the_covariance_of_an_external_prior_replaces_that_of_the_twist():
     drift, still = CovariancePropagation(), SE2()
     for k in range(1, 10):
         drift.propagate(still, INTERVAL, Prior(still, SPREAD))
@@ -63,25 +63,25 @@ def test_a_motion_that_is_told_says_how_good_it_is_whatever_the_twist_was():
         np.testing.assert_allclose(drift.twist, SPREAD / INTERVAL ** 2)
 
 
-def test_an_interval_of_which_nothing_is_known_says_nothing_of_the_twist():
+def test_an_interval_of_zero_leaves_the_twist_unknown():
     drift = CovariancePropagation()
-    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
+    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
     assert np.isfinite(drift.pose).all()
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
-def test_after_a_leap_all_is_unknown():
+def test_after_an_unknown_motion_pose_and_twist_are_unknown():
     drift = CovariancePropagation()
-    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(EVERYBODY, MATCHED))
+    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
     drift.add_unknown_motion()
     np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
-@pytest.mark.parametrize('shares', [
-    [NOBODY] * 8, [EVERYBODY] * 8, [ALONG_A_WALL] * 8, [EVERYBODY, NOBODY, NOBODY, ALONG_A_WALL, EVERYBODY, 0.5 * EVERYBODY] * 2],
+@pytest.mark.parametrize('fractions', [
+    [NONE] * 8, [ALL] * 8, [ALONG_A_WALL] * 8, [ALL, NONE, NONE, ALONG_A_WALL, ALL, 0.5 * ALL] * 2],
     ids=['nothing', 'all', 'a wall', 'in turn'])
-def test_the_errors_of_many_drives_are_as_large(shares):
+def test_the_errors_of_many_drives_are_as_large(fractions):
     rng = np.random.default_rng(5)
     size, key_frames = 40000, (3, 5)
     back = STEP.inverse().adjoint()
@@ -89,15 +89,15 @@ def test_the_errors_of_many_drives_are_as_large(shares):
     # An error is that of the estimate against the truth, in the estimate's own frame; rows are drives.
     pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
-    for k, share in enumerate(shares):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(share, MATCHED))
+    for k, fraction in enumerate(fractions):
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(fraction, MATCHED))
         pose, base = pose @ back.T, base @ back.T
         change = rng.normal(size=(size, 3)) * sigma(CHANGE)
         jitter = rng.normal(size=(size, 3)) * sigma(SPREAD - CHANGE)
         matched = rng.normal(size=(size, 3)) * sigma(MATCHED)
         going_on = INTERVAL * kept * twist + change
-        found = (base + matched) @ share.T + (pose + going_on + jitter) @ (np.eye(3) - share).T
-        twist = (found - pose - jitter @ (np.eye(3) - share).T) / INTERVAL
+        found = (base + matched) @ fraction.T + (pose + going_on + jitter) @ (np.eye(3) - fraction).T
+        twist = (found - pose - jitter @ (np.eye(3) - fraction).T) / INTERVAL
         pose = found
         if k in key_frames:
             drift.start_key_frame()

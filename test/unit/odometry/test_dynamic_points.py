@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in space that key frames saw to be free is left out; what was hidden, or behind, is not."""
+"""Dynamic points lie in the free space of key frames; points that were occluded, or behind walls, do not."""
 import dataclasses
 import math
 import tracemalloc
@@ -34,7 +34,7 @@ HERE, THERE = SE2(-0.6, 0.3, 0.3), SE2(-0.8, 0.2, 0.1)
 
 
 def with_person(scan, bearing):
-    """The scan with somebody in front, and which beams see them."""
+    """The scan with a person in front, and which beams hit them."""
     body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
     ranges = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
     hidden = ranges < scan.ranges
@@ -51,7 +51,7 @@ def moving_beams(scan, frames, pose=THERE, margin=0.2):
     return set(features.beams[features.normals.any(axis=1)][moving].tolist())
 
 
-def test_nothing_of_a_room_moves():
+def test_no_point_of_a_room_is_dynamic():
     assert not moving_beams(look(outline(L_ROOM), THERE, FULL), [seen_from(HERE)])
 
 
@@ -61,8 +61,8 @@ def test_a_person_is_found_and_nothing_else():
     assert found <= set(np.flatnonzero(hidden).tolist()) and len(found) >= 0.8 * np.count_nonzero(hidden)
 
 
-def test_of_a_person_who_was_partly_there_all_moves():
-    """Somebody made half a step: the other half stands where they hid the room before."""
+def test_a_person_who_overlaps_their_old_position_is_dynamic_as_a_whole():
+    """The person has moved by half their width: the other half lies where they hid the room before."""
     room = look(outline(L_ROOM), THERE, FULL)
     before, now = (with_person(room, bearing)[0] for bearing in (0.4, 0.65))
     hidden = with_person(room, 0.65)[1]
@@ -71,7 +71,7 @@ def test_of_a_person_who_was_partly_there_all_moves():
 
 
 def test_a_person_by_a_long_wall_is_found_without_the_wall():
-    """The two are one run, a good part of which stands in front, and nearly half of the scan; yet they are a sixth of it."""
+    """Person and wall are one run of points: nearly half of the scan, a good part of it in free space; the person is a sixth."""
     walls = [[(1.2, -1.0), (1.2, 1.0)], [(-5.0, 3.0), (5.0, 3.0)], [(5.0, -3.0), (-5.0, -3.0)]]
     room = look(np.array(walls), geometry=HALF)
     scan, hidden = with_person(room, 0.0)
@@ -79,14 +79,14 @@ def test_a_person_by_a_long_wall_is_found_without_the_wall():
     assert found <= set(np.flatnonzero(hidden).tolist()) and len(found) >= 0.8 * np.count_nonzero(hidden)
 
 
-def test_who_stands_still_does_not_move():
+def test_a_person_at_rest_is_not_dynamic():
     room = look(outline(L_ROOM), THERE, FULL)
     scan, _ = with_person(room, 0.4)
     assert not moving_beams(scan, [seen_from(THERE, scan)])
     assert moving_beams(scan, [seen_from(THERE, scan), seen_from(HERE)])
 
 
-def test_where_most_would_move_the_pose_is_wrong():
+def test_if_most_points_would_be_dynamic_none_are():
     scan = look(outline(L_ROOM), THERE, FULL)
     assert not moving_beams(scan, [seen_from(HERE)], THERE @ SE2(0.0, 0.0, 1.2))
 
@@ -100,8 +100,8 @@ def test_points_left_out_have_no_normal_and_are_compared_to_nothing():
 
 
 @pytest.mark.parametrize('bearing', [0.4, 3.13, -3.13])
-def test_a_small_thing_that_stands_free_may_move_and_walls_do_not(bearing):
-    """Somebody in a room may, where the beams begin, too; not where smaller things are asked for."""
+def test_small_detached_objects_are_movable_and_walls_are_not(bearing):
+    """A person is movable, also across the first beam; not if only smaller objects are."""
     scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), bearing)
     features = extract_features(scan)
     cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
@@ -111,8 +111,8 @@ def test_a_small_thing_that_stands_free_may_move_and_walls_do_not(bearing):
     assert not detached_points(cloud.select(~theirs), 1.1, 10.0, closed=True).any()
 
 
-def test_where_a_scan_ends_nothing_is_seen_to_be_in_front():
-    """Half of somebody at the end of the scan stands free; a piece of wall between two people does not."""
+def test_at_the_end_of_a_scan_the_neighbour_counts_as_farther():
+    """Half of a person at the end of the scan is detached; a piece of wall between two people is not."""
     scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), 0.4)
     features = extract_features(scan)
     cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
@@ -124,7 +124,7 @@ def test_where_a_scan_ends_nothing_is_seen_to_be_in_front():
     assert not len(detached_points(cloud.select(slice(0, 0)), 1.1, 0.2, closed=False))
 
 
-def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
+def test_points_seen_from_elsewhere_at_the_same_place_are_static():
     scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
     window = KeyFrameWindow([KeyFrame(scans[HERE], HERE)])
     cloud, way = scans[THERE].oriented_points, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
@@ -135,7 +135,7 @@ def test_what_a_key_frame_saw_from_elsewhere_in_the_same_place_is_confirmed():
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
+def test_the_information_ratio_of_points_is_the_greatest_eigenvalue(seed):
     rng = np.random.default_rng(seed)
     normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
     cloud, chosen = OrientedPoints(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
@@ -145,12 +145,12 @@ def test_the_share_that_points_hold_is_the_greatest_eigenvalue(seed):
 
 
 def things(*centres, points=4):
-    """So many points close together at each place."""
+    """`points` points close together at each place."""
     places = (np.array(centres)[:, None] + 0.05 * np.arange(points)).ravel()
     return OrientedPoints(places, np.ones(len(places), dtype=complex), np.arange(len(places)))
 
 
-def test_what_lies_close_to_what_moves_is_beside_it():
+def test_points_close_to_dynamic_points_are_beside_them():
     """Along the scan, to either side."""
     points = np.array([2.0, 2.1, 2.2, 2.3, 5.0, 2.35, 9.0]) + 0j
     cloud = OrientedPoints(points, np.ones(7, dtype=complex), np.arange(7))
@@ -160,7 +160,7 @@ def test_what_lies_close_to_what_moves_is_beside_it():
     assert not beside(cloud, np.zeros(7, dtype=bool), 100.0).any()
 
 
-def test_a_thing_counts_as_it_is_outweighed():
+def test_movable_objects_are_weighted_by_the_support_of_others():
     def weights(*centres):
         return movable_weights(things(*centres), 1.1, 0.2, 0.03)[::4].tolist()
     assert weights(2.0) == [0.03]
@@ -168,11 +168,11 @@ def test_a_thing_counts_as_it_is_outweighed():
     assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j) == [0.03] * 3
     assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.5] * 4
     assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
-    # Two legs of somebody, and three posts.
+    # Two legs of a person, and three poles.
     assert weights(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
 
 
-def test_ever_so_many_things_take_little_memory():
+def test_many_movable_objects_take_little_memory():
     """Two thousand, 3 m apart, or all in one place."""
     centres = [2.0] + [2.0 + 3.0j * k for k in range(1, 2000)]
     tracemalloc.start()
@@ -193,7 +193,7 @@ def racks():
     return World(np.concatenate((hall, *legs)), np.array([(-2.0, 0.0), (29.0, 0.0)]))
 
 
-def test_among_the_legs_of_racks_the_odometry_sets_off():
+def test_the_odometry_starts_among_the_legs_of_racks():
     """Each of them may move, and they are all that faces along the aisle."""
     world = racks()
     result = simulate(world, follow(world.tour), Lidar(), seed=1)
@@ -205,8 +205,8 @@ def test_among_the_legs_of_racks_the_odometry_sets_off():
     assert math.hypot(off.x, off.y) < 0.1
 
 
-def test_points_in_doubt_count_little():
-    """Two thirds of a wall have gone on by 0.1 m and a third has not: it decides when the others are doubted."""
+def test_downweighted_points_have_little_influence():
+    """Two thirds of a wall have moved by 0.1 m and a third has not: it decides once the others are downweighted."""
     wall = extract_features(look(outline(L_ROOM), HERE, FULL, noise=0.0))
     points = np.column_stack((np.linspace(-2.0, 2.0, 90), np.full(90, 2.0)))
     moved = points + np.where(np.arange(90) % 3 > 0, 0.1, 0.0)[:, None] * (0.0, 1.0)
@@ -221,8 +221,8 @@ def test_points_in_doubt_count_little():
 
 
 @pytest.mark.parametrize(('size', 'held'), [(1.1, False), (0.0, True)])
-def test_a_corridor_is_not_lost_to_somebody_who_walks_ahead(size, held):
-    """They seem to stand still, and nearly all that faces along the corridor is they."""
+def test_a_person_walking_ahead_does_not_stop_the_odometry_in_a_corridor(size, held):
+    """The person keeps the same distance, and is nearly all that faces along the corridor."""
     world = corridor(seed=1)
     start, end = world.tour
     leader = Person(np.array([start + (1.2, 0.0), end]), speed=1.0)
@@ -235,8 +235,8 @@ def test_a_corridor_is_not_lost_to_somebody_who_walks_ahead(size, held):
     assert off.x < -5.0 if held else abs(off.x) < 0.3
 
 
-def off_behind_somebody(room, walk, **changes):
-    """How far off [m] a drive of 15 s ends with somebody always a metre ahead of the sensor, and how often it is OK."""
+def error_behind_a_person(room, walk, **changes):
+    """Error [m] at the end of a drive of 15 s with a person always a metre ahead of the sensor, and number of OK scans."""
     world = rooms(room)
     result = simulate(world, follow(world.tour), Lidar())
     rng, bearing = np.random.default_rng(walk), 0.0
@@ -251,22 +251,22 @@ def off_behind_somebody(room, walk, **changes):
 
 
 @pytest.mark.parametrize(('frames', 'size', 'held'), [(6, 1.1, False), (6, 0.0, False), (0, 1.1, False), (0, 0.0, True)])
-def test_somebody_who_walks_along_in_front_does_not_hold_the_odometry(frames, size, held):
+def test_a_co_moving_person_does_not_bias_the_odometry(frames, size, held):
     """Through a door and along furniture: their own motion is none."""
-    off, _ = off_behind_somebody(3, 0, dynamic_key_frames=frames, movable_size=size)
+    off, _ = error_behind_a_person(3, 0, dynamic_key_frames=frames, movable_size=size)
     assert off > 0.05 if held else off < 0.02
 
 
-def test_somebody_straight_ahead_who_hides_the_way_does_not_hold_a_drive():
-    """They seem to stand still, and are most of what faces along it."""
-    off, _ = off_behind_somebody(2, 2, movable_size=0.0)
+def test_a_co_moving_person_straight_ahead_does_not_bias_the_odometry():
+    """The person keeps the same distance, and is most of what faces along the drive."""
+    off, _ = error_behind_a_person(2, 2, movable_size=0.0)
     assert off > 0.5
-    off, ok = off_behind_somebody(2, 2)
+    off, ok = error_behind_a_person(2, 2)
     assert off < 0.01 and ok == 150
 
 
-def test_a_turn_between_like_walls_is_followed(data):
-    """Somebody hides the end of a corridor, whose other end looks the same, and the sensor turns round: the heading is known."""
+def test_a_rotation_in_a_symmetric_corridor_is_followed(data):
+    """A person hides the end of a symmetric corridor while the sensor turns by 180 deg: the heading stays right."""
     log, part = Intel(data / 'intel'), slice(1780, 1900)
     odometry, turned = Odometry(Parameters().replace({'odometry.movable_size': 0.0})), []
     for scan in strolled(log.scans[part], seed=0):
@@ -276,7 +276,7 @@ def test_a_turn_between_like_walls_is_followed(data):
 
 
 @pytest.mark.parametrize(('seed', 'first', 'last'), [(0, 1130, 1187), (7, 3480, 3560)], ids=['by a wall', 'while it turns'])
-def test_somebody_close_by_does_not_throw_the_odometry_off(data, seed, first, last):
+def test_a_person_close_by_causes_no_jump(data, seed, first, last):
     """They stand by a long wall; or the sensor turns on the spot, half of what it sees is new, and they hide much of the rest."""
     log, odometry, updates = Intel(data / 'intel'), Odometry(), []
     for scan in strolled(log.scans[:last], seed)[first:]:
@@ -289,8 +289,8 @@ def test_somebody_close_by_does_not_throw_the_odometry_off(data, seed, first, la
     assert not any(update.restarted for update in updates)
 
 
-def test_a_corridor_that_looks_the_same_from_its_other_end_does_not_stop_a_turn(data):
-    """The sensor turns on the spot while somebody hides most of it: turned by half a turn, 5 m away, it fits a little better."""
+def test_a_symmetric_corridor_does_not_stop_a_rotation(data):
+    """The sensor turns on the spot while a person hides most of the view; a pose rotated by 180 deg, 5 m away, fits slightly better."""
     log, odometry, turned = Intel(data / 'intel'), Odometry(), []
     for scan in strolled(log.scans[:1890], seed=0)[1650:]:
         turned.append(odometry.process(scan).pose.theta)
@@ -298,8 +298,8 @@ def test_a_corridor_that_looks_the_same_from_its_other_end_does_not_stop_a_turn(
     assert np.degrees(np.abs(off - off[0]).max()) < 3.0
 
 
-def behind_somebody(hidden, seed, **changes):
-    """How far behind [m] a drive of 6 s along a bare corridor ends when somebody hides its end in some scans, and the statuses
+def lag_behind_a_person(hidden, seed, **changes):
+    """How far behind [m] a drive of 6 s along a bare corridor ends if a person hides its end in some scans, and the statuses
     of the others.
     """
     world = dataclasses.replace(corridor(length=16.0, doors=0), tour=np.array([(2.0, 0.0), (12.0, 0.0)]))
@@ -315,30 +315,30 @@ def behind_somebody(hidden, seed, **changes):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_somebody_who_steps_aside_at_the_start_leaves_nothing_behind(seed):
+def test_a_person_who_steps_aside_at_the_start_causes_no_error(seed):
     """The first scan does not see the end of the corridor; the second does, and becomes a key frame."""
-    behind, statuses = behind_somebody(lambda k: k == 0, seed)
+    behind, statuses = lag_behind_a_person(lambda k: k == 0, seed)
     assert abs(behind) < 0.03
     assert all(status is Status.OK for status in statuses[1:])
 
 
 @pytest.mark.parametrize(('retries', 'lost'), [(2, False), (0, True)])
-def test_what_the_latest_key_frame_does_not_see_older_ones_may(retries, lost):
-    """Somebody hides the end of the corridor in every other three scans."""
-    behind, statuses = behind_somebody(lambda k: k % 6 < 3, 0, older_key_frames=retries)
+def test_older_key_frames_are_used_where_the_latest_is_occluded(retries, lost):
+    """A person hides the end of the corridor in every other three scans."""
+    behind, statuses = lag_behind_a_person(lambda k: k % 6 < 3, 0, older_key_frames=retries)
     assert (behind > 0.3) is lost
     assert (sum(status is not Status.OK for status in statuses) > 5) is lost
 
 
 @pytest.mark.parametrize('seed', [3, 6])
-def test_who_sets_off_behind_somebody_is_found_farther_on(seed):
+def test_a_start_behind_a_person_is_found_once_the_view_is_clear(seed):
     """The end of the corridor is hidden from the third scan on, while the sensor sets off and drives 0.9 m: it seems to rest."""
-    behind, statuses = behind_somebody(lambda k: 3 <= k < 20, seed)
+    behind, statuses = lag_behind_a_person(lambda k: 3 <= k < 20, seed)
     assert abs(behind) < 0.03
     assert all(status is Status.OK for status in statuses[-20:])
 
 
-def test_where_the_motion_is_not_known_nothing_is_left_out():
+def test_with_an_imprecise_prediction_no_point_is_dynamic():
     """The prior is no better than the margin: a person stays in."""
     room = look(outline(L_ROOM), THERE, FULL)
     scans = [room, with_person(dataclasses.replace(room, stamp=100_000_000), 0.4)[0]]

@@ -69,7 +69,7 @@ def test_outside_the_gate_a_result_that_is_not_ok_is_unreliable():
     assert verdict(gate(), 0.041, Status.AMBIGUOUS) == (Decision.REJECT, Reason.UNRELIABLE)
 
 
-def test_outside_the_gate_a_tentative_result_outweighs():
+def test_outside_the_gate_a_tentative_result_is_preferred():
     assert verdict(gate(), 0.041, has_tentative=True) == (Decision.REJECT, Reason.UNRELIABLE)
 
 
@@ -111,12 +111,12 @@ def test_a_precise_prior_is_not_weak():
 @pytest.mark.parametrize(('information', 'expected'), [
     (MANY, (Decision.ACCEPT, Reason.WITHIN_GATE)), (FEW, (Decision.REJECT, Reason.UNRELIABLE))])
 def test_results_by_few_points_do_not_override_the_wheels(information, expected):
-    """The wheels say 3.5 cm, the motion model 0, and the scan -1 cm; the two predictions agree."""
+    """Wheel odometry 3.5 cm, motion model 0, scan -1 cm; the two predictions agree."""
     assert verdict(gate(0.035, 0.0, external=True), -0.01, information=information) == expected
 
 
 def test_wheels_that_slip_are_overridden_by_few_points_near_the_motion_model():
-    """The wheels say 20 cm, far outside the gate of the motion model."""
+    """Wheel odometry 20 cm, far outside the gate of the motion model."""
     slipping = gate(0.2, 0.0, external=True)
     assert verdict(slipping, -0.01, information=FEW) == (Decision.ACCEPT, Reason.WITHIN_GATE)
     assert verdict(slipping, -0.05, information=FEW) == (Decision.REJECT, Reason.UNRELIABLE)
@@ -142,8 +142,8 @@ def test_no_search_within_the_gate_of_an_imprecise_prior():
     assert not gate(covariance=wide).asks_for_search_within(SE2(2.0), result(Status.AMBIGUOUS))
 
 
-def calibrated():
-    """Wheels that proved ten times as precise as they say."""
+def precise_wheels():
+    """Wheels ten times as precise as their covariance."""
     wheels = WheelCalibration()
     for _ in range(1000):
         wheels.learn(Prior(SE2(0.5, 0.2, 0.3), SIGMA), SE2(0.5, 0.2, 0.3), 1.0, 300.0)
@@ -152,9 +152,9 @@ def calibrated():
 
 def test_wheels_that_proved_precise_are_tightened_where_the_match_agrees():
     at = gate(0.0, 0.0, external=True)
-    assert at.used_prior(SE2(0.004), calibrated()).covariance[0, 0] < 0.1 * SIGMA[0, 0]
-    assert at.used_prior(SE2(0.03), calibrated()).covariance[0, 0] == SIGMA[0, 0]
-    assert gate().used_prior(SE2(), calibrated()).covariance[0, 0] == SIGMA[0, 0]
+    assert at.used_prior(SE2(0.004), precise_wheels()).covariance[0, 0] < 0.1 * SIGMA[0, 0]
+    assert at.used_prior(SE2(0.03), precise_wheels()).covariance[0, 0] == SIGMA[0, 0]
+    assert gate().used_prior(SE2(), precise_wheels()).covariance[0, 0] == SIGMA[0, 0]
 
 
 def test_a_prior_that_the_match_contradicts_has_no_information():

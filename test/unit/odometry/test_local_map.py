@@ -31,14 +31,14 @@ def test_a_single_key_frame_is_the_map():
     assert KeyFrameWindow([frame]).local_map is frame.features
 
 
-def test_what_is_hidden_from_the_last_key_frame_is_known_from_before():
+def test_the_local_map_keeps_walls_occluded_from_the_last_key_frame():
     """A box hides a part of the wall at x = 4; before it was not there."""
     points = around(key_frame(BEFORE), key_frame(HERE, BOX))
     hidden = points[(points.real > 1.5) & (np.abs(points.imag) < 1.0)]
     assert len(hidden) > 10 and hidden.real == pytest.approx(4.0, abs=1e-6)
 
 
-def test_what_has_gone_is_not_in_the_map():
+def test_removed_objects_are_not_in_the_local_map():
     points = around(key_frame(BEFORE, BOX), key_frame(HERE))
     assert not ((points.real > 0.9) & (points.real < 1.5) & (np.abs(points.imag) < 0.6)).any()
 

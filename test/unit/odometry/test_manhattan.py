@@ -19,7 +19,7 @@ STEP = 0.3
 
 
 def walls(*directions, length=3.0):
-    """Segments in these directions [rad], as long as that [m]."""
+    """Segments in these directions [rad], of these lengths [m]."""
     directions, count = np.array(directions, dtype=float), len(directions)
     half = 0.5 * length * np.column_stack((np.cos(directions), np.sin(directions)))
     return Segments(-half, half, wrap(directions), np.full(count, length), np.full(count, 0.003), np.full(count, 0.01),
@@ -27,7 +27,7 @@ def walls(*directions, length=3.0):
 
 
 def drive(way, faced, seed=0, frame=None, drift=P.heading_drift, parameters=P):
-    """Errors of a heading [rad] that drifts at random, before and after what the walls say, every `STEP`.
+    """Errors of a heading [rad] with a random walk, before and after the correction by walls, every `STEP`.
 
     ``faced(distance)`` are the directions of the walls in sight, in the world.
     """
@@ -65,7 +65,7 @@ def test_walls_that_are_off_for_a_while_turn_it_little():
 
 @pytest.mark.parametrize('faced', [
     pytest.param(lambda at: np.radians([(37.0 * k + at * 5.0) % 180.0 for k in range(6)]), id='all ways'),
-    pytest.param(lambda at: np.radians([at * 4.0]), id='a round room'),
+    pytest.param(lambda at: np.radians([at * 4.0]), id='a circular room'),
     pytest.param(lambda _: np.empty(0), id='no walls'),
 ])
 def test_where_walls_share_no_direction_nothing_is_corrected(faced):
@@ -95,7 +95,7 @@ def test_a_wing_that_faces_otherwise_becomes_the_measure():
     assert np.abs(np.diff(corrected)).max() < 0.5
 
 
-def test_who_turns_on_the_spot_is_held_by_the_same_walls():
+def test_a_rotation_on_the_spot_is_corrected_by_the_same_walls():
     frame, rng, raw, corrected = ManhattanHeading(), np.random.default_rng(0), 0.0, 0.0
     for k in range(400):
         off = rng.normal(0.0, math.radians(0.1)) if k else 0.0

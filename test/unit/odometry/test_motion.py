@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that goes on, from poses alone."""
+"""Constant-velocity motion model, from poses alone."""
 import math
 
 import numpy as np
@@ -28,7 +28,7 @@ def drive(motion, pose, steps, step=STEP, free=None, share=1.0):
     return pose
 
 
-def test_a_steady_motion_goes_on():
+def test_a_constant_velocity_is_predicted():
     motion = ConstantVelocityModel(SE2())
     assert not motion.has_velocity
     drive(motion, SE2(), 30)
@@ -37,14 +37,14 @@ def test_a_steady_motion_goes_on():
     assert expected == pytest.approx(STEP.as_array(), abs=1e-4)
 
 
-def test_where_a_scan_was_lost_the_motion_goes_on_for_twice_as_long():
+def test_a_dropped_scan_doubles_the_predicted_motion():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 30)
     twice = motion.predict(ScanInterval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
     assert twice == pytest.approx((STEP @ STEP).as_array(), abs=2e-3)
 
 
-def test_after_a_gap_nothing_is_known_of_the_motion():
+def test_after_a_gap_the_motion_is_unknown():
     motion, gap = ConstantVelocityModel(SE2()), ScanInterval(0.1, 1.5, 0.02, steady=True)
     drive(motion, SE2(), 30)
     prior = motion.predict(gap, P)
@@ -52,14 +52,14 @@ def test_after_a_gap_nothing_is_known_of_the_motion():
     np.testing.assert_array_equal(prior.covariance, unknown_motion_covariance(gap, P))
 
 
-def test_along_a_free_direction_the_speed_stays_as_it_was():
+def test_along_a_degenerate_direction_the_speed_is_kept():
     motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30, SE2(0.05))
     drive(motion, pose, 1, SE2(0.09, 0.02), free=0.0, share=0.0)
     assert motion.twist == pytest.approx([0.5, 0.2, 0.0], abs=1e-9)
 
 
-def test_once_a_scan_holds_the_free_direction_again_the_speed_follows_from_the_way_since():
+def test_once_the_direction_is_observable_the_speed_follows_from_the_distance():
     motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30, SE2(0.05))
     pose = drive(motion, pose, 9, SE2(0.05), free=0.0, share=0.0)
@@ -68,7 +68,7 @@ def test_once_a_scan_holds_the_free_direction_again_the_speed_follows_from_the_w
     assert motion.twist[0] == pytest.approx(0.5 + 1.5 * 0.2, abs=1e-9)
 
 
-def test_the_longer_a_direction_was_free_the_farther_along_it_a_scan_may_be():
+def test_the_sigma_along_a_degenerate_direction_grows_with_time():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5, free=0.5 * math.pi, share=0.0)
     here = motion.predict(TICK, P)
@@ -79,7 +79,7 @@ def test_the_longer_a_direction_was_free_the_farther_along_it_a_scan_may_be():
     assert motion.gate_covariance(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
 
 
-def test_the_longer_scans_were_found_nowhere_the_farther_off_in_every_direction_one_may_be():
+def test_while_lost_the_sigma_grows_in_every_direction():
     motion = ConstantVelocityModel(SE2())
     drive(motion, SE2(), 5)
     here = motion.predict(TICK, P)
@@ -89,11 +89,11 @@ def test_the_longer_scans_were_found_nowhere_the_farther_off_in_every_direction_
     np.testing.assert_allclose(farther, np.diag((way, way, turn)) ** 2, atol=1e-12)
     most = motion.gate_covariance(here, SE2(), P.time.max_jump, P)
     np.testing.assert_array_equal(motion.gate_covariance(here, SE2(), 1000.0, P), most)
-    told = Prior(SE2(), here.covariance)
-    np.testing.assert_array_equal(motion.gate_covariance(told, SE2(), 1000.0, P), told.covariance)
+    external = Prior(SE2(), here.covariance)
+    np.testing.assert_array_equal(motion.gate_covariance(external, SE2(), 1000.0, P), external.covariance)
 
 
-def test_a_way_from_where_the_last_scan_only_may_have_been_is_no_motion():
+def test_the_distance_from_an_unknown_position_gives_no_velocity():
     motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30)
     motion.forget_position()

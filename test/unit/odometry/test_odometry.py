@@ -121,7 +121,7 @@ def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
     assert update.increment.x == pytest.approx(expected, abs=0.008)
 
 
-def test_what_is_expected_can_be_asked_for_and_asking_changes_nothing():
+def test_a_prediction_can_be_requested_and_changes_nothing():
     asked, other = Odometry(), Odometry()
     assert asked.predict_motion(0) is None
     for i, pose in enumerate(drive(20)):
@@ -129,16 +129,16 @@ def test_what_is_expected_can_be_asked_for_and_asking_changes_nothing():
         assert asked.process(scan_at(pose, i)).pose == other.process(scan_at(pose, i)).pose
     expected = asked.predict_motion(20 * TENTH)
     noise = noise_at(20 * TENTH, np.random.default_rng(6))
-    coasted, told = asked.process(noise), other.process(noise, expected)
-    assert coasted.pose == told.pose
+    coasted, given = asked.process(noise), other.process(noise, expected)
+    assert coasted.pose == given.pose
     assert coasted.increment.as_array() == pytest.approx(expected.transform.as_array(), abs=1e-12)
-    assert np.array_equal(coasted.covariance, told.covariance)
+    assert np.array_equal(coasted.covariance, given.covariance)
     late = asked.predict_motion(60 * TENTH)
     assert late.transform == SE2() and late.translation_sigma > 5.0 * expected.translation_sigma
 
 
 @pytest.mark.parametrize(('before', 'turn'), [(0.0, 0.3), (0.2, 0.5), (-0.2, 0.2), (0.3, 0.3), (0.4, 0.0)])
-def test_a_turn_from_elsewhere_bends_the_way_and_leaves_its_spread(before, turn):
+def test_a_measured_rotation_bends_the_arc_and_keeps_its_covariance(before, turn):
     """The same way along another arc; the chord of an arc of length s that turns by t is s sin(t / 2) / (t / 2)."""
     def arc(turned):
         chord = 0.5 * np.sinc(0.5 * turned / np.pi)
@@ -164,45 +164,45 @@ def test_a_lost_sensor_coasts_then_stands_then_restarts():
     assert np.trace(updates[40].covariance) > 10.0 * np.trace(updates[0].covariance)
 
 
-def test_a_lost_sensor_goes_on_as_it_is_told():
-    odometry, rng, told = Odometry(), np.random.default_rng(2), Prior(SE2(0.03, 0.0, 0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
+def test_a_lost_sensor_follows_the_external_prior():
+    odometry, rng, prior = Odometry(), np.random.default_rng(2), Prior(SE2(0.03, 0.0, 0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
     for update in run(odometry, drive(10)):
         last = update
     for i in range(10, 40):
-        update = odometry.process(noise_at(i * TENTH, rng), told)
+        update = odometry.process(noise_at(i * TENTH, rng), prior)
         last_pose, last = last.pose, update
         assert update.status is not Status.OK
-        assert error(update, last_pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+        assert error(update, last_pose @ prior.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_after_a_gap_a_lost_sensor_restarts_where_it_is_told_to_be():
-    """The robot drove on and turned while nothing was heard of the lidar, and sees nothing that it knows."""
-    odometry, told = Odometry(), Prior(SE2(0.8, 0.1, 1.3), np.diag((0.05, 0.05, 0.05)) ** 2)
+def test_after_a_gap_a_lost_sensor_restarts_at_the_external_prior():
+    """The robot moved on while no scan was received; the next one matches no key frame."""
+    odometry, prior = Odometry(), Prior(SE2(0.8, 0.1, 1.3), np.diag((0.05, 0.05, 0.05)) ** 2)
     *_, last = run(odometry, drive(10))
-    update = odometry.process(noise_at(20 * SECOND, np.random.default_rng(2)), told)
+    update = odometry.process(noise_at(20 * SECOND, np.random.default_rng(2)), prior)
     assert update.restarted and update.status is Status.FAILED
-    assert error(update, last.pose @ told.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert update.increment.as_array() == pytest.approx(told.transform.as_array())
+    assert error(update, last.pose @ prior.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert update.increment.as_array() == pytest.approx(prior.transform.as_array())
 
 
 @pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
-def test_what_wheels_get_wrong_in_sight_is_known_out_of_it(memory, least, most):
-    """Wheels that tell 5 % too much, unequal, under a sensor 8 cm from where it is said to be; 0.9 s in which nothing is seen."""
+def test_the_wheel_calibration_corrects_the_prior_while_lost(memory, least, most):
+    """Wheels 5 % too large and unequal, a sensor 8 cm from its stated mounting; then 0.9 s without a usable scan."""
     odometry, poses, rng = Odometry(Parameters().replace({'prior.calibration_distance': memory})), drive(160), np.random.default_rng(7)
     step = poses[0].inverse() @ poses[1]
-    told = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
+    prior = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
     for i, pose in enumerate(poses):
         scan = scan_at(pose, i, noise=0.005) if i < 151 else noise_at(i * TENTH, rng)
-        update = odometry.process(scan, told if i else None)
+        update = odometry.process(scan, prior if i else None)
         assert (update.status is Status.OK) == (i < 151)
-    as_told = poses[150]
+    by_wheels = poses[150]
     for _ in range(9):
-        as_told = as_told @ told.transform
-    wrong = math.hypot(*(poses[-1].inverse() @ as_told).as_array()[:2])
+        by_wheels = by_wheels @ prior.transform
+    wrong = math.hypot(*(poses[-1].inverse() @ by_wheels).as_array()[:2])
     assert least * wrong <= error(update, poses[-1])[0] <= most * wrong
 
 
-def test_wheels_that_slip_are_not_believed_where_few_points_hold_the_motion():
+def test_slipping_wheels_are_rejected_where_few_points_constrain_the_motion():
     """Half a metre at once, between two walls with a box at one of them."""
     walls = np.concatenate((PARALLEL, outline([(3.0, -1.0), (3.4, -1.0), (3.4, -0.4), (3.0, -0.4)])))
     odometry, spread = Odometry(), np.diag((0.02, 0.02, 0.03)) ** 2
@@ -242,7 +242,7 @@ def test_a_bad_scan_changes_nothing():
         assert update.pose == expected[i].pose
 
 
-def test_stamps_that_go_back_a_long_way_restart_and_keep_the_pose():
+def test_stamps_far_in_the_past_restart_and_keep_the_pose():
     odometry, poses = Odometry(), drive(30)
     last = run(odometry, poses)[-1]
     update = odometry.process(dataclasses.replace(scan_at(poses[0], 0), stamp=-10 * SECOND))
@@ -257,7 +257,7 @@ def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
     assert error(update, poses[30])[0] < 0.03
 
 
-def test_after_a_gap_between_uneven_stamps_the_last_motion_goes_on():
+def test_after_a_gap_between_uneven_stamps_the_last_velocity_is_kept():
     odometry, late = Odometry(), 12 * TENTH
     odometry.process(dataclasses.replace(scan_at(SE2(), 0), stamp=-SECOND // 1000))
     run(odometry, [SE2(0.03 * k) for k in range(20)])
@@ -311,7 +311,7 @@ def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
 
 
 @pytest.mark.parametrize(('name', 'seed'), [('hokuyo_urg04lx', 2), ('lds', 3), ('lds', 4)])
-def test_after_a_second_without_scans_nobody_has_turned_back(name, seed):
+def test_after_a_second_without_scans_the_heading_is_kept_in_a_symmetric_corridor(name, seed):
     """A short corridor, there and back: it looks the same both ways, but only one way is where the sensor was heading."""
     world = corridor(length=14.0, doors=4, seed=seed)
     result = simulate(world, follow([*world.tour, world.tour[0], world.tour[1]], speed=1.2, acceleration=1.0, turn_rate=1.6),
@@ -323,7 +323,7 @@ def test_after_a_second_without_scans_nobody_has_turned_back(name, seed):
     assert math.degrees(max(off)) < 15.0
 
 
-def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out():
+def test_after_any_gap_the_prior_rejects_a_rotation_by_180_degrees():
     odometry = Odometry()
     run(odometry, drive(20))
     limit = odometry.parameters.prior.gate
@@ -335,7 +335,7 @@ def test_however_long_nothing_was_heard_a_half_turn_is_what_the_prior_rules_out(
 
 @pytest.mark.parametrize('jitter, pace, longer', [(0.05, 1.0, 1.0), (0.0, 0.5, 1.0), (0.0, 1.0, 2.0)])
 def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pace, longer):
-    """Stamps that jitter, a clock that is slow, scans that are said to take twice as long as they do."""
+    """Stamps with jitter, a slow clock, a stated scan duration of twice the true one."""
     world, lidar = rooms(1), LIDARS['rplidar_a']
     result = simulate(world, follow(world.tour[:5], turn_rate=1.2), lidar, seed=1)
     late = np.random.default_rng(1).uniform(-jitter, jitter, len(result.scans))
@@ -349,13 +349,13 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
         assert angle < 0.045
 
 
-def test_what_is_expected_is_the_same_for_who_asks_where_stamps_overlap():
+def test_a_requested_prediction_is_the_one_used_where_stamps_overlap():
     world, lidar = rooms(1), LIDARS['rplidar_a']
     result = simulate(world, follow(world.tour[:3]), lidar, seed=1)
-    late, alone, told = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
+    late, alone, asked = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
     for scan, delay in zip(result.scans, late):
         scan = dataclasses.replace(scan, stamp=scan.stamp + round(delay * SECOND))
-        poses = alone.process(scan).pose, told.process(scan, told.predict_motion(scan.stamp)).pose
+        poses = alone.process(scan).pose, asked.process(scan, asked.predict_motion(scan.stamp)).pose
         assert poses[0] == poses[1]
 
 
@@ -395,7 +395,7 @@ def test_a_changed_number_of_beams_goes_on():
     assert error(update, poses[-1])[0] < 0.03
 
 
-def test_deskewing_takes_the_motion_out_of_a_scan():
+def test_deskewing_removes_the_motion_from_a_scan():
     twist, increment = np.array([1.0, 0.0, 1.5]), 0.1 / FULL.size
     start = SE2(0.2, 0.1, 0.3)
     ranges = [look(ROOM, start @ SE2(twist[0] * t, 0.0, twist[2] * t), FULL).ranges[i]
@@ -411,7 +411,7 @@ def test_deskewing_takes_the_motion_out_of_a_scan():
     assert deskew(dataclasses.replace(skewed, time_increment=0.0), twist).geometry is FULL
 
 
-def test_every_beam_is_moved_by_the_way_since_the_stamp():
+def test_every_beam_is_moved_by_the_motion_since_the_stamp():
     scan = Scan(5, [1.0, 2.0, 3.0], ScanGeometry(0.2, 1.0, 3), 0.1, 'laser')
     found = deskew(scan, [1.0, 2.0, 0.5])
     expected = [SE2(0.1 * k, 0.2 * k, 0.05 * k).apply(scan.points[k]) for k in range(3)]
@@ -422,7 +422,7 @@ def test_every_beam_is_moved_by_the_way_since_the_stamp():
 
 
 def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
-    """The sensor stands, then drives off at once; every scan is brought to its stamp by the twist of the one before."""
+    """The sensor accelerates from rest in one step; each scan is deskewed by the twist of the scan before."""
     odometry, speed, increment = Odometry(), 0.5, 0.1 / FULL.size
     for i in range(20):
         way = speed * np.maximum(0.1 * (i - 5) + increment * np.arange(FULL.size), 0.0)
@@ -449,17 +449,17 @@ def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
             assert angle < turned
 
 
-def test_a_scan_that_is_looked_at_again_tells_of_its_noise_once(monkeypatch):
-    """The motion is taken out of the first two scans once the second one is found."""
-    told, after = [], NoiseRatioHistory.after
-    monkeypatch.setattr(NoiseRatioHistory, 'after', lambda self, share: told.append(share) or after(self, share))
+def test_a_scan_that_is_processed_twice_adds_its_noise_once(monkeypatch):
+    """The first two scans are deskewed once the second one is registered."""
+    added, after = [], NoiseRatioHistory.after
+    monkeypatch.setattr(NoiseRatioHistory, 'after', lambda self, ratio: added.append(ratio) or after(self, ratio))
     lidar, rng, odometry, world = LIDARS['rplidar_a'], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
     for i in range(2):
         way = 0.8 * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
         poses = np.column_stack((way, np.zeros((lidar.beams, 2))))
         update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
     assert update.twist[0] == pytest.approx(0.8, abs=0.1), 'the scans were looked at again'
-    assert len(told) == 2
+    assert len(added) == 2
 
 
 def test_a_start_at_rest_stays_as_it_is():
@@ -470,7 +470,7 @@ def test_a_start_at_rest_stays_as_it_is():
 
 
 @pytest.mark.parametrize('jump', [-50, 3])
-def test_after_a_jump_of_the_stamps_no_motion_is_taken_out_of_a_scan(jump):
+def test_after_a_jump_of_the_stamps_a_scan_is_not_deskewed(jump):
     """The sensor turns, then the stamps jump and it rests."""
     odometry, increment, updates = Odometry(), 0.1 / FULL.size, []
     for i in range(40):
@@ -584,7 +584,7 @@ NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_ratio=0.035), '5
 
 @pytest.mark.parametrize(('lidar', 'least'), [(lidar, 0.95 if name == '5 cm' else 1.0) for name, lidar in (LIDARS | NOISY).items()],
                          ids=[*LIDARS, *NOISY])
-def test_in_a_corridor_without_features_every_lidar_names_the_free_direction(lidar, least):
+def test_in_a_bare_corridor_the_degenerate_direction_is_reported_for_every_lidar(lidar, least):
     """Both ends out of range; the noise of some is greater than what lies between two beams, and may hold it by chance."""
     world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (20.0, 0.0)]))
     drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
@@ -631,7 +631,7 @@ def test_in_a_corridor_without_features_the_prior_decides(name):
 
 
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
-    """And what moves after it has stood is followed at once."""
+    """A motion after the standstill is followed at once."""
     rng = np.random.default_rng(8)
     odometry, steady = Odometry(Parameters().replace({'odometry.zero_velocity_gate': 0.0})), Odometry()
     scans = [dataclasses.replace(scan_at(SE2(), i), ranges=scan_at(SE2(), i).ranges + rng.normal(0.0, 0.01, FULL.size))
@@ -644,7 +644,7 @@ def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
 
 
 def test_along_a_smooth_corridor_the_covariance_says_how_far_the_pose_may_be_off():
-    """The sensor starts at rest, and nothing tells that it drives away."""
+    """The sensor starts at rest; no measurement shows that it drives away."""
     recording = simulate(dataclasses.replace(corridor(60.0, doors=0), tour=np.array([(15.0, 0.0), (45.0, 0.0)])),
                          follow([(15.0, 0.0), (30.0, 0.0)]), Lidar(range_max=10.0), seed=2)
     odometry, start = Odometry(), SE2.from_array(recording.truth[0])
@@ -660,7 +660,7 @@ def test_along_a_smooth_corridor_the_covariance_says_how_far_the_pose_may_be_off
 
 
 @pytest.mark.parametrize('lidar', [Lidar(), LIDARS['hokuyo_utm30lx']], ids=['plain', 'utm30lx'])
-def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_says_so(lidar):
+def test_in_the_centre_of_a_circular_room_the_heading_is_reported_unobservable(lidar):
     world = World(outline(as_vectors(6.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
     rng = np.random.default_rng(4)
     odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
@@ -674,31 +674,31 @@ def test_in_the_middle_of_a_round_room_nothing_tells_the_turn_and_the_odometry_s
 
 
 @pytest.mark.parametrize('name', ['plain', 'hokuyo_utm30lx', 'lds'])
-def test_in_a_round_room_way_and_turn_are_as_told(name):
+def test_in_a_circular_room_translation_and_rotation_follow_the_prior(name):
     """9.4 m around its middle, 1.5 m off it: any way along the wall is free, with its turn."""
     spread = np.diag((0.02, 0.02, 0.03)) ** 2
-    update = around_a_round_room(LIDARS.get(name, Lidar()), lambda motion, expected: Prior(motion, spread))
+    update = around_a_circular_room(LIDARS.get(name, Lidar()), lambda motion, expected: Prior(motion, spread))
     distance, turn = error(update, SE2())
     assert distance < 0.94 and turn < 0.63
     assert turn < 3.0 * math.sqrt(update.covariance[2, 2])
 
 
-def test_in_a_round_room_a_gyroscope_tells_the_way_along_the_wall():
-    """With the turn, and the wall on its side; no speed straight on is kept against them."""
-    update = around_a_round_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_rotation(motion.theta, 0.01))
+def test_in_a_circular_room_a_gyroscope_gives_the_motion_along_the_wall():
+    """By the rotation and the wall on one side, against the constant velocity straight ahead."""
+    update = around_a_circular_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_rotation(motion.theta, 0.01))
     distance, turn = error(update, SE2())
     assert distance < 0.94 and turn < 0.63
 
 
-def around_a_round_room(lidar, told):
-    """The last of 120 scans; the prior of each is ``told(motion, expected)``."""
+def around_a_circular_room(lidar, prior_of):
+    """Update of the last of 120 scans; the prior of each is ``prior_of(motion, predicted)``."""
     world = World(outline(as_vectors(3.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
     rng, lidar = np.random.default_rng(1), dataclasses.replace(lidar, duration=0.0)
     angles = np.linspace(0.0, 2.0 * math.pi, 120)
     poses = [SE2(1.5 * math.cos(angle), 1.5 * math.sin(angle), angle + 0.5 * math.pi) for angle in angles]
     odometry, before = Odometry(), poses[0]
     for k, pose in enumerate(poses):
-        prior = told(before.inverse() @ pose, odometry.predict_motion(k * TENTH))
+        prior = prior_of(before.inverse() @ pose, odometry.predict_motion(k * TENTH))
         update, before = odometry.process(measure(world, pose.as_array()[None], lidar, rng, k * TENTH), prior), pose
     return update
 
@@ -715,7 +715,7 @@ def test_a_lidar_that_loses_four_beams_of_five_is_followed():
     assert distance < 0.05 and turn < 0.01
 
 
-def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):
+def test_after_gaps_in_symmetric_corridors_the_heading_is_kept(data):
     """Key frames a metre apart, with two to four seconds between them, along corridors that look the same both ways."""
     recording = open_recording(data / 'aces' / 'aces.log.gz')
     truth, odometry, off = recording.truth()[1], Odometry(), []
@@ -727,7 +727,7 @@ def test_after_a_gap_in_a_corridor_nobody_has_turned_back(data):
 
 @pytest.mark.parametrize('name', [each.name for each in Parameters.describe() if each.minimum is not None])
 def test_a_parameter_may_have_its_least_value(name):
-    """In a room with a box that may move, where there is nothing but the box, and between two bare walls."""
+    """In a room with a movable box, with nothing but the box, and between two bare walls."""
     least = {each.name: each.minimum for each in Parameters.describe()}
     for walls in (np.concatenate((ROOM, BOX)), BOX, PARALLEL):
         odometry = Odometry(Parameters().replace({each: least[each] for each in {name, name.replace('_max', '_min')} & set(least)}))

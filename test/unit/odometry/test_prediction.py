@@ -45,7 +45,7 @@ def test_an_external_prior_predicts_beside_the_motion_model(state):
 
 
 def test_an_external_prior_is_corrected_by_the_calibration(state):
-    """The wheels say 20 % too much."""
+    """Wheel odometry is 20 % too large."""
     for _ in range(200):
         state.wheels.learn(Prior(SE2(0.12), WHEELS.covariance), SE2(0.1), 1.0, 300.0)
     found = predict(state, Prior(SE2(0.06), WHEELS.covariance), TICK, P)

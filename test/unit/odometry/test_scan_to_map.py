@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a scan lies among several key frames, and how firmly."""
+"""Pose of a scan among several key frames, and its observability."""
 import dataclasses
 import math
 
@@ -20,15 +20,15 @@ from dbscan_reg_ros.core.registration.records import Prior, Status
 
 
 def funnel(degrees):
-    """Walls along x, 2 m apart in the middle, each turned by so much towards the other."""
+    """Walls along x, 2 m apart in the middle, each rotated by `degrees` towards the other."""
     rise = 20.0 * math.tan(math.radians(degrees))
     return outline([(-20.0, -1.0 - rise), (20.0, -1.0 + rise), (20.0, 1.0 - rise), (-20.0, 1.0 + rise)])[::2]
 
 
 def along_a_funnel(degrees, slant):
-    """A registration and a place [m] along the walls of a scan whose ranges are 1.5 cm too long; 0: where it is expected, and is.
+    """Registration, and alignment [m] along the walls, of a scan whose ranges are 1.5 cm too long; 0 is the true and the predicted one.
 
-    The thresholds of slants are `slant` times as large as usual.
+    The tolerances of near-parallel walls are `scale` times the defaults.
     """
     defaults, walls, here = Parameters(), funnel(degrees), SE2(0.3, 0.0, 0.0)
     decision, free = (dataclasses.replace(each, parallel_tolerance=slant * each.parallel_tolerance) for each in (defaults.decision, defaults.degeneracy))
@@ -45,15 +45,15 @@ def along_a_funnel(degrees, slant):
 
 
 @pytest.mark.parametrize('degrees', [2, 4, 6])
-def test_walls_that_are_not_quite_parallel_hold_nothing_along_them(degrees):
-    """Their slant would: a corridor that is 3 cm wider is one 0.1 to 0.4 m farther back."""
+def test_near_parallel_walls_constrain_nothing_along_them(degrees):
+    """Taken exactly, their angle would: a corridor 3 cm wider lies 0.1 to 0.4 m farther back."""
     registration, off = along_a_funnel(degrees, 1.0)
     assert registration.status is Status.DEGENERATE and math.sin(registration.degenerate_direction) == pytest.approx(0.0, abs=0.02)
     assert abs(off) < 0.005
     assert along_a_funnel(degrees, 0.0)[1] < -0.05
 
 
-def test_a_slant_is_all_that_calls_a_funnel_ok():
+def test_the_parallel_tolerance_makes_a_funnel_degenerate():
     assert along_a_funnel(6, 0.0)[0].status is Status.OK
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rest: the mean of what the scans say, once the sensor has stood for a second."""
+"""Zero-velocity update: the mean of the measured poses, once the sensor has been at rest for a second."""
 import math
 
 import numpy as np
@@ -22,7 +22,7 @@ def test_from_the_start_the_mean_of_all_poses_is_reported():
     assert update(rest, 0.01, 0.03, 0.001) == pytest.approx([0.01, 0.01, 0.001])
 
 
-def test_what_moves_is_reported_as_it_is_until_it_has_stood_for_a_second():
+def test_a_moving_sensor_is_reported_unchanged_until_a_second_at_rest():
     rest = ZeroVelocityUpdate(SE2())
     assert update(rest, 1.0, 0.0, 0.0) == pytest.approx([1.0, 0.0, 0.0])
     assert update(rest, 1.02, 0.0, 0.0) == pytest.approx([1.02, 0.0, 0.0])

@@ -42,6 +42,7 @@ def test_the_project_passes(root):
     ('# What the wheels\n# have told is used.\n', ['told -> given by the external prior; reported; distinguished']),
     ("raise ValueError('the wheels '\n                 f'told {way} m')\n",
      ['told -> given by the external prior; reported; distinguished']),
+    ('def test_the_round_room():\n    pass\n', ['round room -> circular room']),
 ])
 def test_a_name_or_phrase_in_python_is_found(check, text, found):
     status, lines = check('module.py', text)

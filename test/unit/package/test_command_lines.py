@@ -15,7 +15,7 @@ ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines 
 
 
 def said(line, folder, **environment):
-    """What the line prints in a shell of somebody who has no paths set."""
+    """What the line prints in a shell without PYTHONPATH."""
     plain = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
     return subprocess.run(['bash', '-c', line], cwd=folder, env=plain | environment, capture_output=True, text=True, check=True,
                           timeout=60).stdout

@@ -167,7 +167,7 @@ def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
 
 
 @pytest.mark.parametrize('command', [None, *COMMANDS])
-def test_every_command_tells_the_version_of_the_manifest(root, manifest, tmp_path, command):
+def test_every_command_prints_the_version_of_the_manifest(root, manifest, tmp_path, command):
     said = succeed([sys.executable, '-m', PACKAGE, *filter(None, [command]), '--version'], tmp_path, {'PYTHONPATH': str(root)})
     assert said == f'{PACKAGE} {manifest.findtext("version")}\n'
 

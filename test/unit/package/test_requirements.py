@@ -52,7 +52,7 @@ def machine(monkeypatch):
 
 
 @pytest.mark.parametrize('command', COMMANDS)
-def test_all_that_a_command_misses_is_said_in_one_line_before_any_work(without, tmp_path, command):
+def test_missing_packages_are_reported_in_one_line_before_any_work(without, tmp_path, command):
     result = without(NEEDS[command], command, *WORDS[command])
     assert (result.returncode, result.stdout) == (1, '') and result.stderr.count('\n') == 1
     assert result.stderr.startswith(f'{command}: needs numpy and scipy and ')

@@ -72,7 +72,7 @@ def test_what_a_page_shows_cannot_end_its_script(tmp_path):
     assert json.loads(data)['title'].startswith('<!--<script>')
 
 
-def test_the_list_of_ros_domains_is_not_taken_from_somebody_else(tmp_path, monkeypatch):
+def test_the_list_of_ros_domains_of_another_user_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     with private_graph():
         [folder] = tmp_path.iterdir()

@@ -26,10 +26,10 @@ def test_a_message_is_the_same_with_and_without_ros(updates):
     odometry_message, transform_message = OdometryMessage(), TransformStamped()
     for update in updates:
         state, scan = base_state(update, mounting.pose, mounting.pose), update.features.scan
-        told, place = (fields(state, 'odom', 'base') for fields in (odometry_fields, transform_fields))
+        pose_fields, place = (fields(state, 'odom', 'base') for fields in (odometry_fields, transform_fields))
         for kind, fields, message in (
                 ('sensor_msgs/msg/LaserScan', scan_fields(scan), scan_to_message(scan)),
-                ('nav_msgs/msg/Odometry', told, filled(odometry_message, told)),
+                ('nav_msgs/msg/Odometry', pose_fields, filled(odometry_message, pose_fields)),
                 ('geometry_msgs/msg/TransformStamped', place, filled(transform_message, place)),
                 ('visualization_msgs/msg/MarkerArray', segments_fields(update, mounting.pose, 'odom'),
                  segments_to_message(update, mounting.pose, 'odom'))):

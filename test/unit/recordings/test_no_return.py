@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The range that stands for "no return", told by the readings themselves."""
+"""The range value that means "no return", found from the readings."""
 import tracemalloc
 
 import numpy as np
@@ -23,7 +23,7 @@ def drive():
 
 
 @pytest.mark.parametrize('codes', [(32.767, 32.763, 32.759), (81.83,), (81.83, 81.91), (8.0,), (51.06, 51.07, 51.11), (65.535,)])
-def test_a_value_that_stands_alone_and_often_beyond_jumps_is_no_return(drive, codes):
+def test_a_frequent_isolated_value_beyond_jumps_is_no_return(drive, codes):
     rng, scans, missing = np.random.default_rng(1), [], 0
     for scan in drive:
         ranges = np.array(scan.ranges, dtype=float)
@@ -62,7 +62,7 @@ def test_equal_readings_all_over_are_a_wall():
     assert limit_of([np.full(180, 3.0)] * 10) is None
 
 
-def test_fewer_than_twenty_readings_tell_nothing():
+def test_fewer_than_twenty_readings_decide_nothing():
     ranges = np.full(40, 2.0)
     ranges[::2] = 8.0
     assert limit_of([ranges[:38]]) is None and limit_of([ranges]) == pytest.approx(7.992)

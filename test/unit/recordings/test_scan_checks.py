@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of scans that a driver states wrongly: the same for a recording and in the node."""
+"""Warnings about wrong scan metadata: the same for a recording and in the node."""
 import json
 import math
 import timeit
@@ -67,7 +67,7 @@ JITTER = np.random.default_rng(4).integers(-60_000_000, 60_000_000, 30)
     {'ranges': lambda k: np.linspace(1.0, 5.0, 360 + k % 9, dtype=np.float32), 'angle_max': -math.pi + 2.0 * math.pi * 363 / 360,
      'angle_min': lambda k: -math.pi - (k % 9 - 4) * math.pi / 180},
 ])
-def test_nothing_is_said_of_what_good_drivers_state(changes):
+def test_correct_metadata_cause_no_warning(changes):
     assert not sightings(drive(**changes)), sightings(drive(**changes))
 
 
@@ -101,7 +101,7 @@ def test_nothing_is_said_of_what_good_drivers_state(changes):
     ({'ranges': lambda k: np.ones(360 if k < 9 else 250, dtype=np.float32), 'angle_max': lambda k: (-math.pi + 2.0 * math.pi * (
         359 if k < 9 else 249) / 360)}, Kind.BEAMS, 1, 'the scans change from 360 to 250 beams'),
 ])
-def test_each_kind_is_said_once_with_what_was_expected(changes, kind, count, says):
+def test_each_kind_is_reported_once_with_the_value_required(changes, kind, count, says):
     found = sightings(drive(**changes))
     assert list(found) == [kind], found
     assert says in found[kind].warning.text
@@ -173,12 +173,12 @@ def kinds_of(path):
     ('carmen/no_return_32.767_and_zero_stamps.log', []),
     ('covariance_explodes/kinect_55deg_25s', []),
 ])
-def test_recordings_that_go_wrong_are_told_by_kind(cases, name, kinds):
+def test_faulty_recordings_are_reported_by_kind(cases, name, kinds):
     assert kinds_of(cases / name) == kinds
 
 
 @pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static', 'urg04lx/exp1'])
-def test_nothing_is_said_of_real_recordings(data, path):
+def test_real_recordings_cause_no_warning(data, path):
     if not (data / path).exists():
         pytest.skip(f'{path} is not there')
     assert kinds_of(data / path) == []
@@ -198,7 +198,7 @@ def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_p
 
 @needs_rosbags
 @pytest.mark.parametrize('name, limit', [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
-def test_millimetres_are_said_by_replay(cases, tmp_path, capsys, name, limit):
+def test_millimetres_are_reported_by_replay(cases, tmp_path, capsys, name, limit):
     replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
     captured = capsys.readouterr()
     text = captured.out + captured.err

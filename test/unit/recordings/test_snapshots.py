@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots: all that was thought of the last scans survives the file."""
+"""Snapshots: the results of the last scans are written and read without loss."""
 import math
 
 import numpy as np

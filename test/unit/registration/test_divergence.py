@@ -93,7 +93,7 @@ def test_equal_sets_do_not_diverge_and_others_do_the_more_the_farther_apart():
     np.testing.assert_allclose(shifted_divergences(samples, samples, -shifts, 0.2, PARAMETERS)[1:], found[1:], rtol=0.3)
 
 
-def test_millimetres_are_told_apart():
+def test_millimetres_are_distinguished():
     samples = coordinates(3)
     shifts = 0.001 * np.arange(-5, 6)
     for bandwidth in (0.05, 0.2, 0.8):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted anew."""
+"""Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted again."""
 import numpy as np
 import pytest
 from benchmarks.intel import Intel

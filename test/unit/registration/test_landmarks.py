@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two small things that stand free tell the whole motion: scans of a wood are registered without a guess."""
+"""Two small isolated objects give the whole motion: scans of a wood are registered without a prior."""
 import math
 
 import numpy as np
@@ -42,12 +42,12 @@ def seen(circles, pose, walls=NO_WALLS):
 
 
 def apart(motion, truth):
-    """How far [m], and turned by how much [rad], a motion lies from the true one."""
+    """Translation [m] and rotation [rad] of a motion from the true one."""
     off = motion - truth
     return math.hypot(off[0], off[1]), abs(math.remainder(off[2], 2.0 * math.pi))
 
 
-def test_landmarks_are_what_stands_free_and_is_small_enough():
+def test_landmarks_are_small_isolated_objects():
     trunks = np.array([(3.0, 0.0, 0.1), (0.0, 5.0, 0.3), (-4.0, 0.2, 0.3), (-7.5, 0.0, 2.0), (0.0, -3.0, 0.8)])
     things = find_small_objects(seen(trunks, np.zeros(3)), 1.0, PARAMETERS.segments)
     found = things.middle[np.argsort(things.nearest)]
@@ -87,7 +87,7 @@ def test_one_landmark_tells_no_motion(here, turned):
     assert landmark_motions(*(scans[::-1] if turned else scans), PARAMETERS).shape == (0, 3)
 
 
-def test_scans_of_a_wood_are_laid_on_one_another_without_a_guess(drive):
+def test_scans_of_a_wood_are_registered_without_a_prior(drive):
     """From 5 to 50 scans apart. What shows of a trunk turns with the sensor: by lines alone every seventh pair is lost."""
     turning = np.abs(np.angle(np.exp(1j * np.diff(drive.reference[:, 2], append=drive.reference[-1, 2])))) > 0.005
     rng, right, without = np.random.default_rng(0), [], []
@@ -120,7 +120,7 @@ def test_landmarks_belong_to_the_wide_search_and_are_off_where_that_is_off(drive
     assert differ >= 1
 
 
-def test_after_four_seconds_without_a_scan_the_odometry_finds_itself_in_a_wood(drive):
+def test_after_four_seconds_without_a_scan_the_odometry_recovers_in_a_wood(drive):
     course = drive.take((drive.seconds % 15.0 < 11.0) & (drive.seconds < 60.0))
     odometry, poses = Odometry(PARAMETERS), []
     for scan in course.scans:
@@ -132,7 +132,7 @@ def test_after_four_seconds_without_a_scan_the_odometry_finds_itself_in_a_wood(d
     assert way < 0.1 and turn < math.radians(1.0), f'{way:.2f} m off after a minute'
 
 
-def test_the_figure_of_a_pair_shows_the_landmarks_that_came_to_lie_on_one_another(drive, root):
+def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive, root):
     from matplotlib.figure import Figure
     pair = drive.scans[300], drive.scans[340]
     steps = Steps.of(*pair, PARAMETERS)

@@ -63,7 +63,7 @@ def test_the_equations_are_those_of_the_numeric_derivatives():
         moved = NEAR.as_array()
         moved[axis] += step
         columns.append((fitted(reference, current, SE2(*moved)).error[0] - error) / step)
-    # Where a point comes into another cell, its partner may be another.
+    # In another cell, a point may have another correspondence.
     smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
     assert smooth.mean() > 0.98
     design = np.vstack((*columns, error))[:, smooth]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The registration as a whole: what it finds, and what it says of it."""
+"""The registration as a whole: motion, status and covariance."""
 import math
 
 import numpy as np
@@ -25,7 +25,7 @@ def off(registration, truth):
 
 
 @pytest.mark.parametrize('turn', [0.0, 0.5, 1.5, 3.0, -2.2])
-def test_any_turn_is_found_without_a_guess(turn):
+def test_any_rotation_is_found_without_a_prior(turn):
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.3 + turn)
     found = register(features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2))
     distance, angle = off(found, start.inverse() @ end)
@@ -75,7 +75,7 @@ def test_two_bare_walls_leave_their_direction_free():
         assert abs(math.sin(found.degenerate_direction + 0.1)) < 0.05
 
 
-def test_a_prior_tells_the_way_round_in_a_bare_corridor_and_the_way_along_stays_free():
+def test_a_prior_decides_the_heading_in_a_bare_corridor_and_the_translation_along_it_stays_degenerate():
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
     start, end = SE2(0.0, 0.0, 0.1), SE2(0.3, 0.1, 0.2)
@@ -99,7 +99,7 @@ def test_the_best_hypothesis_is_the_result():
     assert found.hypotheses[0].transform == found.transform
 
 
-def test_a_clear_winner_is_found_without_a_comparison_and_the_others_are_named_all_the_same():
+def test_a_large_score_gap_skips_the_comparison_and_keeps_the_alternatives():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
     pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
     alone, compared = (register(*pair, Parameters().replace({'selection.max_score_gap': clear})) for clear in (0.0, 2.0))
@@ -163,7 +163,7 @@ def test_what_is_found_near_a_prior_is_what_all_hypotheses_lead_to():
 
 
 def test_between_bare_walls_a_prior_that_lies_leads_to_the_shortest_way():
-    """No lines cross: what says how the walls lie on one another is the shortest translation alone."""
+    """No lines cross: only the shortest translations remain as hypotheses."""
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     start, end = SE2(0.0, 0.1, 0.2), SE2(0.1, -0.15, -0.3)
     truth = start.inverse() @ end
@@ -177,7 +177,7 @@ def test_between_bare_walls_a_prior_that_lies_leads_to_the_shortest_way():
         assert found.status is not Status.OK
 
 
-def test_matched_segments_lie_on_one_another():
+def test_matched_segments_are_aligned():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
     reference, current = features(start), features(end)
     found = register(reference, current)
@@ -205,7 +205,7 @@ def test_the_same_scans_give_the_same_result_to_the_last_bit():
 
 
 @pytest.mark.parametrize('facing', [-0.01, -1.0])
-def test_a_point_without_a_partner_is_no_perfect_partner_whatever_may_face_it(facing):
+def test_a_point_without_a_correspondence_scores_nothing(facing):
     """Two rooms that have nothing in common."""
     other = outline([(-2.0, -3.0), (14.0, -3.0), (14.0, 12.0), (-2.0, 12.0)])
     found = []
@@ -235,7 +235,7 @@ def test_noise_draws_no_match_to_one_side():
     assert (np.abs(found.mean(axis=0)) < (0.002, 0.002, 0.001)).all()
 
 
-def test_a_search_that_is_in_doubt_is_repeated_with_more_hypotheses():
+def test_a_search_with_a_low_score_is_repeated_with_more_hypotheses():
     narrow = Parameters().replace({'rotation.max_hypotheses': 1, 'selection.max_clusters': 1, 'selection.wide_search_factor': 1})
     again = narrow.replace({'selection.wide_search_factor': 60})
     truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
@@ -265,7 +265,7 @@ def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
     assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 
-def test_a_wider_search_has_so_many_times_the_hypotheses_and_is_not_repeated():
+def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
     narrow = Parameters().replace({'rotation.max_hypotheses': 3, 'selection.max_clusters_with_prior': 5, 'selection.preselected': 2,
                                    'selection.wide_search_factor': 4})
     expected = {'rotation.max_hypotheses': 12, 'selection.max_clusters': 20, 'selection.max_clusters_with_prior': 20, 'selection.preselected': 8,
@@ -284,7 +284,7 @@ def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
 
 @pytest.mark.parametrize('label', ['40', '3566'])
 def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
-    """Scans with 30 % outliers, moved: the right motion is in none of the heaviest clusters, and the best of those is in doubt."""
+    """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, and the best of these scores low."""
     trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
     pair = extract_features(trial.reference), extract_features(trial.current)
     narrow, wide = (register(*pair, Parameters().replace({'selection.wide_search_gain': better})) for better in (2.0, 0.02))

@@ -47,8 +47,8 @@ def test_directed_lines_tell_every_rotation(degrees):
 
 
 @pytest.mark.parametrize('degrees', [-80, -40, 0, 17, 40, 80])
-def test_undirected_lines_tell_a_rotation_up_to_a_half_turn(degrees):
-    """A room of walls of 0, 50 and 110 deg: no other rotation lays three walls onto one another."""
+def test_undirected_lines_give_a_rotation_up_to_180_degrees(degrees):
+    """A room of walls of 0, 50 and 110 deg: no other rotation aligns three walls."""
     walls = np.radians([0.0, 50.0, 110.0])
     found = rotations(lines(walls), lines(walls - math.radians(degrees)), PAPER)
     assert len(found.phi) == 1

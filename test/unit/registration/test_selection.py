@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From many hypotheses to few: how well each fits, how far it is from what was expected, which are one."""
+"""Selection of hypotheses: scores, distance from the prediction, duplicates."""
 import math
 
 import numpy as np
@@ -37,7 +37,7 @@ def features(pose, walls=ROOM):
 
 
 def on_the_box(scan, pose):
-    """Share of a scan's points that lie on the box."""
+    """Fraction of a scan's points on the box."""
     points = pose.apply(np.column_stack((scan.sampled_points.points.real, scan.sampled_points.points.imag)))
     return (np.abs(points - (0.5, -0.2)).max(axis=1) < 0.25).mean()
 
@@ -57,7 +57,7 @@ def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
     assert value[0] == pytest.approx(1.0 - share - DENSITY.violation_weight * share, abs=0.02)
 
 
-def test_what_stood_where_the_current_scan_sees_through_counts_as_much():
+def test_reference_points_in_the_free_space_of_the_current_scan_count_as_violations():
     box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
     share = on_the_box(box, START)
     assert share > 0.05
@@ -66,7 +66,7 @@ def test_what_stood_where_the_current_scan_sees_through_counts_as_much():
     assert reverse_violation(rows(MOTION), features(START), current, DENSITY)[0] == 0.0
 
 
-def test_the_sieve_keeps_the_best_first():
+def test_preselection_keeps_the_best_first():
     reference, current = features(START), features(END)
     order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
     candidates = rows(*(MOTION @ off for off in order))
@@ -75,7 +75,7 @@ def test_the_sieve_keeps_the_best_first():
     np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
 
 
-def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
+def test_preselection_prefers_unseen_space_to_free_space():
     """Half a scan from the middle of a hall, and a small room: one side of it on a wall of the hall, or all of it behind."""
     hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
     reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
@@ -85,7 +85,7 @@ def test_the_sieve_prefers_what_nobody_saw_to_what_was_seen_to_be_free():
     np.testing.assert_array_equal(found, behind)
 
 
-def test_hopeful_is_what_has_enough_of_the_best_ones_support():
+def test_promising_hypotheses_have_enough_of_the_best_support():
     reference, current = features(START), features(END)
     candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
     fits = fit(candidates, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
@@ -98,7 +98,7 @@ def test_hopeful_is_what_has_enough_of_the_best_ones_support():
             np.testing.assert_array_equal(part, whole[expected])
 
 
-def test_surprise_is_the_mahalanobis_distance_in_the_expected_sensors_frame():
+def test_the_distance_from_the_prior_is_mahalanobis_in_the_predicted_frame():
     """It expects to face along y: a step along y is one ahead, one along -x is one to the left."""
     prior = Prior(SE2(1.0, 2.0, 0.5 * math.pi), np.diag([0.1, 0.2, 0.05]) ** 2)
     off = np.array([(0.0, 0.1, 0.0), (-0.4, 0.0, 0.0), (0.0, 0.0, 0.15 + 2.0 * math.pi), (-0.4, -0.1, -0.05)])
@@ -126,8 +126,8 @@ def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
     assert distinct(candidates, 2, 0.0501, 0.02) == [0, 2]
 
 
-def test_the_weakest_direction_leaves_the_rotation_free():
-    """Points at (0, 2) and (0, -2) that face along x tell a rotation, one point alone does not tell x from it."""
+def test_the_weakest_direction_is_found_with_an_open_rotation():
+    """Points at (0, 2) and (0, -2) that face along x constrain x and the rotation; one alone, only a combination of both."""
     def information(*rows):
         rows = np.array(rows)
         return rows.T @ rows
@@ -158,7 +158,7 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.search_scale + 0.005
 
 
-def test_without_points_that_face_along_it_a_free_direction_is_left_alone():
+def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searched():
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     scan = features(SE2(0.0, 0.0, 0.7), walls)
     candidates = rows(SE2(0.3, 0.0, 0.0))

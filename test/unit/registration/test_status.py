@@ -23,14 +23,14 @@ def fitted(reference, current, motion):
     return fit(motion[None], current.sampled_points, reference.likelihood_field, Parameters().density.min_normal_cosine)
 
 
-def test_rivals_widen_the_covariance_by_their_distance_in_the_sensors_frame():
+def test_alternatives_widen_the_covariance_by_their_distance_in_the_sensor_frame():
     best = np.array([1.0, 2.0, 0.5 * math.pi])
     found = scatter(best, np.array([[1.0, 5.0, 0.5 * math.pi + 2.0 * math.pi]]))
     assert found == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
     assert not scatter(best, np.empty((0, 3))).any()
 
 
-def test_hypotheses_slid_along_a_direction_are_level_with_the_best():
+def test_hypotheses_are_slid_along_a_direction_to_the_best():
     best = np.array([1.0, 1.0, 0.2])
     away = best + [3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0] + np.array([-math.sin(0.4), math.cos(0.4), 0.0])
     level, = slid(away[None], best, 0.4)
@@ -41,7 +41,7 @@ def ranking(candidates, score, best):
     return Ranking(candidates, np.array(score), np.ones(len(score)), np.zeros((len(score), 4, 4)), best)
 
 
-def test_a_rival_along_a_direction_that_is_held_is_a_rival():
+def test_an_alternative_along_a_constrained_direction_makes_ambiguous():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
     found = fitted(reference, current, best)
@@ -54,7 +54,7 @@ def test_a_rival_along_a_direction_that_is_held_is_a_rival():
         assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
 
 
-def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinement():
+def test_alternatives_are_compared_by_their_scores_after_the_coarse_refinement():
     """A fine score is less by what of the reference lies in the current scan's free space."""
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best = np.array([0.1, 0.0, 0.2])
@@ -69,7 +69,7 @@ def test_a_rival_is_compared_with_the_best_as_both_were_after_the_coarse_refinem
     (Status.OK, 9.9, 0.6, Status.DEGENERATE), (Status.OK, 10.0, 0.6, Status.OK), (Status.OK, 9.9, 0.5, Status.OK),
     (Status.OK, None, 0.6, Status.OK), (Status.AMBIGUOUS, 9.9, 0.6, Status.AMBIGUOUS),
 ])
-def test_few_points_are_not_enough_where_nothing_is_known_of_the_motion(status, weakest, spread, expected):
+def test_few_points_are_degenerate_with_a_weak_prior(status, weakest, spread, expected):
     registration = Registration(SE2(), np.eye(3), status, weakest_information=weakest)
     for covariance in (np.diag([spread, 0.1, 0.1]) ** 2, np.diag([0.1, spread, 0.1]) ** 2):
         found = demoted_if_weak(registration, Prior(SE2(), covariance), DecisionParameters(weak_prior_sigma=0.5, weak_prior_information=10.0))

@@ -202,8 +202,8 @@ def test_where_lines_cross_the_shortest_translation_is_the_motion_and_one_wrong_
     np.testing.assert_allclose(found.shortest[0], MOTION.as_array(), atol=0.03)
 
 
-def test_ends_that_are_hidden_count_little():
-    """A corner is worth ten hidden ends."""
+def test_occluded_ends_have_little_weight():
+    """A corner has the weight of ten hidden ends."""
     weights = {}
     for kind in (EndKind.CORNER, EndKind.OCCLUSION):
         room = walls(((0.0, 1.0), (5.0, 1.0)), kind=kind)
@@ -224,7 +224,7 @@ def test_wide_clusters_are_cut_and_the_papers_are_not():
 
 
 def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
-    """Two lines here, three there, of weights 1 to 6; off by so many times `parallel` = 0.1 rad."""
+    """Two lines here, three there, of weights 1 to 6; off by multiples of `parallel_sigma` = 0.1 rad."""
     off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
     phi = np.array([3.1, -1.0])
     rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)

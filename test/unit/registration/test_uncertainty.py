@@ -36,7 +36,7 @@ def test_the_covariance_is_the_inverse_of_the_information():
     assert np.diag(covariance) == pytest.approx([1e-6, 2e-6, 2.5e-7], rel=1e-3)
 
 
-def test_a_direction_that_hardly_a_point_holds_is_free():
+def test_a_direction_that_hardly_a_point_constrains_is_degenerate():
     information = turned(np.diag([0.5, 150.0, 400.0]), 0.7)
     covariance, held = judged(information, information)
     along = np.array([math.cos(0.7), math.sin(0.7), 0.0])
@@ -47,7 +47,7 @@ def test_a_direction_that_hardly_a_point_holds_is_free():
     assert across @ covariance @ across == pytest.approx(VARIANCE / 150.0, rel=1e-3)
 
 
-def test_a_direction_is_held_by_what_both_scans_agree_on():
+def test_observability_is_that_of_the_shared_information():
     information, along = np.diag([4.0, 150.0, 400.0]), np.array([1.0, 0.0, 0.0])
     for shared, weak in ((4.0, 4.0), (0.9, 0.9), (-0.5, 0.0)):
         covariance, held = judged(information, np.diag([shared, 150.0, 400.0]))
@@ -55,7 +55,7 @@ def test_a_direction_is_held_by_what_both_scans_agree_on():
         assert (along @ covariance @ along > 90.0) == (weak < PARAMETERS.min_information)
 
 
-def test_a_rotation_that_only_noise_holds_is_free():
+def test_a_rotation_that_only_noise_constrains_is_unobservable():
     information = np.diag([80.0, 80.0, 400.0])
     for shared, points, free in ((300.0, 100.0, False), (300.0, 1.0, True), (100.0, 100.0, True), (100.0, 1000.0, False)):
         covariance, held = judged(information, np.diag([80.0, 80.0, shared]), points)
@@ -64,8 +64,8 @@ def test_a_rotation_that_only_noise_holds_is_free():
         assert covariance[0, 0] == pytest.approx(VARIANCE / 80.0, rel=1e-3)
 
 
-def test_where_a_way_is_free_with_a_turn_only_both_are_uncertain_together():
-    """Around a round room, 3 m from its middle."""
+def test_a_translation_degenerate_only_with_a_rotation_makes_both_uncertain():
+    """In a circular room, 3 m from its centre."""
     held_across, held_while_straight = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 3.0])
     information = 80.0 * (np.outer(held_across, held_across) + np.outer(held_while_straight, held_while_straight))
     covariance, held = judged(information, information)
@@ -76,7 +76,7 @@ def test_where_a_way_is_free_with_a_turn_only_both_are_uncertain_together():
     assert held_while_straight @ covariance @ held_while_straight < 0.01 * covariance[1, 1]
 
 
-def test_around_a_round_room_a_way_turns_and_a_turn_is_a_way():
+def test_in_a_circular_room_the_degenerate_translation_and_rotation_are_coupled():
     """By all points of its wall, seen 2 m from its middle, which lies on the left."""
     around = np.exp(2j * np.pi / 360 * np.arange(360))
     rotated_points = 2j + 3.0 * around
@@ -89,7 +89,7 @@ def test_around_a_round_room_a_way_turns_and_a_turn_is_a_way():
     assert degenerate_translation(0.5 * math.pi, information, PARAMETERS) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
-def test_as_many_points_as_few_double_the_variance():
+def test_few_points_add_to_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
     plain, _ = judged(information, information)
     careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0, covariance_scale=1.0))

@@ -91,7 +91,7 @@ def mean_distance(poses, others):
     return np.hypot(*(poses - others)[:, :2].T).mean()
 
 
-def test_a_way_that_a_corridor_left_free_is_made_longer_there_however_the_laser_is_turned():
+def test_a_closure_stretches_the_degenerate_part_of_a_corridor_for_any_mounting():
     """What is handed over falls short by 8 cm a scan between the smooth walls."""
     scans, truth = around_the_block()
     odometry, loops = Odometry(), Loops()
@@ -106,8 +106,8 @@ def test_a_way_that_a_corridor_left_free_is_made_longer_there_however_the_laser_
 
 
 @pytest.mark.parametrize('gap', [18, 24])
-def test_a_leap_that_no_scan_saw_stays_where_it_was(gap):
-    """For five seconds nothing is heard of the sensor, and what is handed over leaps by half a metre.
+def test_a_jump_between_scans_stays_where_it_was(gap):
+    """No scan is received for five seconds, and the trajectory jumps by half a metre.
 
     The next scan is a key frame or not.
     """

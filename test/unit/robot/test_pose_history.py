@@ -26,7 +26,7 @@ def test_poses_are_interpolated_the_short_way_round():
     assert poses.at(10) == SE2(1.0, -2.0, -3.0)
 
 
-def test_nothing_is_said_of_other_times():
+def test_other_times_have_no_pose():
     poses = history((10, SE2()), (20, SE2()))
     assert poses.at(9) is None
     assert poses.at(21) is None
@@ -74,7 +74,7 @@ def test_rates_that_come_twice_or_late_turn_nothing():
     assert headings.at(SECOND).theta == pytest.approx(1.0)
 
 
-def test_headings_begin_anew_when_time_goes_back():
+def test_headings_start_again_when_time_goes_back():
     headings = HeadingHistory()
     for stamp in (10, 11, 5, 6):
         headings.add_rate(stamp * SECOND, 1.0)

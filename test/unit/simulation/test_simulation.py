@@ -287,7 +287,7 @@ def test_wheels_that_slip_and_a_wrong_scale_show_in_the_distance():
     assert driven(scale=(1.0, 1.0), slips=[(5.0, 8.0, 0.0)]) == pytest.approx(17.0, abs=0.05)
 
 
-def test_a_gyroscope_adds_up_to_the_turn_and_its_bias():
+def test_a_gyroscope_integrates_to_the_rotation_and_its_bias():
     path = follow(rooms(1).tour)
     stamps, rates = yaw_rates(path, rate=200.0, bias=0.01, noise=0.005)
     turned = path.poses[-1, 2] - path.poses[0, 2]
