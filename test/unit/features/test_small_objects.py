@@ -4,16 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.odometry.courses import simulated, wood
 from rooms import FULL, L_ROOM, outline
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, Status
+from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.small_objects import with_poles
 from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
-from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation.raycasting import cast
 
 UNFILTERED = Parameters().replace({'filter.test': 'off'})
@@ -122,13 +120,3 @@ def test_a_pole_constrains_both_directions():
     assert len(reference.oriented_points) == len(current.oriented_points) == 16
     found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.5, 0.003), [0.2] * 10)
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)
-
-
-def test_an_unobserved_start_is_found_within_the_grown_uncertainty():
-    """In a wood of which a few trunks on one side hold hardly anything; no scan is looked for where the first one was for ever."""
-    course = simulated(wood(23), seed=23).take(slice(150))
-    odometry = Odometry()
-    statuses = [(update := odometry.process(scan)).status for scan in course.scans]
-    off = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse() @ update.pose
-    assert Status.AMBIGUOUS in statuses[1:30]
-    assert math.hypot(off.x, off.y) < 0.3

@@ -6,12 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import SE2, Parameters, register
+from dbscan_reg_ros import SE2, register
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.evaluation.metrics import apart, errors
-from dbscan_reg_ros.recordings.poses import relative
-from dbscan_reg_ros.replays.trajectory import trajectory_of
-from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.simulation import (
     LIDARS,
     Lidar,
@@ -219,18 +215,6 @@ def test_registration_of_scans_without_noise_is_exact(make, name):
         found = register(*(extract_features(measure(world, [pose], lidar, rng())) for pose in (first, second)))
         error = (SE2.from_array(first).inverse() @ SE2.from_array(second)).inverse() @ found.transform
         assert math.hypot(error.x, error.y) < 1e-4 and abs(error.theta) < 1e-4
-
-
-@pytest.mark.parametrize('name', LIDARS)
-def test_every_lidar_is_followed_with_the_parameters_of_its_file(root, name):
-    world, lidar = rooms(1), LIDARS[name]
-    drive = simulate(world, follow(world.tour[:4], speed=1.0), lidar, seed=1)
-    scans = drive.scans[:int(5.0 * lidar.rate)]
-    file = root / 'config' / f'{name}.yaml'
-    poses = trajectory_of(scans, read_parameters(file) if file.exists() else Parameters()).pose_array()
-    first, later = apart(drive.truth[:len(scans)], 1.0)
-    metres, degrees = errors(relative(poses[first], poses[later]), relative(drive.truth[first], drive.truth[later]))
-    assert len(metres) >= 5 and metres.mean() < 0.05 and degrees.mean() < 2.0
 
 
 @pytest.mark.parametrize('make', WORLDS.values(), ids=WORLDS)

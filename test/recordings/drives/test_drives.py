@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.odometry.courses import chairs, simulated, trees, wood
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError
+from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.sensor_mounting import turned
@@ -114,3 +114,13 @@ def test_a_drive_that_drifts_closes_where_it_comes_back(yaw):
 
     assert seen_twice(drifted) > 0.2
     assert seen_twice(closed) < 0.03
+
+
+def test_an_unobserved_start_is_found_within_the_grown_uncertainty():
+    """A few trunks on one side hardly constrain the first scans; the search grows with the uncertainty."""
+    course = simulated(wood(23), seed=23).take(slice(150))
+    odometry = Odometry()
+    statuses = [(update := odometry.process(scan)).status for scan in course.scans]
+    off = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse() @ update.pose
+    assert Status.AMBIGUOUS in statuses[1:30]
+    assert math.hypot(off.x, off.y) < 0.3
