@@ -6,10 +6,11 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from ..core.parameters.schema import ADVANCED
 from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
-"""Prefixes of parameters that have no effect on the registration of a single pair."""
+"""Prefixes, after `ADVANCED`, of parameters that have no effect on the registration of a single pair."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,7 +56,7 @@ def register(args):
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
     if parameters:
         note_unused('register', args.params_file, parameters,
-                    [name for name in METHOD if not name.startswith(OF_A_DRIVE)])
+                    [name for name in METHOD if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
     if path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:

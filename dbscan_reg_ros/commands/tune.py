@@ -19,8 +19,9 @@ from .command_line import (
     seed,
 )
 
-SEARCHED = ('refinement.map_scale', 'refinement.map_first_scale', 'refinement.damping', 'density.max_distance',
-            'density.violation_weight', 'selection.preselection_tolerance')
+SEARCHED = ('advanced.refinement.map_scale', 'advanced.refinement.map_first_scale', 'advanced.refinement.damping',
+            'advanced.density.max_distance', 'advanced.density.violation_weight',
+            'advanced.selection.preselection_tolerance')
 """Parameters searched by default."""
 
 
@@ -61,7 +62,7 @@ def is_parameter(word) -> bool:
     except ModuleNotFoundError:
         return True
     name, names = word.partition('=')[0], [d.name for d in NodeParameters().describe()]
-    groups = {known.partition('.')[0] for known in names if '.' in known}
+    groups = {group for known in names for group in known.split('.')[:-1]}
     return name in names or (name.partition('.')[0] in groups and '.' in name and not Path(word).exists())
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from ..core.errors import ParameterError
-from ..core.parameters.schema import Description, ParameterGroup
+from ..core.parameters.schema import ADVANCED, Description, ParameterGroup
 from ..paths import check_file
 from .parameters import NodeParameters, is_ros_parameter
 
@@ -26,6 +26,7 @@ DEFAULTS_FILE = SOURCE / 'config' / 'scan_matcher.yaml'
 REFERENCE_FILE = SOURCE / 'doc' / 'parameters.md'
 NODE_NAME = 'scan_matcher'
 WIDTH = 120
+INDENT = '  '
 LARGEST = 2**20
 """Largest number of characters of a parameter file."""
 DEFAULTS = NodeParameters()
@@ -37,8 +38,10 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`; copy it and ke
 REFERENCE_HEAD = """\
 # Parameters
 
-All parameters of `scan_matcher`, with their defaults. Those of the method are the same in every command that takes
-`--params-file`. What the steps are that they belong to: [method.md](method.md); how they are set: [node.md](node.md).
+All parameters of `scan_matcher`, with their defaults: first those of the node and the basic ones of the method, which
+depend on the sensor and the robot, then the advanced ones, which are seldom changed. Parameters of the method are the
+same in every command that takes `--params-file`; in Python `Parameters` has them as attributes without `advanced`. What
+the steps are that they belong to: [method.md](method.md); how they are set: [node.md](node.md).
 
 Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 [config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares both with the program.
@@ -75,16 +78,15 @@ def write_parameters(path: str | Path, parameters: NodeParameters = DEFAULTS, he
 
 
 def format_parameters(parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> str:
-    """Format `parameters` as a parameter file, those without a group first."""
+    """Format `parameters` as a parameter file: those without a group, then the basic and the advanced ones."""
     values = parameters.flatten()
     lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
-    current = ''
+    current: list[str] = []
     for d in _ordered(parameters):
-        group, _, field = d.name.rpartition('.')
-        if group != current:
-            lines.append(f'    {group}:')
-            current = group
-        indent = ' ' * (6 if group else 4)
+        *groups, field = d.name.split('.')
+        same = [group for group, last in zip(groups, current, strict=False) if group == last]
+        lines += [f'{INDENT * (2 + depth)}{groups[depth]}:' for depth in range(len(same), len(groups))]
+        current, indent = groups, INDENT * (2 + len(groups))
         lines += _comment(d, indent)
         lines.append(f'{indent}{field}: {_scalar(values[d.name])}')
     return '\n'.join(lines) + '\n'
@@ -173,15 +175,15 @@ def _flatten(section: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, A
 
 
 def _ordered(parameters: NodeParameters) -> list[Description]:
-    """Descriptions of all parameters, those without a group first."""
-    return sorted(parameters.describe(), key=lambda d: '.' in d.name)
+    """Descriptions of all parameters: those without a group, then the basic and the advanced ones."""
+    return sorted(parameters.describe(), key=lambda d: ('.' in d.name, d.name.startswith(ADVANCED)))
 
 
 def _about(group: str) -> str:
     """Describe a group of parameters by the docstrings of its class and of those that it extends."""
     if not group:
         return 'Frames, and the mounting of the laser on the base.'
-    classes = inspect.getmro(type(getattr(DEFAULTS, group)))
+    classes = inspect.getmro(type(getattr(DEFAULTS, group.removeprefix(ADVANCED))))
     return ' '.join(c.__doc__ or '' for c in reversed(classes[:classes.index(ParameterGroup)]))
 
 

@@ -26,6 +26,8 @@ OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 class InputParameters(ParameterGroup):
     """Which scans are used, and which of their beams."""
 
+    BASIC = 'every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range'
+
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
         help='Only one scan in this many is used. Larger values save computing time and lengthen the motion between '
@@ -52,12 +54,14 @@ class InputParameters(ParameterGroup):
 class NodePriorParameters(PriorParameters):
     """The external source of the prediction, and its standard deviations."""
 
+    BASIC = *PriorParameters.BASIC, 'source', 'frame', 'translation', 'rotation'
+
     source: str = parameter(
         'constant_velocity', choices=SOURCES, read_only=True,
-        help='Source of the prediction. Without an external prior: none or constant_velocity (odometry.prior applies). '
-             'With one: odometry (the topic wheel_odom), imu (the yaw rate on the topic imu, with the translation of '
-             'the motion model) or tf (the base in the frame prior.frame). Where an external one gives nothing, the '
-             'motion model predicts.')
+        help='Source of the prediction. Without an external prior: none or constant_velocity '
+             '(advanced.odometry.prior applies). With one: odometry (the topic wheel_odom), imu (the yaw rate on the '
+             'topic imu, with the translation of the motion model) or tf (the base in the frame prior.frame). Where '
+             'an external one gives nothing, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
         help='Odometry frame on /tf that another node publishes. It is used with prior.source tf.')
@@ -100,6 +104,8 @@ class NodePriorParameters(PriorParameters):
 class PathParameters(ParameterGroup):
     """The topic path."""
 
+    BASIC = 'step', 'size'
+
     step: float = parameter(
         0.1, unit='m', bounds=(0.0, 100.0),
         help='A pose is added to the path when the base has moved this far. Larger values give a coarser path that '
@@ -113,6 +119,8 @@ class PathParameters(ParameterGroup):
 @dataclass(frozen=True)
 class SnapshotParameters(ParameterGroup):
     """The service ~/snapshot."""
+
+    BASIC = 'scans', 'folder'
 
     scans: int = parameter(
         20, unit='scans', bounds=(1, 1000),
@@ -164,8 +172,8 @@ class NodeParameters(Parameters):
                                  'neither odom_frame nor base_frame')
 
     def for_odometry(self) -> Parameters:
-        """Return the parameters for the odometry: `prior.source` none overrides `odometry.prior`."""
-        return self.replace({'odometry.prior': 'none'}) if self.prior.source == 'none' else self
+        """Return the parameters for the odometry: `prior.source` none overrides `advanced.odometry.prior`."""
+        return self.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
     def unused(self, used: Collection[str]) -> list[str]:
         """Full names of parameters that differ from their defaults but are not in `used`, those that count offline."""

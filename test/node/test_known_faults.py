@@ -149,7 +149,7 @@ def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the
     """Nothing is left out as moving: at that margin rounding decides. So it does which old points belong to the local map, and a
     pose differs by millimetres.
     """
-    alike = '-p', 'odometry.dynamic_key_frames:=0'
+    alike = '-p', 'advanced.odometry.dynamic_key_frames:=0'
     plain = start_node(*mounted(AHEAD), *alike)
     expected = played(player, recorded)
     plain.stop()

@@ -290,7 +290,7 @@ def test_a_change_counts_from_the_next_scan_on_and_is_logged(node, player, peer,
     ('scan.range_max', True, 'type'),
     ('publish_tf', 'no', 'type'),
     ('odom_frame', 'map', 'read-only'),
-    ('filter.test', 'guess', "filter.test = 'guess': expected one of"),
+    ('advanced.filter.test', 'guess', "advanced.filter.test = 'guess': expected one of"),
     ('scan.rangemax', 1.0, 'scan.rangemax'),
 ])
 def test_a_wrong_value_is_rejected_with_a_reason_and_the_old_one_kept(node, peer, name, value, reason):

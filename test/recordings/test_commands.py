@@ -181,8 +181,8 @@ def test_a_list_ends_where_something_else_begins(words, same):
     assert parsed(words) == parsed(same) and parsed(words).files[0] == 'FILE'
 
 
-@pytest.mark.parametrize('words', [['tune', '--parameters', 'refinement.damping', 'absent.log'],
-                                   ['tune', '--parameters', 'refinement.damping=0.1:1', 'density.max_distance', 'absent.log'],
+@pytest.mark.parametrize('words', [['tune', '--parameters', 'advanced.refinement.damping', 'absent.log'],
+                                   ['tune', '--parameters', 'advanced.refinement.damping=0.1:1', 'advanced.density.max_distance', 'absent.log'],
                                    ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
                                    ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', '/tmp/b.log'],
                                    pytest.param(['play', '--topics', '/cmd_vel', 'absent.log'], marks=needs_ros)])
@@ -193,8 +193,8 @@ def test_a_list_before_the_file_does_not_swallow_it(shell, words):
 
 
 def test_a_slip_in_the_name_of_a_parameter_is_no_file(shell):
-    result = shell('tune', '--parameters', 'refinement.damping', 'refinement.mapscale', 'absent.log')
-    assert "did you mean 'refinement.map_scale'" in result.stderr
+    result = shell('tune', '--parameters', 'advanced.refinement.damping', 'refinement.mapscale', 'absent.log')
+    assert "did you mean 'advanced.refinement.map_scale'" in result.stderr
 
 
 def test_the_help_of_compare_lists_all_that_it_takes(shell, root):

@@ -93,7 +93,7 @@ def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
 
 def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
     node, odometry = (Competitor(NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
-                      for name in ('prior.source', 'odometry.prior'))
+                      for name in ('prior.source', 'advanced.odometry.prior'))
     assert node == odometry != Parameters().odometry
 
 

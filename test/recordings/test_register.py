@@ -15,6 +15,7 @@ from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome
+from dbscan_reg_ros.core.parameters.schema import ADVANCED
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.figures.overlay import ellipse
 from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, draw_figures
@@ -74,7 +75,7 @@ def check_pictures(folder):
 
 
 def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, capsys):
-    (tmp_path / 'rivals.yaml').write_text('/**: {ros__parameters: {selection.min_support_ratio: 0.0}}')
+    (tmp_path / 'rivals.yaml').write_text('/**: {ros__parameters: {advanced.selection.min_support_ratio: 0.0}}')
     assert intel(REFERENCE, CURRENT, '--params-file', tmp_path / 'rivals.yaml') == 0
     text = capsys.readouterr().out
     result = register(*map(extract_features, pair), read_parameters(tmp_path / 'rivals.yaml'))
@@ -105,7 +106,7 @@ def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates
 
 
 def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot, updates, tmp_path, capsys):
-    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {selection.top_candidates: 3, selection.min_support_ratio: 0.0}}')
+    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.top_candidates: 3, advanced.selection.min_support_ratio: 0.0}}')
     assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
     text, update = capsys.readouterr().out, updates[2]
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
@@ -116,7 +117,7 @@ def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot
 def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel, tmp_path, capsys):
     reference, current = map(extract_features, pair)
     own = Parameters()
-    drive = [each for each in Parameters.describe() if each.name.startswith(OF_A_DRIVE)]
+    drive = [each for each in Parameters.describe() if each.name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)]
     others = own.replace({each.name: next(c for c in each.choices if c != each.default) if each.choices
                           else not each.default if each.type is bool else each.maximum for each in drive})
     found = register(reference, current, others)
@@ -210,7 +211,7 @@ def test_scans_without_any_line_are_drawn_as_well(tmp_path):
     rng = np.random.default_rng(1)
     scans = [Scan.from_points(rng.uniform(2.0, 30.0, (60, 1)) * [(math.cos(a), math.sin(a)) for a in
                                                                    np.linspace(-3.0, 3.0, 60)]) for _ in range(2)]
-    steps = Steps.of(*scans, Parameters().replace({'filter.test': 'off'}))
+    steps = Steps.of(*scans, Parameters().replace({'advanced.filter.test': 'off'}))
     assert not len(steps.reference.features.segments) and steps.rotation is None
     assert steps.registration.status is Status.FAILED
     draw_figures(tmp_path, steps, 'nothing')

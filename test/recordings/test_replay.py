@@ -147,7 +147,7 @@ def values(vector, names='xyz'):
 def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
     file = tmp_path / 'a.yaml'
     for settings, names in (('input.every_nth: 2, prior.source: imu, scan.range_max: 5.0', 'prior.source, input.every_nth'),
-                            ('prior.source: none, mounting: none, base_frame: base, prior.weight: 0.1', '')):
+                            ('prior.source: none, mounting: none, base_frame: base, advanced.prior.weight: 0.1', '')):
         file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
         assert main([str(data / 'absent.log'), '--params-file', str(file), '--out', str(tmp_path)]) == 2
         said = f'replay: {file}: does not count here: {names}\n' if names else ''

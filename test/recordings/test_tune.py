@@ -22,7 +22,7 @@ from dbscan_reg_ros.tuning.objective import HOPELESS, cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
 
-BAD = {'refinement.map_scale': 0.5, 'refinement.map_first_scale': 0.9}
+BAD = {'advanced.refinement.map_scale': 0.5, 'advanced.refinement.map_first_scale': 0.9}
 SEARCH = ('--parameters', *BAD, '--scans', '40', '--search', 'random')
 
 
@@ -32,7 +32,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
         assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', str(seed)]) == 0
-    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    refinement: {map_scale: 0.5, map_first_scale: 0.9}\n')
+    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    advanced: {refinement: {map_scale: 0.5, map_first_scale: 0.9}}\n')
     return folder
 
 
@@ -50,9 +50,9 @@ def trials_of(folder):
 
 
 @pytest.mark.parametrize(('text', 'axis'), [
-    ('refinement.map_scale', Axis('refinement.map_scale', float, 0.2, 5.0)),
-    ('selection.top_candidates=2:9', Axis('selection.top_candidates', int, 2, 9)),
-    ('rotation.directed', Axis('rotation.directed', bool, choices=(False, True))),
+    ('advanced.refinement.map_scale', Axis('advanced.refinement.map_scale', float, 0.2, 5.0)),
+    ('advanced.selection.top_candidates=2:9', Axis('advanced.selection.top_candidates', int, 2, 9)),
+    ('advanced.rotation.directed', Axis('advanced.rotation.directed', bool, choices=(False, True))),
 ])
 def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, axis):
     found = read_axis(text, Parameters())
@@ -63,9 +63,9 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 
 @pytest.mark.parametrize(('text', 'says'), [
-    ('refinement.mapscale', "did you mean 'refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
-    ('refinement.map_scale=1', 'expected NAME=LOW:HIGH'), ('refinement.map_scale=2:1', 'lower bound below'),
-    ('refinement.map_scale=0.1:99', 'refinement.map_scale = 99'), ('rotation.directed=0:1', 'has no range'),
+    ('refinement.mapscale', "did you mean 'advanced.refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
+    ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'), ('advanced.refinement.map_scale=2:1', 'lower bound below'),
+    ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'), ('advanced.rotation.directed=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'), ('segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
@@ -100,7 +100,7 @@ def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path,
     trials, scans = size((10, 500), (200, 5505))
     intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
     write_parameters(bad, NodeParameters().replace(BAD | {
-        'refinement.damping': 0.1, 'density.max_distance': 2.0, 'density.violation_weight': 3.5, 'density.cell_size': 0.5, 'selection.preselection_tolerance': 1.25}))
+        'advanced.refinement.damping': 0.1, 'advanced.density.max_distance': 2.0, 'advanced.density.violation_weight': 3.5, 'advanced.density.cell_size': 0.5, 'advanced.selection.preselection_tolerance': 1.25}))
     assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
                  'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
     costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
@@ -170,7 +170,7 @@ def test_too_little_of_a_drive_is_hopeless_and_ends_no_search(recordings):
 
 def test_a_node_without_any_prior_is_judged_as_the_odometry_that_it_runs(recordings):
     usual, node, odometry = (cost_of(recordings / 'a', None, NodeParameters().replace(values), limit=60)
-                             for values in ({}, {'prior.source': 'none'}, {'odometry.prior': 'none'}))
+                             for values in ({}, {'prior.source': 'none'}, {'advanced.odometry.prior': 'none'}))
     assert node == odometry != usual
 
 
@@ -183,7 +183,7 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
 
 def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
-    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, odometry.zero_velocity_gate: 4.0}}')
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, advanced.odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
     assert capsys.readouterr().err.startswith(f'tune: {file}: does not count here: mounting, upside_down\ntune: ')
 

@@ -43,7 +43,7 @@ def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: 
     beams = np.isfinite(filtered[:, 0]).nonzero()[0]
     points = filtered[beams]
     if len(points) < limits.min_returns:
-        raise ScanError(f'{len(points)} returns remain after the ring band filter; scan.min_returns asks for '
+        raise ScanError(f'{len(points)} returns remain after the ring band filter; advanced.scan.min_returns asks for '
                         f'{limits.min_returns}')
     ratio, noise = returns.noise_ratio if noise_ratio is None else noise_ratio, returns.noise
     positions = as_complex(points)

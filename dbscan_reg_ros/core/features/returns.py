@@ -67,6 +67,6 @@ def admitted_returns(scan: Scan, limits: ScanParameters) -> Returns:
     returns = Returns(scan, points, limits)
     count = np.count_nonzero(returns.valid)
     if count < limits.min_returns:
-        raise ScanError(f'{count} of {scan.geometry.size} beams have a return; scan.min_returns asks for '
+        raise ScanError(f'{count} of {scan.geometry.size} beams have a return; advanced.scan.min_returns asks for '
                         f'{limits.min_returns}')
     return returns

@@ -9,6 +9,8 @@ from .schema import ParameterGroup, parameter
 class ScanParameters(ParameterGroup):
     """Which returns of a scan are used, and their range noise."""
 
+    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max'
+
     range_min: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
         help='Returns nearer than this are ignored. Larger values also drop near objects; 0 keeps the limit that the '
@@ -65,17 +67,20 @@ class RingBandParameters(ParameterGroup):
              'beams beside range jumps; smaller values test fewer beams.')
     noise_factor: float = parameter(
         3.0, bounds=(0.0, 100.0),
-        help='Tolerance of the consensus test in multiples of the range noise, to which filter.relative_tolerance '
-             'adds. Larger values find fewer outliers; smaller values take noise for outliers.')
+        help='Tolerance of the consensus test in multiples of the range noise, to which '
+             'advanced.filter.relative_tolerance adds. Larger values find fewer outliers; smaller values take noise '
+             'for outliers.')
     relative_tolerance: float = parameter(
         0.01, bounds=(0.0, 1.0),
-        help='Tolerance of the consensus test as a fraction of the range, to which filter.noise_factor adds. Larger '
-             'values find fewer outliers far away; smaller values find more.')
+        help='Tolerance of the consensus test as a fraction of the range, to which advanced.filter.noise_factor '
+             'adds. Larger values find fewer outliers far away; smaller values find more.')
 
 
 @dataclass(frozen=True)
 class SegmentParameters(ParameterGroup):
     """Line segments (Eq. 5-7) and normals."""
+
+    BASIC = 'min_points', 'min_length'
 
     breakpoint_factor: float = parameter(
         8.0, bounds=(1.0, 100.0),
@@ -108,12 +113,12 @@ class SegmentParameters(ParameterGroup):
     split_distance: float = parameter(
         0.03, unit='m', bounds=(0.0, 10.0),
         help='A surface is split at its farthest point from the chord when that distance exceeds this plus '
-             'segments.split_noise times the noise. Larger values give fewer and longer segments; smaller values split '
-             'at small bends.')
+             'advanced.segments.split_noise times the noise. Larger values give fewer and longer segments; smaller '
+             'values split at small bends.')
     split_noise: float = parameter(
         3.0, bounds=(0.0, 100.0),
-        help='Multiple of the range noise that is added to segments.split_distance. Larger values split noisy surfaces '
-             'less often; smaller values split them more often.')
+        help='Multiple of the range noise that is added to advanced.segments.split_distance. Larger values split '
+             'noisy surfaces less often; smaller values split them more often.')
     split_levels: int = parameter(
         6, bounds=(1, 16),
         help='Number of times that all pieces of a surface are split in two, so that at most 2 to this power remain. '
@@ -152,8 +157,8 @@ class SegmentParameters(ParameterGroup):
              'Larger values give smoother normals and round off corners; smaller values follow details and noise.')
     normal_noise: float = parameter(
         4.0, bounds=(0.0, 100.0),
-        help='Multiple of the range noise below which segments.normal_reach is never taken. Larger values give '
-             'smoother normals for noisy sensors; 0 uses segments.normal_reach alone.')
+        help='Multiple of the range noise below which advanced.segments.normal_reach is never taken. Larger values '
+             'give smoother normals for noisy sensors; 0 uses advanced.segments.normal_reach alone.')
     normal_beams: int = parameter(
         2, unit='beams', bounds=(1, 100),
         help='Least number of neighbouring beams on each side of a point that are used to fit its normal. Larger '

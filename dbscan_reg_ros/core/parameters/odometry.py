@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the odometry."""
 from dataclasses import dataclass
+from typing import ClassVar
 
 from .schema import ParameterGroup, parameter
 
@@ -8,6 +9,8 @@ from .schema import ParameterGroup, parameter
 @dataclass(frozen=True)
 class PriorParameters(ParameterGroup):
     """Prediction of the motion since the last scan, and the gate around it."""
+
+    BASIC: ClassVar[tuple[str, ...]] = ('acceleration', 'angular_acceleration')
 
     weight: float = parameter(
         0.15, bounds=(0.0, 2.0),
@@ -69,6 +72,8 @@ class PriorParameters(ParameterGroup):
 @dataclass(frozen=True)
 class OdometryParameters(ParameterGroup):
     """Reference, key frames, dynamic points and lost track."""
+
+    BASIC = 'reference', 'key_frames', 'key_frame_distance', 'key_frame_angle', 'deskew'
 
     reference: str = parameter(
         'window', choices=('previous', 'keyframe', 'window'),
@@ -175,6 +180,8 @@ class ManhattanParameters(ParameterGroup):
 @dataclass(frozen=True)
 class TimeParameters(ParameterGroup):
     """Stamps."""
+
+    BASIC = 'max_jump',
 
     max_jump: float = parameter(
         2.0, unit='s', bounds=(0.0, 1000000.0),

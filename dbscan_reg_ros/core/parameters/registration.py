@@ -15,6 +15,8 @@ _CLUSTERINGS = 'built_in', 'scikit_learn'
 class RotationParameters(ParameterGroup):
     """Clusters of angle differences (Eq. 9)."""
 
+    BASIC = 'eps', 'min_samples'
+
     directed: bool = parameter(
         True, help='If true, a line keeps the direction in which the beams pass it, and rotations are unique modulo 2 '
                    'pi. If false, lines have no direction, as in the paper, and rotations are unique modulo pi.')
@@ -62,6 +64,8 @@ class RotationParameters(ParameterGroup):
 @dataclass(frozen=True)
 class TranslationParameters(ParameterGroup):
     """Clusters of translations (Eq. 10-15)."""
+
+    BASIC = 'eps', 'min_samples'
 
     form: str = parameter(
         'signed', choices=('signed', 'squared'),
@@ -124,6 +128,8 @@ class TranslationParameters(ParameterGroup):
 @dataclass(frozen=True)
 class DensityParameters(ParameterGroup):
     """Likelihood field of the reference, and how scans are compared with it (Eq. 16-21)."""
+
+    BASIC = 'max_points',
 
     max_points: int = parameter(
         200, bounds=(10, 100000),
@@ -222,17 +228,19 @@ class SelectionParameters(ParameterGroup):
              'values compare more of them; smaller values are faster.')
     same_distance: float = parameter(
         0.05, unit='m', bounds=(0.0, 10.0),
-        help='Two hypotheses closer than this, and than selection.same_angle in rotation, count as one. Larger values '
-             'keep fewer distinct hypotheses; smaller values keep more.')
+        help='Two hypotheses closer than this, and than advanced.selection.same_angle in rotation, count as one. '
+             'Larger values keep fewer distinct hypotheses; smaller values keep more.')
     same_angle: float = parameter(
         0.02, unit='rad', bounds=(0.0, 3.2),
-        help='Two hypotheses whose rotations differ by less than this, and by selection.same_distance in translation, '
-             'count as one. Larger values keep fewer distinct hypotheses; smaller values keep more.')
+        help='Two hypotheses whose rotations differ by less than this, and by advanced.selection.same_distance in '
+             'translation, count as one. Larger values keep fewer distinct hypotheses; smaller values keep more.')
 
 
 @dataclass(frozen=True)
 class DivergenceParameters(ParameterGroup):
     """Densities of the x and y coordinates (Eq. 16-18) and their K-L divergence (Eq. 19-21)."""
+
+    BASIC = 'bandwidth',
 
     bandwidth: float = parameter(
         0.0, unit='m', bounds=(0.0, 100.0),
@@ -358,6 +366,8 @@ class DegeneracyParameters(ParameterGroup):
 class DecisionParameters(ParameterGroup):
     """Status and covariance of a registration."""
 
+    BASIC = 'min_score',
+
     rival_distance: float = parameter(
         0.2, unit='m', bounds=(0.0, 10.0),
         help='Hypotheses farther than this from the best one are rivals. Larger values report AMBIGUOUS less often; '
@@ -381,8 +391,8 @@ class DecisionParameters(ParameterGroup):
     weak_prior_sigma: float = parameter(
         0.5, unit='m', bounds=(0.0, 1000.0),
         help='A predicted translation with a larger standard deviation than this counts as a weak prior in the '
-             'odometry, after which OK needs decision.weak_prior_information. Larger values trust weak predictions '
-             'more; smaller values ask for more points more often.')
+             'odometry, after which OK needs advanced.decision.weak_prior_information. Larger values trust weak '
+             'predictions more; smaller values ask for more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0),
         help='Number of effective points that must constrain the weakest direction for OK after a weak prior. Larger '

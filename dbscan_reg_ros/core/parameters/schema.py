@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from ..errors import ParameterError
 
@@ -13,6 +13,8 @@ Value: TypeAlias = 'float | int | bool | str | tuple[float, ...]'
 Number = TypeVar('Number', bound=Value)
 Tree = TypeVar('Tree', bound='ParameterTree')
 
+ADVANCED = 'advanced.'
+"""Prefix of the full names of parameters that are seldom changed."""
 _LARGEST_EXPONENT = 1024
 """Whole numbers of more bits than this have no `float`."""
 
@@ -49,7 +51,7 @@ class Description:
     Attributes
     ----------
     name : str
-        Full name, ``group.field``.
+        Full name: ``group.field``, or ``advanced.group.field`` if it is seldom changed.
     type : type
         `float`, `int`, `bool`, `str` or `tuple`.
     default : float, int, bool, str or tuple of float
@@ -91,17 +93,28 @@ class Description:
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """A frozen dataclass of parameters that checks each value as it is made."""
+    """A frozen dataclass of parameters that checks each value as it is made.
+
+    Attributes
+    ----------
+    BASIC : tuple of str
+        Names of the basic parameters of the group; the others are advanced.
+    """
+
+    BASIC: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            value = check(_describe('', field), getattr(self, field.name))
+            value = check(_describe(field.name, field), getattr(self, field.name))
             object.__setattr__(self, field.name, value)
 
 
 @dataclass(frozen=True)
 class ParameterTree:
-    """A frozen dataclass of parameters and groups of parameters, read and made by full names."""
+    """A frozen dataclass of parameters and groups of parameters, read and made by full names.
+
+    An attribute is ``group.field``, whether the parameter is basic or advanced.
+    """
 
     def __repr__(self) -> str:
         """Show what differs from the defaults."""
@@ -112,17 +125,17 @@ class ParameterTree:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if not _is_group(field):
-                object.__setattr__(self, field.name, check(_describe('', field), getattr(self, field.name)))
+                object.__setattr__(self, field.name, check(_describe(field.name, field), getattr(self, field.name)))
 
     @classmethod
     def describe(cls) -> tuple[Description, ...]:
         """Return a `Description` of every parameter, in order."""
-        return tuple(_describe(prefix, field) for prefix, field in _parameter_fields(cls))
+        return tuple(_describe(name, field) for name, _, field in _parameter_fields(cls))
 
     def flatten(self) -> dict[str, Value]:
         """Map the full name of every parameter to its value."""
-        return {prefix + field.name: getattr(getattr(self, prefix[:-1]) if prefix else self, field.name)
-                for prefix, field in _parameter_fields(type(self))}
+        return {name: getattr(getattr(self, group) if group else self, field.name)
+                for name, group, field in _parameter_fields(type(self))}
 
     def replace(self: Tree, values: Mapping[str, object]) -> Tree:
         """Make a copy with `values` (full name -> value) changed, all or none.
@@ -132,14 +145,14 @@ class ParameterTree:
         ParameterError
             When a name is unknown, a value has the wrong type or lies outside its bounds, or two contradict each other.
         """
-        descriptions = {d.name: d for d in self.describe()}
+        known = {name: (group, field) for name, group, field in _parameter_fields(type(self))}
         own: dict[str, Any] = {}
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            if name not in descriptions:
-                raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
-            group, _, field = name.rpartition('.')
-            (groups.setdefault(group, {}) if group else own)[field] = check(descriptions[name], value)
+            if name not in known:
+                raise ParameterError(f'unknown parameter {name!r}; {suggest(name, known)}')
+            group, field = known[name]
+            (groups.setdefault(group, {}) if group else own)[field.name] = check(_describe(name, field), value)
         return dataclasses.replace(self, **own, **{
             group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()})
 
@@ -185,20 +198,21 @@ def _is_group(field: 'dataclasses.Field[Any]') -> bool:
     return field.default is dataclasses.MISSING
 
 
-def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, dataclasses.Field[Any]]]':
-    """Yield (prefix of the full name, dataclass field) of every parameter of the class `tree`, in order."""
+def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, str, dataclasses.Field[Any]]]':
+    """Yield (full name, group or '', dataclass field) of every parameter of the class `tree`, in order."""
     for field in dataclasses.fields(tree):
         group: Any = field.default_factory
         if _is_group(field):
             for inner in dataclasses.fields(group):
-                yield f'{field.name}.', inner
+                level = '' if inner.name in group.BASIC else ADVANCED
+                yield f'{level}{field.name}.{inner.name}', field.name, inner
         else:
-            yield '', field
+            yield field.name, '', field
 
 
-def _describe(prefix: str, field: 'dataclasses.Field[Any]') -> Description:
+def _describe(name: str, field: 'dataclasses.Field[Any]') -> Description:
     default: Any = field.default
-    return Description(prefix + field.name, type(default), default, **field.metadata)
+    return Description(name, type(default), default, **field.metadata)
 
 
 def _article(kind: type) -> str:
@@ -208,5 +222,6 @@ def _article(kind: type) -> str:
 def suggest(name: str, names: Iterable[str]) -> str:
     """Suggest which of `names` was meant by the unknown `name`, as the end of a message."""
     import difflib
-    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f'did you mean {close[0]!r}?' if close else 'see the parameter reference for the names'
+    shortened = {each.removeprefix(ADVANCED): each for each in names}
+    close = difflib.get_close_matches(name.removeprefix(ADVANCED), shortened, n=1, cutoff=0.5)
+    return f'did you mean {shortened[close[0]]!r}?' if close else 'see the parameter reference for the names'

@@ -18,7 +18,7 @@ from .registration import (
     SelectionParameters,
     TranslationParameters,
 )
-from .schema import ParameterTree
+from .schema import ADVANCED, ParameterTree
 
 _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translation', 'eps')
 """Group and name of quantities with a lower and an upper limit, each a parameter; an upper limit of 0 is none."""
@@ -49,8 +49,10 @@ class Parameters(ParameterTree):
         for group, name in _LIMITED:
             least, greatest = (getattr(getattr(self, group), f'{name}_{end}') for end in ('min', 'max'))
             if 0.0 < greatest < least:
-                raise ParameterError(f'{group}.{name}_min = {least}: expected at most {group}.{name}_max, which is '
-                                     f'{greatest}; set both at once, or first the one that still fits')
+                known = {each.name.removeprefix(ADVANCED): each.name for each in self.describe()}
+                low, high = (known[f'{group}.{name}_{end}'] for end in ('min', 'max'))
+                raise ParameterError(f'{low} = {least}: expected at most {high}, which is {greatest}; '
+                                     'set both at once, or first the one that still fits')
 
     @cached_property
     def widened(self) -> 'Parameters':

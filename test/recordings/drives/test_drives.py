@@ -33,7 +33,7 @@ def test_chair_legs_suffice_where_no_wall_is_within_range(seed):
     course = chairs(None)[seed]
     off = drive_error(course)
     assert off < 0.03
-    assert off < 0.75 * drive_error(course, **{'odometry.pole_size': 0.0})
+    assert off < 0.75 * drive_error(course, **{'advanced.odometry.pole_size': 0.0})
     assert off < 0.1 * drive_error(course, **{'odometry.key_frames': 1})
 
 
@@ -42,7 +42,7 @@ def test_fifteen_metres_among_a_few_trunks_need_few_returns():
     course = trees(None)[0].take(slice(150))
     end = SE2.from_array(relative(course.reference[:1], course.reference[-1:])[0]).inverse()
     found = []
-    for changes in ({}, {'scan.min_returns': 20}):
+    for changes in ({}, {'advanced.scan.min_returns': 20}):
         odometry, skipped = Odometry(Parameters().replace(changes)), 0
         for scan in course.scans:
             try:
@@ -87,7 +87,7 @@ def test_a_lidar_whose_far_ranges_are_off_by_a_quarter_of_a_metre_is_not_lost():
     """With a constant noise, points off by several kernels lower the score of the true pose below the threshold."""
     score, off = drive_through_hall(0.03)
     assert score > 0.5 and off < 0.2
-    assert drive_through_hall(0.03, **{'scan.noise_ratio_max': 0.0})[0] < 0.4
+    assert drive_through_hall(0.03, **{'advanced.scan.noise_ratio_max': 0.0})[0] < 0.4
 
 
 @pytest.mark.parametrize('yaw', [0.0, 2.5])

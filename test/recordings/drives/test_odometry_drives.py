@@ -75,7 +75,7 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
 @pytest.mark.parametrize(('asked', 'lies'), [(0.0, True), (10.0, False)])
 def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked, lies):
     drive = simulate(corridor(seed=1), follow(corridor(seed=1).tour), Lidar(), seed=1)
-    odometry, wrong = Odometry(Parameters().replace({'decision.weak_prior_information': asked})), []
+    odometry, wrong = Odometry(Parameters().replace({'advanced.decision.weak_prior_information': asked})), []
     truth = [SE2.from_array(pose) for pose in drive.truth[::10]]
     for scan, last, true in zip(drive.scans[::10], truth[:1] + truth, truth):
         update = odometry.process(scan)

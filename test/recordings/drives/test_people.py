@@ -50,7 +50,7 @@ def test_a_person_walking_ahead_does_not_stop_the_odometry_in_a_corridor(size, h
     start, end = world.tour
     leader = Person(np.array([start + np.array((1.2, 0.0)), end]), speed=1.0)
     result = simulate(dataclasses.replace(world, people=(leader,)), follow(world.tour, speed=1.0), Lidar(), seed=1)
-    odometry = Odometry(Parameters().replace({'odometry.movable_size': size}))
+    odometry = Odometry(Parameters().replace({'advanced.odometry.movable_size': size}))
     for scan in result.scans[:200]:
         pose = odometry.process(scan).pose
     first, last = (SE2.from_array(result.truth[k]) for k in (0, 199))
@@ -91,7 +91,7 @@ def test_a_co_moving_person_straight_ahead_does_not_bias_the_odometry():
 def test_a_rotation_in_a_symmetric_corridor_is_followed(data):
     """A person hides the end of a symmetric corridor while the sensor turns by 180 deg: the heading stays right."""
     log, part = Intel(data / 'intel'), slice(1780, 1900)
-    odometry, turned = Odometry(Parameters().replace({'odometry.movable_size': 0.0})), []
+    odometry, turned = Odometry(Parameters().replace({'advanced.odometry.movable_size': 0.0})), []
     for scan in strolled(log.scans[part], seed=0):
         turned.append(odometry.process(scan).pose.theta)
     off = np.unwrap(turned) - np.unwrap(log.reference[part, 2])

@@ -13,7 +13,7 @@ from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS
 
 PARAMETERS = Parameters()
-NONE = PARAMETERS.replace({'selection.max_landmarks': 0})
+NONE = PARAMETERS.replace({'advanced.selection.max_landmarks': 0})
 
 
 @pytest.fixture(scope='module')

@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.geometry.line_fit import summed_moments
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
 
-PLAIN = Parameters().replace({'filter.test': 'off'})
+PLAIN = Parameters().replace({'advanced.filter.test': 'off'})
 
 
 def normals_of(points, breaks=None, increment=DEGREE, **changes):
@@ -65,7 +65,7 @@ def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_no
 def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
     """Noise lies along the beams: fitted to little more than the noise, the normals of a wall turn towards the sensor."""
     walls = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]])
-    parameters, turned = PLAIN.replace({'segments.normal_noise': reach}), []
+    parameters, turned = PLAIN.replace({'advanced.segments.normal_noise': reach}), []
     for seed in range(20):
         found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), parameters)
         bearing = np.arctan2(found.points[:, 1], found.points[:, 0])
@@ -123,5 +123,5 @@ def test_returns_know_noise_and_ratio_of_the_admitted_ranges_only():
     returns = admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
     assert np.count_nonzero(returns.valid) == 260 and not returns.valid[:100].any()
     assert returns.noise == pytest.approx(0.004) and returns.noise_ratio == 0.0
-    with pytest.raises(ScanError, match='260 of 360 beams have a return; scan.min_returns asks for 300'):
+    with pytest.raises(ScanError, match='260 of 360 beams have a return; advanced.scan.min_returns asks for 300'):
         admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))

@@ -272,5 +272,5 @@ def test_the_measured_points_are_not_written_to(test):
 def test_the_features_of_a_scan_are_made_from_its_filtered_points():
     points = pushed(seen(BEARINGS, *ROOM), b178=1.0)
     scan = Scan.from_points(points, angle_increment=math.radians(1.0))
-    assert REGION_1 in extract_features(scan, Parameters().replace({'filter.test': 'off'})).beams
+    assert REGION_1 in extract_features(scan, Parameters().replace({'advanced.filter.test': 'off'})).beams
     assert REGION_1 not in extract_features(scan).beams

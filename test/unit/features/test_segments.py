@@ -17,9 +17,9 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
-PLAIN = Parameters().replace({'filter.test': 'off'})
-SLOPE = PLAIN.replace({'segments.corners': 'slope', 'segments.sections': 5})
-WAYS = pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'segments.sections': 5}), SLOPE],
+PLAIN = Parameters().replace({'advanced.filter.test': 'off'})
+SLOPE = PLAIN.replace({'advanced.segments.corners': 'slope', 'advanced.segments.sections': 5})
+WAYS = pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5}), SLOPE],
                                ids=['split', 'split in sections', 'slope'])
 NOISE = 0.005
 
@@ -162,7 +162,7 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
 
 
 def test_the_least_mean_error_cuts_walls_to_pieces_and_the_penalty_does_not():
-    literal = SLOPE.replace({'segments.corner_penalty': 0.0})
+    literal = SLOPE.replace({'advanced.segments.corner_penalty': 0.0})
     counts = []
     for parameters in (literal, SLOPE):
         found = [extract_features(look(outline(L_ROOM), noise=0.003, seed=seed), parameters) for seed in range(20)]
@@ -234,7 +234,7 @@ def test_segments_run_counter_clockwise():
     np.testing.assert_allclose(found.direction, np.arctan2(along[:, 1], along[:, 0]), atol=1e-9)
 
 
-@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'segments.sections': 5})], ids=['points', 'sections'])
+@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5})], ids=['points', 'sections'])
 def test_errors_of_the_fit_agree_with_its_covariance(parameters):
     """A wall 2 m ahead, 100 times with noise: errors in units of their standard deviations."""
     wall = np.array([[(2.0, -2.0), (2.0, 2.0)]])
@@ -309,9 +309,9 @@ def test_ends_before_a_background_are_free_and_hidden_ends_are_not():
 def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_noise(depth, kind):
     """A margin of 0.09 m and three times a noise of 0.02 m."""
     walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(2.0 + depth, -5.0), (2.0 + depth, 5.0)]])
-    parameters = PLAIN.replace({'scan.noise_min': 0.02, 'scan.noise_max': 0.02, 'segments.depth_margin': 0.09,
-                                'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0,
-                                'segments.join_gap': 0.0})
+    parameters = PLAIN.replace({'scan.noise_min': 0.02, 'scan.noise_max': 0.02, 'advanced.segments.depth_margin': 0.09,
+                                'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0,
+                                'advanced.segments.join_gap': 0.0})
     found = segments_of(walls, parameters, geometry=HALF)
     front = np.flatnonzero(np.abs(found.midpoint[:, 0] - 2.0) < 0.01)
     assert found.kinds[front].tolist() == [[kind, kind]]
@@ -322,15 +322,15 @@ def test_parts_of_one_wall_are_joined_whatever_their_sizes():
     scan = look(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.6, DEGREE, 69))
     ranges = np.array(scan.ranges)
     ranges[[10, 51, 57]] = np.inf
-    whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1})).segments
+    whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
     assert whole.beams.tolist() == [[0, 68]]
-    parts = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'segments.max_gap': 1, 'segments.join_gap': 0.0}))
+    parts = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1, 'advanced.segments.join_gap': 0.0}))
     assert parts.segments.beams.tolist() == [[0, 9], [11, 50], [52, 56], [58, 68]]
 
 
 def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():
     panels = np.array([[(1.9, -1.3), (1.9, -1.0)], [(2.0, -1.0), (2.0, 0.3)], [(2.1, 0.3), (2.1, 1.4)]])
-    found = segments_of(panels, PLAIN.replace({'segments.breakpoint_noise': 0.0, 'segments.breakpoint_factor': 2.0}))
+    found = segments_of(panels, PLAIN.replace({'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0}))
     assert found.midpoint[:, 0] == pytest.approx([1.9, 2.0, 2.1], abs=1e-6)
 
 

@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.simulation.raycasting import cast
 
-UNFILTERED = Parameters().replace({'filter.test': 'off'})
+UNFILTERED = Parameters().replace({'advanced.filter.test': 'off'})
 SEGMENTS = UNFILTERED.segments
 LEG, OTHER = (1.2, 0.6, 0.02), (0.4, 1.3, 0.025)
 WALLS = outline(L_ROOM)[[0, 5]]

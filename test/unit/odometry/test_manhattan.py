@@ -111,7 +111,7 @@ def test_scans_are_registered_as_if_no_heading_was_corrected():
     scans = simulate(world, follow(world.tour[:3]), LIDARS['rplidar_a'], seed=0).scans
     said = {}
     for drift in (0.0, 0.003):
-        odometry = Odometry(Parameters().replace({'manhattan.heading_drift': drift}))
+        odometry = Odometry(Parameters().replace({'advanced.manhattan.heading_drift': drift}))
         said[drift] = [odometry.process(scan) for scan in scans]
     for left, corrected in zip(*said.values(), strict=True):
         assert (left.registration and left.registration.transform) == (corrected.registration and corrected.registration.transform)

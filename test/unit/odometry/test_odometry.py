@@ -110,7 +110,7 @@ def test_a_scan_of_noise_is_coasted_over():
 
 @pytest.mark.parametrize(('velocities', 'expected'), [(1, 0.09), (3, 0.05), (100, 0.033)])
 def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
-    odometry = Odometry(Parameters().replace({'prior.velocity_window': velocities}))
+    odometry = Odometry(Parameters().replace({'advanced.prior.velocity_window': velocities}))
     run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
     update = odometry.process(noise_at(21 * TENTH, np.random.default_rng(6)))
     assert update.status is Status.FAILED
@@ -184,7 +184,7 @@ def test_after_a_gap_a_lost_sensor_restarts_at_the_external_prior():
 @pytest.mark.parametrize(('memory', 'least', 'most'), [(300.0, 0.0, 0.3), (0.0, 0.8, 1.2)])
 def test_the_wheel_calibration_corrects_the_prior_while_lost(memory, least, most):
     """Wheels 5 % too large and unequal, a sensor 8 cm from its stated mounting; then 0.9 s without a usable scan."""
-    odometry, poses, rng = Odometry(Parameters().replace({'prior.calibration_distance': memory})), drive(160), np.random.default_rng(7)
+    odometry, poses, rng = Odometry(Parameters().replace({'advanced.prior.calibration_distance': memory})), drive(160), np.random.default_rng(7)
     step = poses[0].inverse() @ poses[1]
     prior = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
     for i, pose in enumerate(poses):
@@ -432,7 +432,7 @@ def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
 
 
 def test_an_update_names_the_key_frame_that_its_registration_refers_to():
-    updates = run(Odometry(Parameters().replace({'odometry.zero_velocity_gate': 0.0})), drive(10))
+    updates = run(Odometry(Parameters().replace({'advanced.odometry.zero_velocity_gate': 0.0})), drive(10))
     assert updates[0].reference is None
     assert updates[1].reference is updates[0].features
     changes = [update.features for update in updates if update.reference_changed]
@@ -461,8 +461,8 @@ def test_the_window_is_bounded():
 def test_parameters_count_from_the_next_scan_on():
     odometry, poses = Odometry(), drive(10)
     run(odometry, poses[:5])
-    odometry.parameters = odometry.parameters.replace({'scan.min_returns': 1000})
-    with pytest.raises(ScanError, match='scan.min_returns'):
+    odometry.parameters = odometry.parameters.replace({'advanced.scan.min_returns': 1000})
+    with pytest.raises(ScanError, match='advanced.scan.min_returns'):
         odometry.process(scan_at(poses[5], 5))
 
 
@@ -477,7 +477,7 @@ def test_a_key_frame_may_stand_before_the_latest():
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
     """A motion after the standstill is followed at once."""
     rng = np.random.default_rng(8)
-    odometry, steady = Odometry(Parameters().replace({'odometry.zero_velocity_gate': 0.0})), Odometry()
+    odometry, steady = Odometry(Parameters().replace({'advanced.odometry.zero_velocity_gate': 0.0})), Odometry()
     scans = [dataclasses.replace(scan_at(SE2(), i), ranges=scan_at(SE2(), i).ranges + rng.normal(0.0, 0.01, FULL.size))
              for i in range(60)]
     turns = np.array([[o.process(scan).pose.theta for scan in scans] for o in (odometry, steady)])

@@ -67,7 +67,7 @@ def test_older_key_frames_follow_by_their_distance_from_the_prediction(frames):
 
 @pytest.mark.parametrize(('count', 'expected'), [(0, [3]), (1, [3, 2]), (9, [3, 2, 1, 0])])
 def test_the_number_of_older_key_frames_is_limited(frames, count, expected):
-    limited = P.replace({'odometry.older_key_frames': count})
+    limited = P.replace({'advanced.odometry.older_key_frames': count})
     assert numbers(fallback_references(after(frames), POSES[-1], registered(), limited)) == expected
 
 

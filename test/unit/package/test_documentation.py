@@ -58,10 +58,11 @@ def test_modules_and_tests_that_are_named_exist(root, name):
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_parameters_that_are_named_exist(root, name):
     known = set(NodeParameters().flatten())
-    groups = {parameter.partition('.')[0] for parameter in known if '.' in parameter}
-    named = set(re.findall(r'`([a-z_]+\.[a-z_]+)(?::[^`]*)?`', (root / name).read_text()))
+    groups = {group for parameter in known for group in parameter.split('.')[:-1]}
+    headings = {parameter.rpartition('.')[0] for parameter in known}
+    named = set(re.findall(r'`([a-z_]+(?:\.[a-z_]+)+)(?::[^`]*)?`', (root / name).read_text()))
     named = {name for name in named if name.split('.')[0] in groups and not name.endswith(('.py', '.md'))}
-    assert named <= known
+    assert named <= known | headings
 
 
 def texts(path):

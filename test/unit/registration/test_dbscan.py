@@ -205,7 +205,7 @@ def test_the_built_in_clustering_is_the_default_and_the_papers_is_scikit_learns(
 def test_scikit_learn_is_imported_when_the_parameters_are_set_and_not_by_default(root):
     code = ('import sys\nfrom dbscan_reg_ros import Odometry, Parameters\n'
             'odometry = Odometry()\nassert "sklearn" not in sys.modules\n'
-            'odometry.parameters = Parameters().replace({"rotation.clustering": "scikit_learn"})\n'
+            'odometry.parameters = Parameters().replace({"advanced.rotation.clustering": "scikit_learn"})\n'
             'assert "sklearn.cluster" in sys.modules')
     subprocess.run([sys.executable, '-c', code], cwd=root, check=True)
 
@@ -215,5 +215,5 @@ def test_parameters_that_need_scikit_learn_are_refused_where_it_is_not_installed
         monkeypatch.setitem(sys.modules, name, None)
     odometry = Odometry()
     with pytest.raises(ParameterError, match='scikit-learn is not installed; install python3-sklearn'):
-        odometry.parameters = Parameters().replace({'translation.clustering': 'scikit_learn'})
+        odometry.parameters = Parameters().replace({'advanced.translation.clustering': 'scikit_learn'})
     assert odometry.parameters == Parameters()

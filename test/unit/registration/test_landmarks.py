@@ -87,8 +87,8 @@ def test_one_landmark_tells_no_motion(here, turned):
 
 
 def test_landmarks_belong_to_the_wide_search_and_are_off_where_that_is_off(drive):
-    narrow = PARAMETERS.replace({'selection.wide_search_factor': 1})
-    without = narrow.replace({'selection.max_landmarks': 0})
+    narrow = PARAMETERS.replace({'advanced.selection.wide_search_factor': 1})
+    without = narrow.replace({'advanced.selection.max_landmarks': 0})
     differ = 0
     for first in range(0, 400, 40):
         pair = [extract_features(drive.scans[each], PARAMETERS) for each in (first, first + 30)]

@@ -102,7 +102,7 @@ def test_the_best_hypothesis_is_the_result():
 def test_a_large_score_gap_skips_the_comparison_and_keeps_the_alternatives():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
     pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
-    alone, compared = (register(*pair, Parameters().replace({'selection.max_score_gap': clear})) for clear in (0.0, 2.0))
+    alone, compared = (register(*pair, Parameters().replace({'advanced.selection.max_score_gap': clear})) for clear in (0.0, 2.0))
     for found in (alone, compared):
         distance, angle = off(found, start.inverse() @ end)
         assert distance < 0.005 and angle < 0.002
@@ -130,7 +130,7 @@ def test_a_prior_decides_between_rivals():
 def test_a_search_that_is_repeated_knows_the_prior():
     square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
     reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
-    always = Parameters().replace({'selection.wide_search_score': 1.0})
+    always = Parameters().replace({'advanced.selection.wide_search_score': 1.0})
     for turn in 0.4 + 0.5 * math.pi * np.arange(4):
         prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
         found = register(reference, current, always, prior).transform.theta
@@ -210,14 +210,14 @@ def test_a_point_without_a_correspondence_scores_nothing(facing):
     other = outline([(-2.0, -3.0), (14.0, -3.0), (14.0, 12.0), (-2.0, 12.0)])
     found = []
     for least in (0.0, facing):
-        p = Parameters().replace({'density.min_normal_cosine': least})
+        p = Parameters().replace({'advanced.density.min_normal_cosine': least})
         found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM), other)), p))
     assert found[1].overlap == pytest.approx(found[0].overlap, abs=0.1)
     assert found[1].status is not Status.OK
 
 
 def test_where_all_points_are_left_out_nothing_overlaps_whatever_selects():
-    p = Parameters().replace({'selection.method': 'divergence'})
+    p = Parameters().replace({'advanced.selection.method': 'divergence'})
     features = extract_features(look(outline(L_ROOM), SE2(), FULL, 0.01, 1), p)
     assert register(features, features.without(np.ones(len(features.oriented_points), dtype=bool)), p).overlap == 0.0
 
@@ -236,8 +236,8 @@ def test_noise_draws_no_match_to_one_side():
 
 
 def test_a_search_with_a_low_score_is_repeated_with_more_hypotheses():
-    narrow = Parameters().replace({'rotation.max_hypotheses': 1, 'selection.max_clusters': 1, 'selection.wide_search_factor': 1})
-    again = narrow.replace({'selection.wide_search_factor': 60})
+    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 1, 'advanced.selection.max_clusters': 1, 'advanced.selection.wide_search_factor': 1})
+    again = narrow.replace({'advanced.selection.wide_search_factor': 60})
     truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
     found = {}
     for name, parameters in (('narrow', narrow), ('again', again)):
@@ -250,26 +250,26 @@ def test_a_search_with_a_low_score_is_repeated_with_more_hypotheses():
 
 def test_a_search_that_finds_nothing_but_violations_ends():
     """A room that is a little larger: every point is in the way, and each counts twenty times."""
-    parameters = Parameters().replace({'density.violation_weight': 20.0})
+    parameters = Parameters().replace({'advanced.density.violation_weight': 20.0})
     reference, current = (extract_features(look(outline(size * np.asarray(L_ROOM))), parameters) for size in (1.1, 1.0))
     found = register(reference, current, parameters)
     assert found.score < -1.0 and found.status is Status.FAILED
 
 
 def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
-    refinement = Parameters().replace({'refinement.coarse_scale': 0.8, 'refinement.fine_scale': 0.1, 'refinement.coarse_iterations': 4,
-                                       'refinement.final_scale': 0.02, 'refinement.fine_iterations': 1, 'refinement.map_iterations': 3,
-                                       'refinement.map_first_scale': 0.04, 'refinement.map_scale': 0.001}).refinement
+    refinement = Parameters().replace({'advanced.refinement.coarse_scale': 0.8, 'advanced.refinement.fine_scale': 0.1, 'advanced.refinement.coarse_iterations': 4,
+                                       'advanced.refinement.final_scale': 0.02, 'advanced.refinement.fine_iterations': 1, 'advanced.refinement.map_iterations': 3,
+                                       'advanced.refinement.map_first_scale': 0.04, 'advanced.refinement.map_scale': 0.001}).refinement
     assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
     assert refinement.fine_scales() == [0.1]
     assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 
 def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
-    narrow = Parameters().replace({'rotation.max_hypotheses': 3, 'selection.max_clusters_with_prior': 5, 'selection.preselected': 2,
-                                   'selection.wide_search_factor': 4})
-    expected = {'rotation.max_hypotheses': 12, 'selection.max_clusters': 20, 'selection.max_clusters_with_prior': 20, 'selection.preselected': 8,
-                'selection.wide_search_factor': 1}
+    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 3, 'advanced.selection.max_clusters_with_prior': 5, 'advanced.selection.preselected': 2,
+                                   'advanced.selection.wide_search_factor': 4})
+    expected = {'advanced.rotation.max_hypotheses': 12, 'advanced.selection.max_clusters': 20, 'advanced.selection.max_clusters_with_prior': 20, 'advanced.selection.preselected': 8,
+                'advanced.selection.wide_search_factor': 1}
     assert narrow.widened == narrow.replace(expected)
 
 
@@ -287,7 +287,7 @@ def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
     """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, and the best of these scores low."""
     trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
     pair = extract_features(trial.reference), extract_features(trial.current)
-    narrow, wide = (register(*pair, Parameters().replace({'selection.wide_search_gain': better})) for better in (2.0, 0.02))
+    narrow, wide = (register(*pair, Parameters().replace({'advanced.selection.wide_search_gain': better})) for better in (2.0, 0.02))
     assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
     distance, angle = off(wide, trial.truth)
     assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

@@ -22,7 +22,7 @@ from dbscan_reg_ros.core.registration.scoring import (
 )
 from dbscan_reg_ros.core.registration.search import Problem
 
-ALIKE = Parameters().replace({'density.leverage_ridge': 1000.0, 'density.max_points': 1000})
+ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""
 DENSITY = ALIKE.density
 ROOM = outline(L_ROOM)
@@ -70,7 +70,7 @@ def test_preselection_keeps_the_best_first():
     reference, current = features(START), features(END)
     order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
     candidates = rows(*(MOTION @ off for off in order))
-    chosen = ALIKE.replace({'selection.preselected': 3}).selection
+    chosen = ALIKE.replace({'advanced.selection.preselected': 3}).selection
     np.testing.assert_array_equal(preselect(candidates[::-1], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
     np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
 
@@ -80,7 +80,7 @@ def test_preselection_prefers_unseen_space_to_free_space():
     hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
     reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
     at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
-    one = ALIKE.replace({'selection.preselected': 1}).selection
+    one = ALIKE.replace({'advanced.selection.preselected': 1}).selection
     found = preselect(np.concatenate((at_the_wall, behind)), current.sampled_points, reference.free_space, one, DENSITY)
     np.testing.assert_array_equal(found, behind)
 
