@@ -3,11 +3,16 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from . import backends
+from .core.backend import set_default_source
+
 __all__ = [
     'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate',
     'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
     'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'register',
 ]
+
+set_default_source(backends.choose)
 
 if TYPE_CHECKING:
     from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError

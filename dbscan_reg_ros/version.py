@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from .backends import choose
+
 PACKAGE = 'dbscan_reg_ros'
 MANIFEST = Path(__file__).absolute().parent.parent / 'package.xml'
 """There where the package runs from its source."""
@@ -21,10 +23,10 @@ class _Version(argparse.Action):
     """Looks the version up only when it is asked for."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        print(f'{PACKAGE} {version()}')
+        print(f'{PACKAGE} {version()} ({choose().name} backend)')
         parser.exit()
 
 
 def add_version(parser):
     """Add the option ``--version``."""
-    parser.add_argument('--version', action=_Version, nargs=0, help='show the version of the package and exit')
+    parser.add_argument('--version', action=_Version, nargs=0, help='show version and backend, and exit')

@@ -258,3 +258,48 @@ def test_no_browser_is_installed_where_it_may_not_or_need_not_be(add_browser, ca
 def test_a_browser_that_cannot_be_installed_stops_nothing(add_browser):
     output, asked = add_browser(works=False)
     assert asked == ['update'] and output.endswith('chromium could not be installed.\n')
+
+
+FAKE_BUILDER = '''#!/bin/sh
+case "$1 $2" in
+    "-VV ") echo "Python $VERSION";;
+    "setup.py "*) echo tried >> "$TRIES"; test -z "$FAILS" && touch dbscan_reg_ros/core/accelerated/steps.fake.so; exit 0;;
+esac
+'''
+
+
+@pytest.fixture
+def build_steps(programs, root, tmp_path):
+    """``build_steps(variables)``: what the set-up says of the compiled steps, and how often it built them so far."""
+    copy, tries = tmp_path / 'copy', tmp_path / 'tries'
+    for folder in ('scripts', 'dbscan_reg_ros/core/accelerated'):
+        shutil.copytree(root / folder, copy / folder, ignore=shutil.ignore_patterns('*.so', '__pycache__'))
+    shutil.copy(root / 'setup.py', copy)
+    tries.touch()
+
+    def build_steps(version='1', fails=''):
+        path = programs({'python3': FAKE_BUILDER})
+        result = subprocess.run(['bash', '-c', f'set -euo pipefail; source {copy}/scripts/setup; python=python3; build_steps'],
+                                env={'PATH': path, 'VERSION': version, 'FAILS': fails, 'TRIES': str(tries)}, check=False,
+                                capture_output=True, text=True, timeout=60)
+        assert (result.returncode, result.stdout) == (0, ''), result.stderr
+        return result.stderr, len(tries.read_text().split())
+    build_steps.folder = copy
+    return build_steps
+
+
+def test_the_compiled_steps_are_built_once_and_when_their_sources_or_python_change(build_steps):
+    (build_steps.folder.parent / 'bin' / 'touch').symlink_to(shutil.which('touch'))
+    building = 'Building the compiled steps ...\n'
+    assert build_steps() == (building, 1) and build_steps() == ('', 1)
+    assert build_steps(version='2') == (building, 2)
+    with open(build_steps.folder / 'dbscan_reg_ros/core/accelerated/steps.pyx', 'a') as source:
+        source.write('# changed\n')
+    assert build_steps(version='2') == (building, 3) and build_steps(version='2') == ('', 3)
+
+
+def test_without_the_compiled_steps_the_reference_runs_and_the_set_up_says_so(build_steps):
+    said, tries = build_steps(fails='yes')
+    assert 'Going on with the numpy reference, which is slower' in said and tries == 1
+    again, tries = build_steps(fails='yes')
+    assert said.endswith(again) and again and tries == 1

@@ -2,6 +2,7 @@
 """Extraction of the features of a scan (sections 2.1 and 2.2)."""
 import numpy as np
 
+from ..backend import Backend, default_backend
 from ..errors import ScanError
 from ..geometry.se2 import as_complex, as_vectors
 from ..parameters.tree import Parameters
@@ -17,7 +18,8 @@ from .segments import extract_segments
 _DEFAULTS = Parameters()
 
 
-def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio: float | None = None) -> Features:
+def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio: float | None = None,
+                     backend: Backend | None = None) -> Features:
     """Filter a scan and describe it by points, normals and line segments (sections 2.1 and 2.2).
 
     Parameters
@@ -27,13 +29,16 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     noise_ratio : float, optional
         Standard deviation of a range of this sensor as a fraction of the range, where it is known from
         more than this scan.
+    backend : Backend, optional
+        Implementation of the steps; by default the compiled one where it is built. The features keep it.
 
     Raises
     ------
     ScanError
         When fewer than `scan.min_returns` beams have a return.
     """
-    return extract_from_returns(admitted_returns(scan, parameters.scan), parameters, noise_ratio)
+    backend = backend or default_backend()
+    return extract_from_returns(admitted_returns(scan, parameters.scan, backend), parameters, noise_ratio)
 
 
 def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
@@ -56,4 +61,5 @@ def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: 
     if sequence.increment < 0.0:
         segments = segments.reversed()
     return Features(scan=scan, points=points, beams=beams, breaks=sequence.breaks, normals=as_vectors(normals),
-                    segments=segments, noise=left, density=parameters.density, noise_ratio=ratio)
+                    segments=segments, noise=left, density=parameters.density, noise_ratio=ratio,
+                    backend=returns.backend)

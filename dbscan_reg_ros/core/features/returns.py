@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..backend import REFERENCE, Backend
 from ..errors import ScanError
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import as_complex
@@ -23,11 +24,13 @@ class Returns:
     points : (N, 2) float [m]
         Points in the frame of the sensor, one for each beam; not finite without an admitted return.
     limits : ScanParameters
+    backend : Backend
     """
 
     scan: Scan
     points: FloatArray
     limits: ScanParameters
+    backend: Backend = REFERENCE
 
     @cached_property
     def valid(self) -> BoolArray:
@@ -46,13 +49,14 @@ class Returns:
         return estimate_noise_ratio(as_complex(self.points)[beams], beams, self.limits)
 
 
-def admitted_returns(scan: Scan, limits: ScanParameters) -> Returns:
+def admitted_returns(scan: Scan, limits: ScanParameters, backend: Backend = REFERENCE) -> Returns:
     """Select the returns of a scan between `range_min` and `range_max`.
 
     Parameters
     ----------
     scan : Scan
     limits : ScanParameters
+    backend : Backend
 
     Raises
     ------
@@ -64,7 +68,7 @@ def admitted_returns(scan: Scan, limits: ScanParameters) -> Returns:
         points = np.where((ranges >= limits.range_min)[:, None], points, np.nan)
     if limits.range_max > 0.0:
         points = np.where((ranges <= limits.range_max)[:, None], points, np.nan)
-    returns = Returns(scan, points, limits)
+    returns = Returns(scan, points, limits, backend)
     count = np.count_nonzero(returns.valid)
     if count < limits.min_returns:
         raise ScanError(f'{count} of {scan.geometry.size} beams have a return; advanced.scan.min_returns asks for '

@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from ..backend import Backend, default_backend
 from ..features.extraction import extract_from_returns
 from ..features.records import Features
 from ..features.returns import admitted_returns
@@ -32,11 +33,19 @@ class Odometry:
     ----------
     parameters : Parameters
         They can be replaced at any time. New values apply from the next scan on; key frames stay as they are.
+    backend : Backend, optional
+        Implementation of the steps; by default the compiled one where it is built.
     """
 
-    def __init__(self, parameters: Parameters = Parameters()):
+    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None):
         self.parameters = parameters
+        self._backend = backend or default_backend()
         self._state = update.initial_state(SE2())
+
+    @property
+    def backend(self) -> Backend:
+        """The implementation of the steps."""
+        return self._backend
 
     @property
     def parameters(self) -> Parameters:
@@ -117,7 +126,7 @@ class Odometry:
         state, p = self._state, self._parameters
         if twist is not None:
             scan = deskew(scan, twist)
-        returns = admitted_returns(scan, p.scan)
+        returns = admitted_returns(scan, p.scan, self._backend)
         noise = state.noise if again else state.noise.after(returns.noise_ratio)
         features = extract_from_returns(returns, p, noise.value)
         state.noise = noise

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from ..backend import Backend, default_backend
 from ..errors import ScanError
 from ..features.extraction import extract_features
 from ..features.records import Features
@@ -19,7 +20,8 @@ from .translation import choose_translation_form
 
 
 def register(reference: Scan | Features, current: Scan | Features, parameters: Parameters = Parameters(),
-             prior: Prior | None = None, first_stage: SearchStage = SearchStage.NEAR) -> Registration:
+             prior: Prior | None = None, first_stage: SearchStage = SearchStage.NEAR,
+             backend: Backend | None = None) -> Registration:
     """Find the motion that aligns the current scan with the reference; no initial guess is needed.
 
     Parameters
@@ -32,6 +34,8 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
         One more hypothesis, in the reference's frame; it also defines the stage `SearchStage.NEAR`.
     first_stage : SearchStage
         The stage to begin with. Without a prior `SearchStage.NEAR` is skipped.
+    backend : Backend, optional
+        Implementation of the steps for scans; by default the compiled one where it is built. `Features` bring theirs.
 
     Returns
     -------
@@ -43,7 +47,8 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     ScanError
         When a scan holds too few returns, or is neither a `Scan` nor `Features`.
     """
-    reference, current = as_features(reference, parameters), as_features(current, parameters)
+    backend = backend or default_backend()
+    reference, current = (as_features(each, parameters, backend) for each in (reference, current))
     problem = Problem(reference, with_common_noise(reference, current), parameters, prior)
     if parameters.selection.method == 'divergence':
         from .paper.divergence import select_by_divergence
@@ -62,12 +67,12 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     return found
 
 
-def as_features(scan: Scan | Features, parameters: Parameters) -> Features:
+def as_features(scan: Scan | Features, parameters: Parameters, backend: Backend) -> Features:
     """Return the features of a scan, which may have been extracted before."""
     if isinstance(scan, Features):
         return scan
     if isinstance(scan, Scan):
-        return extract_features(scan, parameters)
+        return extract_features(scan, parameters, backend=backend)
     raise ScanError(f'a {type(scan).__name__} cannot be registered; expected Scan or Features: '
                     'Scan.from_ranges(ranges, angles)')
 

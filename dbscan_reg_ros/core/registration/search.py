@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of a search: the problem, its stages and its candidates."""
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -12,7 +13,7 @@ from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
 from ..geometry.array_types import FloatArray, IntArray
 from ..parameters.tree import Parameters
-from .point_to_line import Alignment, Fit, fit
+from .point_to_line import Alignment, Fit, fit, refine
 from .records import Prior
 from .rotation import Rotations, estimate_rotations, pair_weights
 from .translation import Translations, estimate_translations
@@ -130,9 +131,15 @@ class Problem:
         return Alignment(points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine,
                          self.parameters.refinement.damping)
 
+    def refine(self, candidates: FloatArray, points: OrientedPoints, scales: Sequence[float],
+               known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
+        """Refine the candidates by `points` of the current scan, as `point_to_line.refine`."""
+        return self.current.backend.step(refine)(candidates, self.alignment(points), scales, known)
+
     def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:
         """Return the `Fit` of `points` of the current scan to the reference for each of the `candidates` ``(H, 3)``."""
-        return fit(candidates, points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine)
+        return self.current.backend.step(fit)(
+            candidates, points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine)
 
     def widened(self) -> 'Problem':
         """Return the problem with the parameters of the wide stage."""

@@ -9,7 +9,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
 from .degeneracy import search_degenerate_direction, weakest_direction
-from .point_to_line import Fit, next_step, polish, refine
+from .point_to_line import Fit, next_step, polish
 from .records import Registration
 from .scoring import distinct, preselect, promising, reverse_violation, score, squared_mahalanobis
 from .search import Candidates, Problem, Ranking
@@ -83,7 +83,7 @@ def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
     top = coarse.select(chosen)
     if p.refinement.polish_iterations:
         return top
-    refined, _ = refine(finalists, problem.alignment(points), scales, top.best)
+    refined, _ = problem.refine(finalists, points, scales, top.best)
     return top.with_best(refined[0], problem.fit(refined, points))
 
 
@@ -115,7 +115,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
         Whether points of the reference in free space of the current scan lower the score as well.
     """
     p, current = problem.parameters, problem.current
-    candidates, equations = refine(candidates, problem.alignment(points), scales, fits)
+    candidates, equations = problem.refine(candidates, points, scales, fits)
     found = problem.fit(candidates, current.sampled_points)
     value, overlap = score(found, problem.reference, current, p.refinement.score_scale, p.density)
     if both_ways:

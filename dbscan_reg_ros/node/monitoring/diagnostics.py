@@ -173,6 +173,7 @@ class Diagnostics:
     def _estimates(self) -> Iterator[tuple[str, str]]:
         """Values of the latest registration, and the learned correction of the wheels."""
         update, direction = self._counters.update, self._counters.degenerate_direction
+        yield 'backend', update.features.backend.name if update else '-'
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'degenerate direction [rad]', '-' if direction is None else f'{direction:.3f}'
         correction = self._counters.wheel_correction

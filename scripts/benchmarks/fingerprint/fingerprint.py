@@ -178,11 +178,14 @@ def make(group, folder, limit, target):
 
 
 def _environment(tree, beside=None, **more):
-    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules."""
+    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules.
+
+    Both trees run the numpy reference: the compiled steps may be built in one of them only, and differ in the last bits.
+    """
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
     folders = [os.fspath(folder) for folder in (tree, beside) if folder is not None]
-    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited])} | more
+    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited]), 'DBSCAN_REG_PURE': '1'} | more
 
 
 class Recorder:

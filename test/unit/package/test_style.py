@@ -64,10 +64,10 @@ def test_other_arguments_go_to_pytest(checks):
 
 
 def sources(root):
-    """What the licence stands in: Python, shell and CMake."""
+    """What the licence stands in: Python, Cython, shell and CMake."""
     for folder in ('.ci', 'dbscan_reg_ros', 'launch', 'scripts', 'test'):
         for path in (root / folder).rglob('*'):
-            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py') or path.name == 'CMakeLists.txt'):
+            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py', '.pyx', '.pxi', '.pyi') or path.name == 'CMakeLists.txt'):
                 yield path
     yield root / 'setup.py'
 

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Choice of the default backend: the compiled steps where they are built and up to date, else the numpy reference."""
+import hashlib
+import os
+import warnings
+from functools import lru_cache
+from pathlib import Path
+
+from .core.backend import REFERENCE, Backend
+
+PURE = 'DBSCAN_REG_PURE'
+"""Environment variable that, set to anything but 0, chooses the reference."""
+SOURCES = Path(__file__).absolute().parent / 'core' / 'accelerated'
+
+
+def source_hash(folder: Path = SOURCES) -> str:
+    """Return the hash of the sources of the compiled steps in a `folder`; empty where they are not installed."""
+    paths = sorted(path for suffix in ('pyx', 'pxi') for path in folder.rglob(f'*.{suffix}'))
+    return hashlib.sha256(b''.join(path.read_bytes() for path in paths)).hexdigest()[:16] if paths else ''
+
+
+@lru_cache(maxsize=1)
+def compiled_backend() -> Backend | None:
+    """Return the backend of the compiled steps; None where they are not built, or from other sources."""
+    try:
+        from .core.accelerated import steps
+    except ImportError:
+        return None
+    if source_hash() not in ('', steps.SOURCE_HASH):
+        warnings.warn('the compiled steps were built from other sources: the slower reference runs; to build them '
+                      'anew: python setup.py build_ext --inplace --force', RuntimeWarning, stacklevel=2)
+        return None
+    return Backend('compiled', {name: getattr(steps, name) for name in steps.STEPS})
+
+
+@lru_cache(maxsize=1)
+def choose() -> Backend:
+    """Return the default backend."""
+    pure = os.environ.get(PURE, '0') not in ('', '0')
+    return REFERENCE if pure else compiled_backend() or REFERENCE

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look-up of the nearest point in a likelihood field (Eq. 16-18)."""
+
+
+cdef struct Grid:
+    # Corner [m], inverse cell size [1/m], cells along x and y, bytes of an index.
+    double x
+    double y
+    double inverse_cell
+    Py_ssize_t rows
+    Py_ssize_t columns
+    int width
+
+
+cdef Grid grid_of(field) except *:
+    """Return the `Grid` of a `LikelihoodField`."""
+    cdef Grid grid
+    origin = field.origin
+    grid.x, grid.y, grid.inverse_cell = origin.real, origin.imag, 1.0 / field.cell
+    grid.rows, grid.columns = field.shape
+    grid.width = field.index.itemsize
+    return grid
+
+
+cdef inline Py_ssize_t clipped(double cell, Py_ssize_t size) noexcept nogil:
+    """Return a coordinate as the number of a cell, the first or the last where it lies outside."""
+    if not cell > 0.0:
+        return 0
+    return size - 1 if cell >= <double> (size - 1) else <Py_ssize_t> cell
+
+
+cdef inline Py_ssize_t nearest(const unsigned char[::1] table, Grid *grid, double x, double y) except -1 nogil:
+    """Return the index of the point nearest to (x, y) [m], from the bytes of the `table`."""
+    cdef Py_ssize_t row = clipped((x - grid.x) * grid.inverse_cell, grid.rows)
+    cdef Py_ssize_t cell = row * grid.columns + clipped((y - grid.y) * grid.inverse_cell, grid.columns)
+    if grid.width == 1:
+        return table[cell]
+    cell *= grid.width
+    if grid.width == 2:
+        return (<const unsigned short *> &table[cell])[0]
+    return (<const unsigned int *> &table[cell])[0]
