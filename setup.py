@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Installation by colcon, bloom or pip."""
 import hashlib
 import importlib.util
 import sys

@@ -7,17 +7,17 @@ from contextlib import suppress
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """glibc's numbers of the two settings (mallopt(3))."""
 KEPT = 16 << 20
-"""At most so many bytes are kept."""
+"""Maximum size of the freed memory that is kept [bytes]."""
 LARGE = 1 << 20
-"""Arrays from so many bytes on are given back at once."""
+"""Arrays of at least this size [bytes] are returned to the system at once."""
 
 
 def keep_freed_memory():
     """Have glibc keep what one scan frees for the next.
 
-    By default it hands the free end of its heap back to the system from 128 KiB on, and the arrays of every scan are
-    faulted in anew: that takes a sixth of the odometry's time. Nothing happens with another C library, or where the
-    environment says something of its own (``MALLOC_...``, ``GLIBC_TUNABLES``).
+    By default it returns the free end of its heap to the system from 128 KiB on, and the arrays of every scan cause
+    page faults again: a sixth of the odometry's time. Nothing happens with another C library, or if the environment
+    configures the allocator (``MALLOC_...``, ``GLIBC_TUNABLES``).
     """
     if any(name.startswith(('MALLOC_', 'GLIBC_TUNABLES')) for name in os.environ):
         return

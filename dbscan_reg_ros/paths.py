@@ -13,9 +13,9 @@ _OTHERS = ((stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a pipe'), (stat.S_ISSOCK
 
 
 def check_file(path, error_type):
-    """Raise `error_type` where `path` is there but no file: reading a pipe or a device may wait for ever, or never end.
+    """Raise `error_type` if `path` exists and is no file: reading a pipe or a device may block, or never end.
 
-    An absent one is left to whoever opens it.
+    A missing path is no error here: opening it raises one.
     """
     try:
         mode = os.stat(path).st_mode

@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                        help='as fast as the node answers on odom, so that no scan is skipped')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
-                        help='wait at most S seconds for a node that hears the scans (default: 10)')
+                        help='wait at most S seconds for a subscriber of the scans (default: 10)')
 
     def work(args):
         with interruptible(signal.SIGINT, once=True):

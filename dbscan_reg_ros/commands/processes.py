@@ -34,6 +34,7 @@ class Process:
         self.pid = self._popen.pid
 
     def running(self) -> bool:
+        """Whether the process has not ended."""
         return self._popen.poll() is None
 
     def output(self) -> str:

@@ -11,6 +11,8 @@ from .command_line import CommandError, add_data, make_parser, note_unused, note
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
 """Prefixes, after `ADVANCED`, of parameters that have no effect on the registration of a single pair."""
+PAIR = 2
+"""Numbers of scans of a recording: reference and current."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -99,7 +101,7 @@ def _of_recording(path, topic, numbers, parameters):
     from ..core.parameters.tree import Parameters
     from ..recordings import open_recording
 
-    if len(numbers) != 2 or min(numbers) < 0:
+    if len(numbers) != PAIR or min(numbers) < 0:
         raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
     recording = open_recording(path, topic)
     last, scans, count = max(numbers), {}, 0

@@ -102,7 +102,7 @@ class Replayed:
 
 
 def replay_one(job) -> Replayed:
-    """Replay one recording into a folder of its own.
+    """Replay one recording; write its results to a new folder.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def replay_one(job) -> Replayed:
         broken = error
     finally:
         write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
-    if len(trajectory.poses) < 2:
+    if len(trajectory.poses) <= 1:
         raise broken or _too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)

@@ -113,7 +113,7 @@ class _Here(Executor):
         future = Future()
         try:
             future.set_result(function(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 - whoever asks for the result gets it
+        except Exception as error:  # noqa: BLE001 - raised where the result is asked for
             future.set_exception(error)
         return future
 
@@ -244,7 +244,7 @@ class _Worker:
             raise KeyboardInterrupt
 
     def report(self, name, title, done, total):
-        """Tell the parent how far the work is."""
+        """Send the progress of the work to the parent process."""
         self._reporter.send((name, title, done, total))
 
 

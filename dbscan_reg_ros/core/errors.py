@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions of the package: every one names the value, what was expected and what to do."""
+"""The exceptions of the package: every one names the value, the expected one and what to do."""
 
 
 class DbscanRegError(Exception):

@@ -20,7 +20,7 @@ MEASURES = ('m', 'deg')
 
 
 class TooShort(RecordingError):
-    """Too little of the motion is known to judge it."""
+    """Too little of the true motion is known to compute errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +59,20 @@ class Difference:
 
     @property
     def worse(self):
-        """B is surely worse."""
+        """Whether the whole confidence interval of B - A is above 0."""
         return self.low > 0.0
 
     @property
     def better(self):
-        """B is surely better."""
+        """Whether the whole confidence interval of B - A is below 0."""
         return self.high < 0.0
 
 
 def known_motion(recording) -> KnownMotion:
-    """Return the `KnownMotion` of a recording; raise RecordingError if nothing is known."""
+    """Return the `KnownMotion` of a recording; raise RecordingError if it has neither truth nor relations."""
     known = KnownMotion.of(recording)
     if not (known.truth or known.relations):
-        raise RecordingError(f'{recording.path}: nothing is known of its true motion; expected poses, relations or '
+        raise RecordingError(f'{recording.path}: its true motion is unknown; expected poses, relations or '
                              'reference.csv')
     return known
 
@@ -83,7 +83,7 @@ def paired(known, trajectory_a, trajectory_b) -> Paired:
     Raises
     ------
     RecordingError
-        When nothing is known of the true motion; `TooShort` when too little of it.
+        When the true motion is unknown; `TooShort` when too little of it is known.
     """
     both = np.array(trajectory_a.used) & np.array(trajectory_b.used)
     rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
@@ -100,7 +100,7 @@ def paired(known, trajectory_a, trajectory_b) -> Paired:
         first, second, found = related(stamps, known.relations)
         motions, length = known.relations.motions[found], path_lengths(poses[0])[-1]
     else:
-        raise RecordingError('nothing is known of the true motion; expected poses, relations or reference.csv')
+        raise RecordingError('the true motion is unknown; expected poses, relations or reference.csv')
     if len(first) < FEWEST_BLOCKS:
         raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive '
                        'or more of its scans')
@@ -112,9 +112,9 @@ def paired(known, trajectory_a, trajectory_b) -> Paired:
 def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
     """Compute the difference of the mean errors over one or several recordings with a block bootstrap.
 
-    Blocks of related errors are drawn anew within each recording, `DRAWS` times. The interval is that of Student's
-    distribution with as many degrees of freedom as there are blocks, less the recordings, about the mean, as wide as
-    the draws spread.
+    Blocks of related errors are resampled within each recording, `DRAWS` times. The interval is that of Student's t
+    distribution about the mean, with the standard deviation of the draws and as many degrees of freedom as there are
+    blocks, less the number of recordings.
 
     Parameters
     ----------

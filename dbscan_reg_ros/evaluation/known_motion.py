@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the true motion of a recording, and the measures that this allows."""
+"""The known true motion of a recording, and the measures that it allows."""
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ class KnownMotion(NamedTuple):
 
     @classmethod
     def of(cls, recording) -> 'KnownMotion':
-        """Read all that is known of a `Recording`; RecordingError when a file beside it cannot be read."""
+        """Read truth, relations and wheels of a `Recording`; RecordingError if a file beside it cannot be read."""
         relations = find_relations(recording.path)
         return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
 

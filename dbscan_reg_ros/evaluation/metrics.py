@@ -13,6 +13,8 @@ SAME_SCAN_WITHIN = 1_000_000
 """A relation's stamp belongs to a scan that is nearer than this [ns]."""
 MOVING_BEYOND = 0.03
 """A step longer than this [m] is a true motion, not noise of the reference."""
+FROZEN_BELOW = 0.5
+"""A step is frozen if its estimate is shorter than this fraction of the true step."""
 JUMP_INTERVALS = 10.0
 """A step of the stamps counts as a jump of the clock only if it is this many times the median step."""
 
@@ -68,7 +70,7 @@ def related(stamps, relations):
 
 
 def step_errors(poses, reference) -> dict:
-    """Errors of the motions between consecutive scans, ``step``, and the share ``frozen``.
+    """Errors of the motions between consecutive scans, ``step``, and the fraction of steps that are ``frozen``.
 
     Frozen is a step that is longer than 3 cm in the reference and estimated at less than half of that.
     """
@@ -76,7 +78,7 @@ def step_errors(poses, reference) -> dict:
     length = np.hypot(true_step[:, 0], true_step[:, 1])
     moving = length > MOVING_BEYOND
     covered = (step[moving, :2] * true_step[moving, :2]).sum(axis=1) / length[moving] ** 2
-    frozen = {'frozen': float((covered < 0.5).mean())} if len(covered) else {}
+    frozen = {'frozen': float((covered < FROZEN_BELOW).mean())} if len(covered) else {}
     return {**summarize('step', step, true_step), **frozen}
 
 

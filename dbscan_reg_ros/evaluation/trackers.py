@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry by ours, by its rivals and by the baselines: ``process(scan, told) -> Step``.
+"""Odometries: ours, other packages' and the baselines', all as ``process(scan, external=None) -> Step``.
 
-``told(expected)`` is the `Prior` of the motion since the last scan that somebody tells, where `expected` is the `Prior`
-of a motion that goes on as before.
+``external(predicted)`` returns the external prior of the motion since the last scan, as a `Prior`; `predicted` is the
+`Prior` of the motion model (constant velocity). None: no external prior.
 """
 import dataclasses
 import math
@@ -21,11 +21,13 @@ from .methods import kiss_config, lifted, method, planar
 
 KEY_FRAME_DISTANCE = 0.3
 KEY_FRAME_ANGLE = math.radians(15.0)
+GYROSCOPE_SCALE, GYROSCOPE_NOISE = 1.01, 0.003
+"""Errors of the simulated gyroscope: scale, and standard deviation of each rotation [rad]."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What a tracker says of one scan.
+    """Result of a tracker for one scan.
 
     Attributes
     ----------
@@ -33,13 +35,13 @@ class Step:
         Of the sensor in the frame of the first scan.
     status : Status
     degenerate_direction : float or None
-        Along which the translation is not determined [rad], in the frame of the first scan.
+        Along which the translation is not observable [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Of `pose`, in the frame of the first scan.
     registration : None
-        It says nothing of single registrations.
+        Results of single registrations are not reported.
     restarted : bool
-        It never starts again by itself.
+        False: trackers do not restart.
     """
 
     pose: SE2
@@ -57,9 +59,10 @@ class Ours:
         self._odometry = Odometry(parameters)
         self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
-    def process(self, scan, told=None) -> Step:
+    def process(self, scan, external=None) -> Step:
+        """Return the odometry's update as a `Step`; FAILED at the last pose for a scan that cannot be used."""
         try:
-            update = self._odometry.process(scan, told and told(self._odometry.predict_motion(scan.stamp)))
+            update = self._odometry.process(scan, external and external(self._odometry.predict_motion(scan.stamp)))
         except ScanError:
             return dataclasses.replace(self._last, status=Status.FAILED, degenerate_direction=None)
         free = update.registration and update.registration.degenerate_direction
@@ -76,12 +79,15 @@ class KeyFrames:
         self._key = self._key_pose = None
         self._pose = self._last_step = SE2()
 
-    def process(self, scan, told=None) -> Step:
+    def process(self, scan, external=None) -> Step:
+        """Align the scan to the last key frame, from the external prior or a step like the last one."""
         prepared = self._method.prepare(scan)
         if self._key is None:
             self._key, self._key_pose = prepared, self._pose
             return Step(self._pose)
-        step = told(Prior(self._last_step, np.zeros((3, 3)))).transform if told else self._last_step
+        step = self._last_step
+        if external:
+            step = external(Prior(step, np.zeros((3, 3)))).transform
         result = self._method.align(self._key, prepared, self._key_pose.inverse() @ self._pose @ step)
         pose = self._key_pose @ result.transform
         self._last_step = self._pose.inverse() @ pose
@@ -99,7 +105,8 @@ class Kiss:
         from kiss_icp.kiss_icp import KissICP
         self._pipeline = KissICP(kiss_config())
 
-    def process(self, scan, told=None) -> Step:
+    def process(self, scan, external=None) -> Step:
+        """Register the scan to the map; FAILED at the last pose without returns. The external prior is not used."""
         if not scan.valid.any():
             return Step(planar(self._pipeline.last_pose), Status.FAILED)
         self._pipeline.register_frame(lifted(scan, [0.0]), np.empty(0))
@@ -107,9 +114,10 @@ class Kiss:
 
 
 class Still:
-    """Says that nothing ever moves."""
+    """The identity: the lower bound of any comparison."""
 
-    def process(self, scan, told=None) -> Step:
+    def process(self, scan, external=None) -> Step:
+        """Return the pose of the first scan for every scan."""
         return Step(SE2())
 
 
@@ -131,28 +139,29 @@ def tracker(name):
     return KeyFrames(registration)
 
 
-def nobody(course) -> list:
+def no_prior(course) -> list:
     """Return no prior for any scan."""
     return [None] * len(course.scans)
 
 
 def wheels(course) -> list:
-    """Return the priors that the node makes of the course's wheel odometry."""
-    def told(motion):
-        return lambda expected: Prior(motion, np.diag(SPREAD(motion)) ** 2)
+    """Return the priors that the node computes from the course's wheel odometry."""
+    def prior(motion):
+        return lambda predicted: Prior(motion, np.diag(SPREAD(motion)) ** 2)
     if course.wheels is None:
-        return nobody(course)
-    return [None, *(told(SE2.from_array(motion)) for motion in relative(course.wheels[:-1], course.wheels[1:]))]
+        return no_prior(course)
+    return [None, *(prior(SE2.from_array(motion)) for motion in relative(course.wheels[:-1], course.wheels[1:]))]
 
 
 def gyroscope(course, seed=0) -> list:
     """Return the priors of a gyroscope: true rotations with a scale error of 1 % and noise of 3 mrad."""
-    def told(turn):
-        return lambda expected: expected.with_rotation(turn, SPREAD(SE2(0.0, 0.0, turn))[2])
-    turns = relative(course.reference[:-1], course.reference[1:])[:, 2]
-    return [None, *map(told, (1.01 * turns + np.random.default_rng(seed).normal(0.0, 0.003, len(turns))).tolist())]
+    def prior(rotation):
+        return lambda predicted: predicted.with_rotation(rotation, SPREAD(SE2(0.0, 0.0, rotation))[2])
+    rotations = relative(course.reference[:-1], course.reference[1:])[:, 2]
+    noise = np.random.default_rng(seed).normal(0.0, GYROSCOPE_NOISE, len(rotations))
+    return [None, *map(prior, (GYROSCOPE_SCALE * rotations + noise).tolist())]
 
 
 SPREAD = NodePriorParameters().wheel_sigma
-PRIORS = {'none': nobody, 'wheel': wheels, 'imu': gyroscope}
-"""Name -> ``priors(course)``: what is told of each scan's motion."""
+PRIORS = {'none': no_prior, 'wheel': wheels, 'imu': gyroscope}
+"""Name -> ``priors(course)``: the external prior of each scan's motion, as `process` takes it."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of the paper for one pair of scans: what each step of the method made of them."""
+"""The figures of the paper for one pair of scans: the result of each step of the method."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two scans on one another, before and after, and how sure the result is (Figures 14 to 16)."""
+"""Overlay of the two scans, before and after the registration, and its uncertainty (Figures 14 to 16)."""
 import math
 
 import numpy as np

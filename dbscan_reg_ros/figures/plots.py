@@ -11,7 +11,7 @@ from ..recordings.files import replacing
 MOST_POINTS = 3_000_000
 """Larger maps are thinned to about this many points."""
 CELLS = 1500
-"""Cells of the map's longer side: one for each point of the picture, so that none is drawn anew."""
+"""Cells of the map's longer side: one for each pixel of the picture, so that it is not resampled."""
 
 
 class DensityMap(NamedTuple):
@@ -20,7 +20,7 @@ class DensityMap(NamedTuple):
     Attributes
     ----------
     ink : (rows, columns) float
-        Share of ink of each cell, 0..1; the first row is the lowest.
+        Density of each cell, 0..1; the first row is the lowest.
     extent : (left, right, bottom, top) [m]
     """
 
@@ -153,7 +153,7 @@ def plot_differences(path, table, a, b):
         axes.set(title=title, xlabel='mean error over 1 m, B against A [%]', ylim=(len(table) - 0.5, -0.5))
         axes.set_yticks(range(len(table)), table)
         axes.grid(axis='x', linewidth=0.3)
-    figure.suptitle(f'A: {a}, B: {b}; filled: surely different, square: B worse')
+    figure.suptitle(f'A: {a}, B: {b}; filled: significant, square: B worse')
     save(figure, path, 110)
 
 

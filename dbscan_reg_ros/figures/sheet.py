@@ -7,12 +7,12 @@ from .plots import save
 from .scans import draw_points, draw_scan_segments
 
 FIGURES = {
-    'points': ('Points, and what the ring band filter made of them', draw_points),
+    'points': ('Points before and after the ring band filter', draw_points),
     'segments': ('Segments, breakpoints and ends', draw_scan_segments),
     'rotation': ('Rotation: clusters of angle differences', draw_rotation),
     'translation': ('Translation: clusters of the samples of lines and end points', draw_translation),
     'densities': ('Densities of the coordinates', draw_densities),
-    'overlay': ('The scans on one another', draw_overlay),
+    'overlay': ('Overlay of the scans', draw_overlay),
 }
 """Name -> title, and ``draw(figure, steps)``."""
 SIZE = 12.0, 7.0

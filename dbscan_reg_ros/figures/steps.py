@@ -77,7 +77,7 @@ class Steps:
     @classmethod
     def of(cls, reference: Scan, current: Scan, parameters: Parameters,
            registration: Registration | None = None) -> 'Steps':
-        """Return the steps that lead from two scans to their `registration`; without one they are registered anew.
+        """Return the steps that lead from two scans to their `registration`; without one they are registered.
 
         Raises
         ------

@@ -50,7 +50,7 @@ ALL = Kept()
 
 def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage: str = 'mcap',
             progress: Callable[[Iterable, int], Iterable] | None = None) -> tuple[Counter, list[str]]:
-    """Write the recording `source` anew as `target`.
+    """Write the recording `source` as `target`, in another format or a part of it.
 
     The messages keep their order and their own stamps. The record times of a bag made from a log are the stamps,
     made to increase where they go back; ``Ctrl-C`` leaves a valid recording of what was written until then.

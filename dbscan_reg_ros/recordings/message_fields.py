@@ -69,6 +69,7 @@ def time_fields(stamp) -> dict:
 
 
 def header_fields(stamp, frame_id) -> dict:
+    """Header of `stamp` [ns] and `frame_id`."""
     return {'stamp': time_fields(stamp), 'frame_id': frame_id}
 
 
@@ -84,11 +85,11 @@ def scan_fields(scan) -> dict:
     Raises
     ------
     ScanError
-        When the bearings are not uniform: a LaserScan cannot hold such a scan.
+        When the bearings are not uniform: a LaserScan cannot represent such a scan.
     """
     geometry = scan.geometry
     if geometry.bearings_given is not None:
-        raise ScanError('a LaserScan cannot hold a scan whose bearings are given one by one')
+        raise ScanError('a LaserScan cannot represent a scan whose bearings are given one by one')
     return {'header': header_fields(scan.stamp, scan.frame_id), 'angle_min': geometry.angle_min,
             'angle_max': geometry.angle_min + (geometry.size - 1) * geometry.angle_increment,
             'angle_increment': geometry.angle_increment, 'time_increment': scan.time_increment,

@@ -21,7 +21,7 @@ class Channel(NamedTuple):
     kind : str
         The message type.
     latched : bool
-        Whether late listeners are to hear it, too.
+        Whether late subscribers receive its last message, too.
     input : str
         The name of the topic of the node that it fits, such as ``wheel_odom``; empty where there is none.
     """

@@ -6,6 +6,8 @@ from ..core.geometry.se2 import wrap
 
 FARTHEST = 1e9
 """No pose has a number beyond this [m, rad]."""
+CORRECTION = 1e-3
+"""The laser's poses were corrected if they move by more than this [m, rad] relative to the robot's."""
 
 
 def possible(pose) -> bool:
@@ -31,4 +33,4 @@ def compose(a, b):
 def corrected(laser, robot) -> bool:
     """Whether the laser's poses ``(N, 3)`` were corrected: they do not simply move along with the robot's."""
     offset = relative(robot, laser)
-    return bool(np.abs(relative(offset[:1].repeat(len(offset), axis=0), offset)).max() > 1e-3)
+    return bool(np.abs(relative(offset[:1].repeat(len(offset), axis=0), offset)).max() > CORRECTION)

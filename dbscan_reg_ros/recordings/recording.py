@@ -14,11 +14,9 @@ from .scan_checks import ScanWatch
 from .schedule import Schedule
 
 MOST_PROBLEMS = 1000
-"""So many damaged parts of a recording are named."""
-
-
+"""Maximum number of damaged parts of a recording that are named."""
 LONGEST_PROBLEM = 300
-"""In so many characters each: damaged parts may be large."""
+"""Maximum length of the text on each [characters]: damaged parts may be large."""
 
 
 class Record(NamedTuple):
@@ -30,7 +28,7 @@ class Record(NamedTuple):
 
 
 class Recording:
-    """Recorded scans, read from the disk anew at every pass and one at a time.
+    """Recorded scans, read from the disk at every pass and one at a time.
 
     Attributes
     ----------

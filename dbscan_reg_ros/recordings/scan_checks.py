@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is odd about scans as a driver states them: decided here for the node and for recordings alike."""
+"""Checks of the fields of scans as a driver sends them, the same in the node and for recordings."""
 import math
 import operator
 from collections import deque
@@ -15,29 +15,31 @@ from ..core.scan import SECOND
 FUTURE = 1.0
 """A stamp ahead of the clock by more than this [s] causes a warning."""
 OTHER_SIZE = 0.1
-"""A share of the beams: many lidars gain or lose a few from scan to scan."""
+"""Change of the number of beams, as a fraction of it, that causes a warning: many lidars vary by a few beams."""
 RECENT = 20
-"""So many stamps are kept."""
+"""Number of stamps that are kept."""
 REPEATED = 3
-"""So many equal stamps among the `RECENT` are more than a message that was sent twice."""
+"""Equal stamps among the `RECENT` that cause a warning: fewer come from a message that was sent twice."""
 RESTART = 2.0
-"""A step back in time of so much [s] is no jitter, even a single one."""
+"""A step back in time by more than this [s] causes a warning, even a single one."""
 DISORDER = 4, 0.4
-"""Nor are so many, which are this share of the `RECENT`: stamps of real drivers go back in up to a quarter."""
+"""Steps back that cause a warning: number, and ratio to the `RECENT`. Stamps of real drivers go back in up to 0.25."""
+FEWEST_INTERVALS = 2
+"""The duration of a scan is compared with the mean of at least this many intervals between stamps."""
 TOO_LONG = 1.15, 2.0
 """Greatest ratio of a scan's duration to the mean interval, and what is added to it for one known interval (jitter)."""
 MILLIMETRES = 100.0
 """No scan has its median return farther away than this [m]; in millimetres nearly all do."""
 BEYOND = 1.05
-"""A median return so many times `range_max` away is no rounding."""
+"""Ratio of the median return to `range_max` that is more than rounding."""
 NEAREST = 0.05
 """Drivers write reasons for a missing return as ranges below this [m]."""
 SAME = 0.999
-"""Ranges above this share of the greatest are the same one: repeated, it stands for a missing return."""
+"""Ranges above this ratio to the greatest are equal to it: repeated, it encodes a missing return."""
 SAMPLE, FEWEST = 256, 8
-"""About so many beams are looked at; with fewer returns among them nothing is said of ranges."""
+"""Number of beams whose ranges are checked, about; and the minimum number of returns among them for a warning."""
 EVERY = 10
-"""Ranges are looked at in the first scans, so many, and then in one of so many."""
+"""Ranges are checked in this many first scans, and then in every scan whose number is a multiple of this."""
 
 
 class Kind(Enum):
@@ -59,7 +61,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ScanWarning:
-    """Something odd about a scan: `text` names the value, what was expected and what to do."""
+    """A fault in the fields of a scan: `text` names the value, the expected one and the remedy."""
 
     kind: Kind
     text: str
@@ -88,14 +90,14 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
-        """Those of a `Scan` from where nobody states `angle_max`, and a stamp of 0 is a time: it becomes 1 ns."""
+        """Those of a `Scan` from a file without `angle_max`, in which a stamp of 0 is a time: it becomes 1 ns."""
         g = scan.geometry
         return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
                    g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
 
 
 class ScanChecks:
-    """Looks at one scan after the other, as they come."""
+    """Check one scan after the other, as they arrive."""
 
     def __init__(self):
         self._seen = 0
@@ -105,22 +107,22 @@ class ScanChecks:
         self.restart()
 
     def restart(self):
-        """Time has started anew: compare no stamp with those so far."""
+        """Forget the stamps so far: time has started again."""
         self._stamps = deque(maxlen=RECENT + 1)
 
     def look(self, fields, now=0) -> list:
-        """Return what is odd about a scan.
+        """Return the warnings about a scan.
 
         Parameters
         ----------
         fields : ScanFields
         now : int
-            What the clock shows [ns]; 0 where there is none.
+            Time of the clock [ns]; 0 without a clock.
 
         Returns
         -------
         list of ScanWarning
-            For what stays as it is from scan to scan (angles, for instance) the same object as long as it does.
+            The same object for every scan with the same faulty value (angles, for instance).
         """
         if not len(fields.ranges):
             return []
@@ -184,12 +186,12 @@ class ScanChecks:
         return None
 
     def _in_disorder(self):
-        """Whether the last stamp, which goes back, does so far, or as many do."""
+        """Whether the last stamp, which goes back, does so by a large step, or many do (`RESTART`, `DISORDER`)."""
         steps = len(self._stamps) - 1
         return not steps or self._steps(operator.gt) >= max(DISORDER[0], DISORDER[1] * steps)
 
     def _steps(self, relation):
-        """In how many places among the recent stamps one has this relation to the next."""
+        """Return the number of recent stamps that have this relation to the next one."""
         return sum(map(relation, self._stamps, islice(self._stamps, 1, None)))
 
     def _duration(self, fields):
@@ -201,7 +203,7 @@ class ScanChecks:
                 f'time_increment is {step:.6g} s: expected the time from one beam to the next, or 0 where it is not '
                 'known; mend the driver, or set odometry.deskew to false'))
         count = len(self._stamps) - 1
-        if count < 2:
+        if count < FEWEST_INTERVALS:
             return None
         interval = (self._stamps[-1] - self._stamps[0]) / count / SECOND
         lasts = (len(fields.ranges) - 1) * step
@@ -278,7 +280,7 @@ class ScanWatch:
         self._sightings = {}
 
     def look(self, fields):
-        """Look at the next scan, its `ScanFields`."""
+        """Check the next scan, its `ScanFields`."""
         for warning in self._checks.look(fields):
             self._sightings.setdefault(warning.kind, Sighting(warning, self.seen)).count += 1
         self.seen += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots: the last scans of a running odometry with all that was thought of them, in one file.
+"""Snapshots: the last scans of a running odometry and its results for them, in one file.
 
 The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
 
@@ -56,7 +56,7 @@ LARGEST = 128 * 2**20
 
 @dataclass(frozen=True, eq=False)
 class SnapshotUpdate:
-    """What was thought of one scan; the attributes are those of `OdometryUpdate`, with scans in place of features.
+    """Result of the odometry for one scan; the attributes are those of `OdometryUpdate`, with scans for features.
 
     Attributes
     ----------
@@ -212,13 +212,14 @@ def _update(fields, k, scans, arrays):
     prior = registration = None
     if fields['prior'] is not None:
         prior = Prior(_pose(fields['prior']), arrays[f'prior_covariance_{k}'])
-    if (told := fields['registration']) is not None:
+    if (found := fields['registration']) is not None:
         hypotheses = tuple(Hypothesis(SE2(x, y, theta), score)
                            for x, y, theta, score in arrays[f'hypotheses_{k}'].tolist())
         registration = Registration(
-            _pose(told['transform']), arrays[f'registration_covariance_{k}'], Status(told['status']), told['overlap'],
-            told['score'], hypotheses, told['degenerate_direction'], partial(np.asarray, arrays[f'matches_{k}']),
-            told['reason'], told['weakest_information'], told.get('rotation_unobservable', False))
+            _pose(found['transform']), arrays[f'registration_covariance_{k}'], Status(found['status']),
+            found['overlap'], found['score'], hypotheses, found['degenerate_direction'],
+            partial(np.asarray, arrays[f'matches_{k}']), found['reason'], found['weakest_information'],
+            found.get('rotation_unobservable', False))
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which stamps of scans are of use, and what takes the place of those that are not."""
+"""Correction of the stamps of scans, and a replacement for those that cannot be used."""
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -8,13 +9,13 @@ from .decimals import END_OF_TIME
 
 SECOND = 1_000_000_000
 STEADY = SECOND
-"""Scans whose stamps are of no use are taken to be so far apart [ns]."""
+"""Assumed interval of scans whose stamps cannot be used [ns]."""
 START = SECOND
-"""Where stamps start that cannot start where they did [ns]; a stamp of 0 stands for none."""
+"""First stamp of scans whose stamps are shifted [ns]; a stamp of 0 means none."""
 WRAPS = {'s': 2**32 * SECOND, 'ms': 2**32 * SECOND // 1000, 'us': 2**32 * SECOND // 1_000_000}
 """Unit of a counter of 32 bits -> after how long it starts at 0 again [ns]."""
 NEAR = 0.1
-"""A counter that starts at 0 again goes from the last share of its numbers to the first, or back."""
+"""A counter that starts at 0 again steps from this last fraction of its range to this first fraction, or back."""
 
 
 class Mended(NamedTuple):
@@ -36,8 +37,8 @@ def mend(stamps) -> Mended:
     """Stamps of scans that can be used, made of those in a file.
 
     Counters of 32 bits that start at 0 again are unwrapped; stamps that are negative, or too large for a ROS message,
-    are shifted. Where fewer than half of the stamps are later than the one before, as where all are equal, they are of
-    no use, and the scans are taken to be `STEADY` apart.
+    are shifted. If fewer than half of the stamps are later than the one before, for example if all are equal, they
+    cannot be used, and the scans are assumed to be `STEADY` apart.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def mend(stamps) -> Mended:
     if not usable(unwrapped) or max(unwrapped, default=0) - min(unwrapped, default=0) >= END_OF_TIME - START:
         first = given[0] if 0 < given[0] < END_OF_TIME - len(given) * STEADY else START
         return Mended([first + number * STEADY for number in range(len(given))],
-                      f'stamps are of no use (fewer than half are later than the one before): scans are taken to be '
+                      f'stamps are of no use (fewer than half are later than the one before): scans are assumed to be '
                       f'{STEADY / SECOND:g} s apart')
     first = min(unwrapped, default=0)
     if first < 0 or max(unwrapped, default=0) >= END_OF_TIME:
@@ -61,7 +62,7 @@ def mend(stamps) -> Mended:
 
 def usable(stamps) -> bool:
     """Whether at least half of the stamps ``(N,)`` [ns] are later than the one before; one stamp alone is of use."""
-    later = sum(b > a for a, b in zip(stamps, stamps[1:], strict=False))
+    later = sum(b > a for a, b in pairwise(stamps))
     return 2 * later >= len(stamps) - 1
 
 

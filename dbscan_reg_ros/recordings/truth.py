@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a recording's true motion, and where the recordings are."""
+"""Ground truth of a recording, and the folder of the recordings."""
 import os
 from pathlib import Path
 from typing import NamedTuple
@@ -89,9 +89,9 @@ def load_relations(path) -> Relations:
 
 
 def interpolate(stamps, poses, at):
-    """Poses ``(M, 3)`` at the moments `at` ``(M,)`` [ns], on the straight way and the shorter turn between neighbours.
+    """Poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly, headings by the smaller rotation.
 
-    Not a number outside of the known time. `stamps` ``(N,)`` need not be in order.
+    NaN outside of the time of `stamps` ``(N,)``, which need not be in order.
     """
     stamps, first = np.unique(np.asarray(stamps, dtype=np.int64), return_index=True)
     poses, at = np.asarray(poses, dtype=float)[first], np.asarray(at, dtype=np.int64)

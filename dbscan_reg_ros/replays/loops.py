@@ -33,7 +33,8 @@ UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
 """Standard deviation of a motion across a scan that was not registered."""
 ROBUST = 3.0
 """Scale of the robust kernel in standard deviations."""
-ROUNDS = 20
+ROUNDS, CONVERGED = 20, 1e-6
+"""Most iterations of Gauss-Newton, and the step [m, rad] below which they end."""
 
 
 class Stop(NamedTuple):
@@ -158,7 +159,7 @@ def agree(poses, pairs, motions, covariances):
         matrix = coo_matrix((jacobian.ravel(), (rows.ravel(), columns.ravel()))).tocsc()
         step = spsolve((matrix.T @ matrix + held).tocsc(), -(matrix.T @ (weight * error).ravel())).reshape(-1, 3)
         poses += step
-        if np.abs(step).max() < 1e-6:
+        if np.abs(step).max() < CONVERGED:
             break
     poses[:, 2] = wrap(poses[:, 2])
     return poses

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs of scans of a replay to review: doubtful results, each with the scan that it was registered to."""
+"""Pairs of scans of a replay to review: low-confidence results, each with the scan that it was registered to."""
 from dataclasses import dataclass
 
 import numpy as np

@@ -130,8 +130,8 @@ def _others(known, stamps, poses):
 def _nothing(known):
     """Say why the page shows no errors."""
     if known.truth or known.relations or known.wheels:
-        return 'No part of the trajectory is long enough for a comparison with what is known of the motion.'
-    return 'Nothing is known of the true motion.'
+        return 'No part of the trajectory is long enough for a comparison with the known motion.'
+    return 'The true motion is unknown.'
 
 
 def _errors(known, stamps, poses, along):

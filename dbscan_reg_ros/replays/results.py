@@ -35,7 +35,7 @@ class Results:
     loops : Loops or None
         None: loops are not closed.
     faults : Faults
-        Takes note of what cannot be written.
+        Collects the results that cannot be written, with the reasons.
     """
 
     folder: Path

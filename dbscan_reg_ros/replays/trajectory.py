@@ -69,7 +69,7 @@ class Trajectory:
         return (scan for used, scan in zip(self.used, scans, strict=False) if used)
 
     def pose_array(self):
-        """(N, 3) float [m, m, rad]"""
+        """Poses of the used scans ``(N, 3)`` [m, m, rad], in the frame of the first."""
         return np.array(self.poses, dtype=float).reshape(-1, 3)
 
     def measures(self, jump) -> dict:

@@ -29,10 +29,10 @@ class Lidar:
         From the first to the last beam; 0: all at once.
     noise : float [m]
         Least standard deviation of a range.
-    noise_share : float
-        The same as a share of the range, where that is more.
+    noise_ratio : float
+        The same as a ratio to the range, if that is more.
     dropouts, outliers : float
-        Share of the beams without a return, and with a random one between `range_min` and 10 m at most.
+        Fractions of the beams without a return, and with a random one between `range_min` and 10 m at most.
     resolution : float [m]
         Ranges are multiples of it; 0: not rounded.
     mounting : SE2
@@ -56,6 +56,7 @@ class Lidar:
 
     @cached_property
     def geometry(self) -> ScanGeometry:
+        """Bearings and range limits of every scan."""
         return ScanGeometry(self.angle_min, self.angle_increment, self.beams, self.range_min, self.range_max)
 
     @property

@@ -11,7 +11,9 @@ from ..core.geometry.se2 import wrap
 STEP = 0.01
 """Distance [m] and time [s] between the points that a path is made of."""
 SHARPEST = math.radians(120.0)
-"""A turn by more than this is made on the spot [rad]."""
+"""A change of heading by more than this [rad] is a rotation on the spot."""
+STRAIGHT = 1e-6
+"""Changes of heading up to this [rad] are not rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +33,12 @@ class Path:
 
     @property
     def duration(self):
-        """[s]"""
+        """Time of the last point [s]."""
         return float(self.times[-1])
 
     @property
     def length(self):
-        """[m]"""
+        """Distance driven over all points [m]."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
     def poses_at(self, times):
@@ -114,7 +116,7 @@ def _rounded(points, radius):
     straight = np.hypot(*steps.T)
     turns = wrap(np.diff(np.arctan2(steps[:, 1], steps[:, 0])))
     tangent = np.minimum(radius * np.tan(0.5 * np.abs(turns)), 0.45 * np.minimum(straight[:-1], straight[1:]))
-    bend = np.abs(turns) > 1e-6
+    bend = np.abs(turns) > STRAIGHT
     arc = np.where(bend, tangent * np.abs(turns) / np.tan(0.5 * np.where(bend, np.abs(turns), 1.0)), 0.0)
     straight[:-1] -= np.where(bend, tangent, 0.0)
     straight[1:] -= np.where(bend, tangent, 0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 EDGE = 1e-9
-"""A ray that passes the end of a segment by this share of its length still hits it: joints have no gaps."""
+"""A ray that passes the end of a segment by this fraction of its length still hits it: joints have no gaps."""
 
 
 def cast(origins, directions, segments, circles):

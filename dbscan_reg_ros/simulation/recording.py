@@ -21,7 +21,9 @@ class SimulatedRecording(Recording):
         self.count = len(simulation.scans)
 
     def scans(self):
+        """Return iterator of the simulated scans."""
         return iter(self._simulation.scans)
 
     def truth(self):
+        """Return stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of the sensor in the world."""
         return self._simulation.stamps, self._simulation.truth

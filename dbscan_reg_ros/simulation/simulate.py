@@ -34,7 +34,7 @@ class Simulation:
 
     @property
     def stamps(self):
-        """(N,) int64 [ns]"""
+        """Stamps of the scans ``(N,)``, int64 [ns]."""
         return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
 
 

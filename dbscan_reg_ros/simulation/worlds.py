@@ -13,12 +13,14 @@ RECESS = 0.1
 CLEARANCE = 0.6
 """Furniture keeps this distance [m] from the tour."""
 ASIDE, SLIM = 0.3, 0.18
-"""So far from the tour [m] walk people, who fit through its doors [m]."""
+"""Distance of people from the tour [m], and their radius [m]: they fit through its doors."""
+BOXES = 0.6
+"""Fraction of the furniture that is boxes; the others are bins."""
 
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """Somebody who walks to and fro along `route` (K, 2) [m] at `speed` [m/s], as round as `radius` [m]."""
+    """A walking person: a circle of `radius` [m], to and fro along `route` ``(K, 2)`` [m] at `speed` [m/s]."""
 
     route: np.ndarray
     speed: float = 1.2
@@ -42,7 +44,7 @@ class World:
     segments : (S, 2, 2) float [m]
         Start and end of each piece of wall.
     tour : (W, 2) float [m]
-        Way points that keep clear of everything that stands still.
+        Way points at a distance from all walls, columns and furniture.
     circles : (C, 3) float [m]
         Centre and radius of each column.
     people : tuple of Person
@@ -165,7 +167,7 @@ def furniture(bounds, rng, count=7):
     boxes, bins = [], []
     for _ in range(count):
         x, y = rng.uniform(left + 0.5, right - 0.5), rng.uniform(bottom + 0.5, top - 0.5)
-        if rng.random() < 0.6:
+        if rng.random() < BOXES:
             angle = rng.choice((0.0, rng.uniform(0.0, math.pi)))
             boxes.append(box(x, y, rng.uniform(0.5, 1.6), rng.uniform(0.3, 0.8), angle))
         else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How bad a set of parameters is on a recording: less is better."""
+"""Cost of a set of parameters on a recording: less is better."""
 import dataclasses
 import itertools
 import math
@@ -35,11 +35,11 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
     Raises
     ------
     RecordingError
-        When the recording cannot be read, or `objective` is ``truth`` and nothing is known of it.
+        When the recording cannot be read, or `objective` is ``truth`` and its true motion is unknown.
     """
     known, parameters = _known(path, topic), parameters.for_odometry()
     scans = list(itertools.islice(open_recording(path, topic).scans(), limit))
-    if objective == 'truth' or objective == 'auto' and (known.truth or known.relations):
+    if objective == 'truth' or (objective == 'auto' and (known.truth or known.relations)):
         trajectory = trajectory_of(scans, parameters)
         try:
             return float(paired(known, trajectory, trajectory).a[0].mean())
@@ -59,7 +59,7 @@ def _inconsistency(scans, parameters):
     features = [update.features for update in forward.follow(scans, Odometry(parameters))]
     backward = trajectory_of(_backward(scans), parameters)
     there, back = forward.pose_array(), backward.pose_array()[::-1]
-    if len(there) != len(back) or len(there) < 2:
+    if not len(there) == len(back) > 1:
         return HOPELESS
     first, later = apart(there, METRES)
     if not len(first):

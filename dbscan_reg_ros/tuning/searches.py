@@ -4,7 +4,7 @@ import numpy as np
 
 
 class RandomSearch:
-    """Values drawn evenly, and independently of what came of the others."""
+    """Values drawn from a uniform distribution, independently of the results of others."""
 
     def __init__(self, axes, seed):
         self._axes, self._seed, self._asked = axes, seed, 0
@@ -44,5 +44,6 @@ class OptunaSearch:
 
 
 def has_optuna() -> bool:
+    """Whether Optuna is installed."""
     import importlib.util
     return importlib.util.find_spec('optuna') is not None

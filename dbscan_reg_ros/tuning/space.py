@@ -8,6 +8,8 @@ from ..core.parameters.schema import check, suggest
 
 FACTOR = 5.0
 """Without a range, a number is searched between its default divided by this and multiplied by this."""
+LOG_RATIO = 3.0
+"""Ranges whose bounds have a greater ratio than this are searched on a logarithmic scale."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Axis:
     @property
     def is_log(self):
         """Whether the values are searched on a logarithmic scale."""
-        return self.low > 0.0 and self.high / self.low > 3.0
+        return self.low > 0.0 and self.high / self.low > LOG_RATIO
 
     def at(self, share):
         """Return the value at the fraction `share`, 0..1, of the range."""

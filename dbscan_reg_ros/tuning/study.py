@@ -41,7 +41,7 @@ class Study:
         self.cost_of_start = None
 
     def run(self, trials, evaluate, watch):
-        """Return the best (cost, values) of so many trials.
+        """Return the best (cost, values) of a number of trials.
 
         Parameters
         ----------

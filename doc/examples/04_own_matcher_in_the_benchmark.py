@@ -13,17 +13,17 @@ from dbscan_reg_ros.simulation import demo
 from dbscan_reg_ros.simulation.recording import SimulatedRecording
 
 
-def align(reference, current, guess=None):  # point-to-point ICP: pose of the current scan in the reference's frame
-    transform, tree = guess or SE2(), cKDTree(reference)
+# A method prepares each scan once, then aligns pairs of them; KeyFrames makes an odometry of any method.
+def align(reference, current, guess=None, max_distance=0.5):
+    """Return the pose of the current scan in the reference's frame, by point-to-point ICP."""
+    tree, transform = cKDTree(reference), guess or SE2()
     for _ in range(20):
         distance, nearest = tree.query(transform.apply(current))
-        transform = rigid_fit.fit(reference[nearest[distance < 0.5]], current[distance < 0.5])
+        transform = rigid_fit.fit(reference[nearest[distance < max_distance]], current[distance < max_distance])
     return Result(transform, Status.OK)
 
 
 recording = open_recording(sys.argv[1]) if sys.argv[1:] else SimulatedRecording('simulated', demo())
-# A method prepares each scan once, then aligns pairs of them. KeyFrames makes an odometry of any method.
 for odometry in tracker('dbscan'), KeyFrames(Method('own', lambda scan: scan.points[scan.valid], align)):
-    poses = [odometry.process(scan).pose.as_array() for scan in recording.scans()]
-    errors = errors_of(recording, recording.stamps(), poses)
+    errors = errors_of(recording, recording.stamps(), [odometry.process(s).pose.as_array() for s in recording.scans()])
     print(type(odometry).__name__, {name: round(each, 4) for name, each in errors.items() if '_mean_' in name})

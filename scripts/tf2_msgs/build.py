@@ -62,6 +62,7 @@ def build(folder, log):
 
 
 def main():
+    """Build and install the package; return the exit status."""
     reason = missing()
     if reason:
         print(reason)

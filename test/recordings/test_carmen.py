@@ -20,7 +20,7 @@ from dbscan_reg_ros.replays.trajectory import trajectory_of
 
 FILES = ['corrected_poses_taken_for_wheels.log', 'equal_stamps.log', 'leap_behind_a_passer_at_288.log.gz',
          'lost_for_six_scans.log', 'negative_stamps.log', 'no_return_32.767_and_zero_stamps.log', 'zero_stamps_nan.log']
-DIFFER = ('the poses of the scans differ from the ODOM lines: they are taken for the truth, the ODOM lines for the wheel '
+DIFFER = ('the poses of the scans differ from the ODOM lines: they are used as ground truth, the ODOM lines as wheel '
           'odometry')
 
 
@@ -231,7 +231,7 @@ def test_intel_and_aces_are_read_unchanged(data, log, missing):
 def test_at_the_steady_guess_nearly_all_scans_of_logs_without_usable_stamps_register(cases, name, fewest, first):
     recording = open_recording(cases / 'carmen' / name)
     assert [note for note in recording.notes if 'stamps' in note] == [
-        'stamps are of no use (fewer than half are later than the one before): scans are taken to be 1 s apart']
+        'stamps are of no use (fewer than half are later than the one before): scans are assumed to be 1 s apart']
     assert recording.stamps() == [(first + k) * 10**9 for k in range(recording.count)]
     assert recording.stamps() == [scan.stamp for scan in recording.scans()]
     trajectory = trajectory_of(recording.scans(), Parameters())

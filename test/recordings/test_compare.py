@@ -118,14 +118,14 @@ def test_scans_that_only_one_could_use_are_left_out():
 
 def test_without_truth_there_is_nothing_to_compare():
     trajectory = Trajectory(stamps=[1, 2], poses=[(0.0, 0.0, 0.0)] * 2, used=[True, True])
-    with pytest.raises(RecordingError, match='nothing is known of the true motion'):
+    with pytest.raises(RecordingError, match='the true motion is unknown'):
         paired(KnownMotion(None, None, None), trajectory, trajectory)
 
 
 def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):
     assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out', str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
+    assert 'demo.bag: its true motion is unknown' in error and error.count('\n') == 1
 
 
 def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):

@@ -124,7 +124,8 @@ def test_where_nothing_moves_all_is_shown_over_the_scans(browser, simulation, tm
     assert browser.value('document.querySelector("#statuses svg[role=img]").textContent').endswith('scan')
     box = browser.value('document.querySelector("#statuses [clip-path] path").getBBox().width')
     assert box == pytest.approx(932.0, abs=5.0)
-    assert 'No part of the trajectory is long enough for a comparison with what is known of the motion.' in browser.value('document.body.innerText')
+    assert 'No part of the trajectory is long enough for a comparison with the known motion.' in \
+        browser.value('document.body.innerText')
     assert browser.complaints == []
 
 
@@ -186,5 +187,5 @@ def test_an_empty_page_states_that_nothing_is_known(browser, tmp_path):
     browser.open(path.as_uri())
     assert browser.complaints == [] and browser.value('document.body.dataset.ready') == 'yes'
     words = browser.value('document.body.innerText')
-    assert all(text in words for text in ('Nothing is known of the true motion.', 'There is nothing to look at.',
+    assert all(text in words for text in ('The true motion is unknown.', 'There is nothing to look at.',
                                           'No scan could be used.', 'All at their defaults.'))

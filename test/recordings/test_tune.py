@@ -196,7 +196,7 @@ def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):
 def test_recordings_without_truth_are_not_held_out(words, data, tmp_path, capsys):
     assert main(words(1, 'out', '--held-out', data / 'ccny_demo' / 'demo.bag')) == 2
     error = capsys.readouterr().err
-    assert 'demo.bag: nothing is known of its true motion' in error and error.count('\n') == 1
+    assert 'demo.bag: its true motion is unknown' in error and error.count('\n') == 1
     assert not (tmp_path / 'out').exists()
 
 

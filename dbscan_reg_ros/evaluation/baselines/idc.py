@@ -15,7 +15,7 @@ NARROWEST = math.radians(1.0)
 DECAY = 0.85
 """What the window shrinks by from one iteration to the next."""
 KEPT = 0.8
-"""Share of the pairs that are used, the nearest ones."""
+"""Fraction of the pairs that are used, the nearest ones."""
 
 
 def prepare(scan):

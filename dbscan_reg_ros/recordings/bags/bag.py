@@ -49,9 +49,11 @@ class Bag(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
+        """Return iterator of `Scan` on the chosen topic, in order of record time."""
         return (played.content for played in self.play(()))
 
     def channels(self):
+        """Return the `Channel` of every topic with messages besides that of the scans."""
         with open_reader(self.path) as reader:
             held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
                     if c.topic != self.topic and c.msgcount}
@@ -61,6 +63,7 @@ class Bag(Recording):
                 for topic, (kind, latched) in held.items()]
 
     def play(self, channels):
+        """Yield `Played` in order of record time: each readable scan, and the bytes of the messages of `channels`."""
         geometry, watch = None, ScanWatch()
         wanted = {channel.recorded: channel for channel in channels}
         for number, topic, time, message in self._messages([self.topic], wanted):
@@ -77,6 +80,7 @@ class Bag(Recording):
             yield Played(scan, time)
 
     def records(self):
+        """Yield `Record` of each scan, with the poses of laser and wheels interpolated at its stamp."""
         stamps = np.array(self.stamps(), dtype=np.int64)
         robot = _at(stamps, self.wheel_odometry())
         laser = _at(stamps, self._odometry(self._laser_topic or self._truth_topic or self._wheel_topic))
@@ -84,9 +88,11 @@ class Bag(Recording):
             yield Record(scan, laser_pose, robot_pose)
 
     def wheel_odometry(self):
+        """Return stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the wheel topic, or None without one."""
         return self._odometry(self._wheel_topic)
 
     def truth(self):
+        """Return stamps and poses of the truth topic, else of the laser's poses if they were corrected, else None."""
         if self._truth_topic:
             return self._odometry(self._truth_topic)
         laser, wheels = self._odometry(self._laser_topic), self.wheel_odometry()

@@ -65,13 +65,13 @@ def _of_folder(folder):
     files = sorted(file.name for file in folder.iterdir() if kind_at(file))
     instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
     try:
-        told = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
-        named = [Path(name).name for name in told['relative_file_paths']]
-        storage = told['storage_identifier']
-        mode = (told.get('compression_mode') or 'none').lower()
-        compression = told.get('compression_format') if mode == 'file' else None
+        fields = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        named = [Path(name).name for name in fields['relative_file_paths']]
+        storage = fields['storage_identifier']
+        mode = (fields.get('compression_mode') or 'none').lower()
+        compression = fields.get('compression_format') if mode == 'file' else None
     except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return f'its metadata.yaml is damaged; {instead}, or write it anew: ros2 bag reindex {_quoted(folder)}'
+        return f'its metadata.yaml is damaged; {instead}, or write it again: ros2 bag reindex {_quoted(folder)}'
     for name in named:
         file = folder / name
         if not file.exists():

@@ -42,8 +42,7 @@ class MessageMaker:
         return [self._make(kind, item) for item in value] if isinstance(value, list) else self._make(kind, value)
 
     def _members(self, kind):
-        """Return the message's class, the default of every field, and the type of those that are messages or sequences.
-        """
+        """Return the message's class, the default of every field, and the type of fields that are messages."""
         from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}
         for name, (node, detail) in self.store.fielddefs[kind][1]:

@@ -9,7 +9,7 @@ from ..message_fields import filled, message_class
 from .bag_faults import kind_at
 
 COMPRESSED = ('file', 'message')
-"""What `compression_mode` says of a bag that needs the reader of compressed ones."""
+"""Values of `compression_mode` of bags that need the reader of compressed ones."""
 
 
 class Connection(NamedTuple):
@@ -33,14 +33,14 @@ class BagReader:
     def __init__(self, path):
         self.path = path
         self._storage = kind_at(path) or ''
-        told = rosbag2_py.Info().read_metadata(str(path), self._storage)
-        self._compressed = path.is_dir() and told.compression_mode.lower() in COMPRESSED
+        metadata = rosbag2_py.Info().read_metadata(str(path), self._storage)
+        self._compressed = path.is_dir() and metadata.compression_mode.lower() in COMPRESSED
         self._open()
         self.connections = [
             Connection(each.topic_metadata.name, each.topic_metadata.type, each.message_count,
-                       each.topic_metadata.offered_qos_profiles) for each in told.topics_with_message_count]
-        self.message_count = told.message_count
-        self.start_time, self.duration = told.starting_time.nanoseconds, told.duration.nanoseconds
+                       each.topic_metadata.offered_qos_profiles) for each in metadata.topics_with_message_count]
+        self.message_count = metadata.message_count
+        self.start_time, self.duration = metadata.starting_time.nanoseconds, metadata.duration.nanoseconds
 
     def _open(self):
         reader = rosbag2_py.SequentialCompressionReader() if self._compressed else rosbag2_py.SequentialReader()
@@ -68,7 +68,7 @@ class BagReader:
         return deserialize_message(bytes(raw), message_class(kind))
 
     def is_latched(self, _connection):
-        """Whether late listeners are to hear the topic; Jazzy's Python cannot tell what qualities of service hold."""
+        """Whether late subscribers receive the topic: False, since Jazzy's Python cannot read the QoS of a bag."""
         return False
 
     def to_ros2(self, raw, kind):

@@ -15,7 +15,7 @@ from .messages import MessageMaker
 FOREVER = QosTime(2147483647, 4294967295)
 LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, FOREVER, FOREVER,
               QosLiveliness.AUTOMATIC, FOREVER, False)
-"""What a player of the bag has to know so that late listeners hear a topic that is sent once."""
+"""Quality of service with which late subscribers receive a topic that is published once."""
 
 
 class BagReader:
@@ -47,6 +47,7 @@ class BagReader:
         self.duration = self.reader.duration
 
     def close(self):
+        """Close the files of the bag."""
         self.reader.close()
 
     def messages(self, connections, start=None, stop=None):
@@ -58,7 +59,7 @@ class BagReader:
         return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
 
     def is_latched(self, connection):
-        """Whether late listeners are to hear the topic."""
+        """Whether late subscribers receive the topic."""
         if self.reader.is2:
             return any(each.durability == QosDurability.TRANSIENT_LOCAL for each in connection.ext.offered_qos_profiles)
         return bool(connection.ext.latching)

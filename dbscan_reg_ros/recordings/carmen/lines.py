@@ -13,13 +13,17 @@ from ..stamps import SECOND
 from ..trajectories import finite_numbers
 
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
-"""``PARAM`` lines that we write and read, with what holds without them [m, s]."""
+"""``PARAM`` lines that we write and read, with their defaults [m, s]."""
 FLASER_RANGE_MAX = 50.0
 """Maximum range of ``FLASER`` and similar lines [m], which do not state it: greater values, 81.83, 81.91, are codes."""
 FLASER_NO_RETURN = 81.83
-"""What a missing return is written as [m]."""
+"""Reading [m] that is written for a missing return."""
 UNLIMITED = 1e6
-"""The maximum range [m] that is written for a sensor that names none."""
+"""Maximum range [m] that is written for a sensor without one."""
+ODOMETRY_VALUES = 9
+"""Values of an ``ODOM`` line: pose, two velocities, acceleration, stamp, host, stamp of the logger."""
+FEWEST_READINGS = 2
+"""A ``FLASER`` with fewer readings has no angles."""
 FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
 """Stamps that may be mended [ns]: those of a counter of 32 bits, in six digits, and some that are negative."""
 
@@ -30,7 +34,7 @@ class Line(NamedTuple):
     Attributes
     ----------
     stamp : int [ns]
-        As it stands there; see `stamps.mend`.
+        As in the line; see `stamps.mend`.
     ranges : (N,) float [m]
     start, step : float [rad]
     range_max : float [m]
@@ -74,8 +78,8 @@ def read_line(kind, words) -> Line:
 
 def read_odometry(words):
     """Stamp [ns] and pose ``(x, y, theta)`` [m, m, rad] of an ``ODOM`` line; ValueError or IndexError if damaged."""
-    if len(words) != 9:
-        raise ValueError(f'{len(words)} values where 9 are needed')
+    if len(words) != ODOMETRY_VALUES:
+        raise ValueError(f'{len(words)} values where {ODOMETRY_VALUES} are needed')
     return _stamp(words[6]), _pose(words[:3])
 
 
@@ -116,7 +120,7 @@ def _read_old(words, poses):
     """``FLASER`` and its like: the number of readings, these, so many poses, stamp, host, logger's stamp."""
     n = int(words[0])
     needed = n + 4 + 3 * poses
-    if n < 2 or len(words) != needed:
+    if n < FEWEST_READINGS or len(words) != needed:
         raise ValueError(f'{len(words)} values where {n} readings need {needed}')
     ranges = _floats(words[1:n + 1])
     ranges[ranges >= FLASER_RANGE_MAX] = np.inf
@@ -144,7 +148,7 @@ KINDS = {kind: lambda words: _read_old(words, 2) for kind in ('FLASER', 'RLASER'
 KINDS |= {f'LASER{number}': lambda words: _read_old(words, 0) for number in (3, 4, 5)}
 KINDS |= {f'ROBOTLASER{number}': lambda words: _read_new(words, 11) for number in range(1, 6)}
 KINDS |= {f'RAWLASER{number}': lambda words: _read_new(words, 0) for number in range(1, 6)}
-"""Name of a message that holds a scan -> the function from its words to a `Line`."""
+"""Name of a message with a scan -> the function from its words to a `Line`."""
 FRONT = ('FLASER', 'ROBOTLASER1')
 """The scanner that is meant where a log has several."""
 

@@ -15,9 +15,9 @@ from .lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_paramet
 from .survey import Survey
 
 LONGEST_LINE = 2**22
-"""Characters from which on a line is none, but something else that goes on without an end."""
+"""Lines of this many characters or more are no lines of a log; reading stops there."""
 MOST_KINDS = 20
-"""So many kinds of lines are named where none holds a scan."""
+"""Number of kinds of lines that are named if none contains a scan."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -29,8 +29,8 @@ class CarmenLog(Recording):
     even n and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a
     missing return. The stamp is the ipc_timestamp, third from the end.
 
-    What the scans say only together is found once, when the log is opened: which stamps are of use, what stands for a
-    missing return, and which poses are the truth.
+    Properties of the whole log are determined once, when it is opened: which stamps are usable, which reading means a
+    missing return, and which poses are the ground truth.
     """
 
     def __init__(self, path, topic=None):
@@ -55,10 +55,12 @@ class CarmenLog(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
+        """Yield each `Scan` of the chosen kind of lines, in the order of the file."""
         for record in self.records():
             yield record.scan
 
     def records(self):
+        """Yield each `Record` of the chosen kind of lines: the scan, and the poses of laser and robot in its line."""
         geometry, found, watch = None, self._found, ScanWatch()
         given = zip(found.stamps, found.laser, found.robot, strict=True)
         for (_, line, settings), (stamp, laser, robot) in zip(self._messages((self.topic,)), given, strict=False):
@@ -68,6 +70,7 @@ class CarmenLog(Recording):
             yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
 
     def stamps(self):
+        """Return the stamps of all scans [ns], corrected as by `stamps.mend`, without reading the file again."""
         return list(self._found.stamps)
 
     def wheel_odometry(self):

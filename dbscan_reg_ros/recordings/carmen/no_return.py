@@ -7,18 +7,18 @@ import numpy as np
 WIDTH = 0.001
 """Ratio to the greatest value from which on values form one group: sensors have several codes, 81.83 to 81.91."""
 FEWEST = 20
-"""Readings that the group must hold."""
+"""Minimum number of readings in the group."""
 BAND = 0.01
-"""Readings within this share of the greatest, below the group, may not be more than those of the group: walls thin out
-towards the longest ranges, and do not end in a peak."""
+"""Readings below the group and within this ratio of the greatest may not outnumber the group: walls become rarer
+towards the longest ranges, and have no peak there."""
 JUMP = 0.1
 """A reading next to one of the group that is below this ratio of it lies across a jump, not on the same wall."""
 DIGITS = 5
-"""Values count as equal when so many significant digits are: so what is remembered does not grow with the file."""
+"""Values with this many equal significant digits are counted as one, so that memory does not grow with the file."""
 
 
 class NoReturn:
-    """Finds the range that stands for "no return" among the readings of scans, one scan at a time."""
+    """Find the range that encodes "no return" among the readings of scans, one scan at a time."""
 
     def __init__(self):
         self._greatest = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has to be known of a whole CARMEN log before its first scan can be given."""
+"""Properties of a whole CARMEN log that its first scan depends on."""
 import math
 from array import array
 from typing import NamedTuple
@@ -13,9 +13,9 @@ from .no_return import NoReturn
 
 NOWHERE = (0.0, 0.0, 0.0)
 SAME = 1e-6
-"""Poses that differ by no more are one and the same, written twice [m, rad]."""
-SLACK = 0.01
-"""A pose between two others may be so far off the straight way [m, rad], besides a twentieth of that way."""
+"""Poses that differ by at most this [m, rad] are one pose, written twice."""
+DETOUR, SLACK = 1.05, 0.01
+"""A pose lies between two others if the detour over it is at most this times the direct motion plus this [m, rad]."""
 
 
 class Survey:
@@ -35,32 +35,32 @@ class Survey:
         self.wheels.add_scan(line.stamp, line.robot_pose)
 
     def findings(self, filtered=False) -> 'Findings':
-        """Return what holds for the scans of the whole log; `filtered` where it holds lines of a particle filter."""
+        """Return the properties of the whole log; `filtered`: it contains lines of a particle filter."""
         notes = []
         stamps, note = mend(self._stamps)
         if note:
             notes.append(note)
         no_return = self._no_return.limit()
         if no_return is not None:
-            notes.append(f'readings of {no_return:.3f} m or more are taken for no return: the greatest value of the '
-                         'log stands alone and often')
+            notes.append(f'readings of {no_return:.3f} m or more are used as no return: the greatest value of the log '
+                         'is frequent and isolated')
         laser, robot = (np.array(poses).reshape(-1, 3) for poses in (self._laser, self._robot))
         is_corrected, wheels = bool(len(robot)) and corrected(laser, robot), self.wheels.poses()
         if not is_corrected and robot.any() and self.wheels.contradict():
             is_corrected, robot = True, wheels
-            notes.append('the poses of the scans differ from the ODOM lines: they are taken for the truth, the ODOM '
-                         'lines for the wheel odometry')
+            notes.append('the poses of the scans differ from the ODOM lines: they are used as ground truth, the ODOM '
+                         'lines as wheel odometry')
         elif not is_corrected and filtered and robot.any():
             is_corrected, robot = True, np.zeros_like(robot)
-            notes.append('the poses of the scans come from a particle filter (NEFF lines): they are taken for the '
-                         'truth; the log holds no wheel odometry')
+            notes.append('the poses of the scans come from a particle filter (NEFF lines): they are used as ground '
+                         'truth; the log contains no wheel odometry')
         elif wheels is not None and not robot.any():
             robot, laser = wheels, laser if laser.any() else wheels
         return Findings(stamps, laser, robot, is_corrected, no_return, notes)
 
 
 class Findings(NamedTuple):
-    """What holds for the scans of a log.
+    """Properties of the scans of a whole log.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Findings(NamedTuple):
     laser, robot : (N, 3) float [m, m, rad]
         Poses; those of the robot are the wheels'.
     corrected : bool
-        The laser's poses are the truth.
+        The laser's poses are the ground truth.
     no_return : float [m] or None
         As from `NoReturn.limit`.
     notes : list of str
@@ -85,14 +85,14 @@ class Findings(NamedTuple):
 
 
 class Wheels:
-    """The wheel odometry that the ``ODOM`` lines tell, at the scans between them.
+    """Wheel odometry of the ``ODOM`` lines, interpolated at the scans between them.
 
     In a log that was corrected afterwards an ``ODOM`` line repeats the corrected pose of the scan before it, and the
-    next ones go on from there. The way of the wheels is put together from the pieces.
+    next lines continue from that pose. The trajectory of the wheels is joined from the pieces.
     """
 
     def __init__(self):
-        self._way = (0.0, 0.0, 0.0)
+        self._pose = (0.0, 0.0, 0.0)
         self._last = None
         self._scans = array('d')
         self._open = []
@@ -102,26 +102,26 @@ class Wheels:
     def add_scan(self, stamp, pose):
         """Add a scan with its stamp [ns] and the robot's pose ``(x, y, theta)`` [m, m, rad], or None."""
         self._open.append((len(self._scans) // 3, stamp, pose, self._lines))
-        self._scans.extend(self._way)
+        self._scans.extend(self._pose)
         self._lines = 0
 
     def add_odometry(self, stamp, pose):
         """Add an ``ODOM`` line with its stamp [ns] and pose ``(x, y, theta)`` [m, m, rad]."""
         if self._last is None:
-            self._way = pose
+            self._pose = pose
             for index, *_ in self._open:
                 self._set(index, pose)
         else:
             before, last = self._last
-            step, told = _step(last, pose), self._open[-1][2] if self._open else None
-            repeats = told is not None and _same(told, pose) and not _same(last, pose)
+            step, robot = _step(last, pose), self._open[-1][2] if self._open else None
+            repeats = robot is not None and _same(robot, pose) and not _same(last, pose)
             for index, at, scan, lines in self._open:
                 if scan:
                     self._decide(scan, last, pose, lines if repeats else None, at == before or stamp < before)
                 if before < at <= stamp and not repeats:
                     self._set(index, self._after(step, (at - before) / (stamp - before)))
             if not repeats:
-                self._way = self._after(step)
+                self._pose = self._after(step)
         self._open.clear()
         self._last = stamp, pose
         self._lines += 1
@@ -131,25 +131,25 @@ class Wheels:
         return None if self._last is None else np.array(self._scans).reshape(-1, 3)
 
     def contradict(self) -> bool:
-        """Whether the poses of half of the scans, or more, are others than the ``ODOM`` lines tell."""
+        """Whether the poses of at least half of the scans differ from the ``ODOM`` lines."""
         return 2 * self._different >= max(len(self._scans) // 3 - 1, 1)
 
     def _decide(self, scan, last, pose, lines, one_moment):
         """Whether a scan's pose differs from that of the wheels, which were at `last` before it and at `pose` after it.
 
-        Where `pose` repeats the scan's, `lines` says how many lines came since the scan before it: the first of them
-        repeated that one, only more tell of the wheels; and `one_moment` whether scan and last line belong to one
-        moment.
+        If `pose` repeats the scan's, `lines` is the number of ``ODOM`` lines since the scan before it, else None: the
+        first of them repeated that scan's pose, only further ones are wheel odometry. `one_moment`: the scan has the
+        stamp of the last line.
         """
         if lines is not None:
             self._different += lines > 1 and one_moment
             return
         there, on, whole = ((math.hypot(x, y), abs(turn)) for x, y, turn in (_step(last, scan), _step(scan, pose),
                                                                              _step(last, pose)))
-        self._different += any(a + b > 1.05 * c + SLACK for a, b, c in zip(there, on, whole, strict=True))
+        self._different += any(a + b > DETOUR * c + SLACK for a, b, c in zip(there, on, whole, strict=True))
 
     def _after(self, step, share=1.0):
-        pose = SE2(*self._way) @ SE2(*(share * value for value in step))
+        pose = SE2(*self._pose) @ SE2(*(share * value for value in step))
         return pose.x, pose.y, pose.theta
 
     def _set(self, index, pose):
