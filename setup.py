@@ -42,6 +42,7 @@ class BuildExtensions(build_ext):
     """Generates no C beside the sources, where it would be taken for theirs when they have changed."""
 
     def initialize_options(self):
+        """Set the options: C is generated in the build folder."""
         super().initialize_options()
         self.cython_c_in_temp = True
 
@@ -50,6 +51,7 @@ class SourceDistribution(sdist):
     """Carries the generated C, so that building it takes no Cython."""
 
     def make_release_tree(self, base_dir, files):
+        """Copy `files` to `base_dir`, and add the generated C."""
         super().make_release_tree(base_dir, files)
         if CYTHON:
             from Cython.Build import cythonize
