@@ -100,7 +100,7 @@ def test_setup_and_package_agree_on_the_hash_of_the_sources(root, source, run):
 
 @pytest.fixture
 def fresh_choice(monkeypatch):
-    """Choose anew during the test."""
+    """Choose again during the test."""
     for chosen in (backends.choose, backends.compiled_backend):
         chosen.cache_clear()
     yield monkeypatch
