@@ -5,6 +5,7 @@ import numpy as np
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import fit_sections
 from ..geometry.se2 import wrap
+from ..geometry.tolerance import TINY
 from ..parameters.features import SegmentParameters
 from .point_sequence import PointSequence
 
@@ -74,7 +75,7 @@ def slope_differences(points: ComplexArray, radius: FloatArray, breaks: BoolArra
     if len(points) < _MIN_POINTS:
         return difference
     step = wrap(np.diff(np.angle(points)))
-    least = max(0.1 * float(np.median(np.abs(step))), 1e-6)
+    least = max(0.1 * float(np.median(np.abs(step))), TINY)
     step = np.where(np.abs(step) < least, np.copysign(least, step), step)
     slope = np.diff(radius) / (radius[:-1] * step)
     difference[1:-1] = np.where(breaks[1:] | breaks[:-1], 0.0, np.abs(np.diff(slope)))

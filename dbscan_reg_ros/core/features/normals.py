@@ -4,6 +4,7 @@ import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import fit_lines
+from ..geometry.se2 import unit_complex
 from ..parameters.features import SegmentParameters
 from .point_sequence import PointSequence
 
@@ -29,7 +30,7 @@ def estimate_normals(sequence: PointSequence, noise: FloatArray, parameters: Seg
     low, high = _windows(sequence, noise, parameters)
     count, points = high - low, sequence.points
     line = fit_lines(sequence.moments.take(high, axis=1) - sequence.moments.take(low, axis=1), count)
-    normals: ComplexArray = 1j * np.exp(1j * line.angle)
+    normals: ComplexArray = 1j * unit_complex(line.angle)
     onward = points[high - 1] - points[low]
     np.negative(normals, out=normals, where=(onward.conj() * normals).imag * sequence.increment < 0.0)
     normals[(count < _MIN_NEIGHBOURS) | (line.residual > _MAX_RESIDUAL * line.spread)] = 0.0

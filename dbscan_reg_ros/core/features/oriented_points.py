@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
+from ..geometry.tolerance import TINY
 
 Values = TypeVar('Values', FloatArray, ComplexArray)
 
@@ -94,7 +95,7 @@ def leverage(cloud: OrientedPoints, ridge: float) -> FloatArray:
     nx, ny = cloud.normals.real, cloud.normals.imag
     xx, xy, yy = nx @ nx / size + ridge, nx @ ny / size, ny @ ny / size + ridge
     weight = cloud.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
-    return weight / max(float(weight.sum()), 1e-9)
+    return weight / max(float(weight.sum()), TINY)
 
 
 def high_leverage(normals: ComplexArray) -> BoolArray:

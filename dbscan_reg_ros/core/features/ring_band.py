@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ring band filter: tests each beam against the ring of beams around it (section 2.1, Eq. 3-4)."""
+import itertools
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -154,7 +155,7 @@ _BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
 _ONE_SIDED = [(0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b]
 _ACROSS = _lines([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0])
 _THROUGH = _lines(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
-_NEAREST = _lines([(0, -2, -1), (0, -1, 1), (0, 1, 2)])
+_NEAREST = _lines([(0, a, b) for a, b in itertools.pairwise(_BEFORE[1:] + _AFTER[:-1])])
 
 
 def _consensus_outliers(points: FloatArray, noise: float, parameters: RingBandParameters) -> _Outliers:

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import Lines, fit_lines, fit_sections
-from ..geometry.se2 import as_vectors
+from ..geometry.se2 import as_complex, as_vectors, unit_complex
+from ..geometry.tolerance import TINY
 from ..parameters.features import SegmentParameters
 from .corners import slope_stretches
 from .point_sequence import PointSequence
@@ -36,7 +37,7 @@ def extract_segments(sequence: PointSequence, noise: FloatArray, parameters: Seg
     return Segments(
         start=as_vectors(found.start), end=as_vectors(found.end),
         direction=np.arctan2(found.along.imag, found.along.real), length=np.abs(found.end - found.start),
-        sigma_direction=sigma / np.sqrt(np.maximum(found.size * found.spread, 1e-12)),
+        sigma_direction=sigma / np.sqrt(np.maximum(found.size * found.spread, TINY)),
         sigma_offset=sigma / np.sqrt(found.size), kinds=kinds,
         beams=np.array((sequence.beams[found.first], sequence.beams[found.last])).T)
 
@@ -93,7 +94,7 @@ def _fitted(sequence: PointSequence, noise: FloatArray, parameters: SegmentParam
         if parameters.sections:
             size, lines = last - first + 1, fit_sections(moments, first, last, parameters.sections)
     x, y = lines.centre
-    centre, along = x + 1j * y, np.exp(1j * lines.angle)
+    centre, along = as_complex(np.column_stack((x, y))), unit_complex(lines.angle)
     along[((points[last] - points[first]) * along.conj()).real < 0.0] *= -1.0
     start = centre + along * ((points[first] - centre) * along.conj()).real
     end = centre + along * ((points[last] - centre) * along.conj()).real
@@ -124,7 +125,7 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
         First and last point of each piece.
     """
     points = sequence.points
-    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, 1e-9)
+    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, TINY)
     edges = np.concatenate(([True], sequence.breaks, [True]))
     edge = edges.nonzero()[0]
     for _ in range(parameters.split_levels):
@@ -202,7 +203,7 @@ def _on_different_lines(points: ComplexArray, pieces: _Pieces, angle: FloatArray
     same = residual < (limits.noise_factor * noise) ** 2
     same &= np.abs(points[first[1:]] - points[last[:-1]]) < limits.gap
     same &= (reach[1:] * reach[:-1].conj()).real > 0.0
-    tolerance = _JOIN_ANGLE + _JOIN_ANGLE_NOISE * noise / np.maximum(shorter, 1e-3)
+    tolerance = _JOIN_ANGLE + _JOIN_ANGLE_NOISE * noise / np.maximum(shorter, TINY)
     same &= difference < np.minimum(_MAX_JOIN_ANGLE, tolerance)
     return ~same
 

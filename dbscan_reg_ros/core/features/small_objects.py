@@ -7,6 +7,7 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
+from ..geometry.tolerance import TINY
 from ..parameters.features import SegmentParameters
 from .oriented_points import OrientedPoints
 from .point_sequence import find_breaks
@@ -47,7 +48,7 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
         return features
     front, width = objects.front[poles], objects.width[poles]
     half = np.minimum(0.5 * width, 0.5 * size)
-    towards = -front / np.maximum(np.abs(front), 1e-9)
+    towards = -front / np.maximum(np.abs(front), TINY)
     normals = towards[:, None] * _AROUND
     points = (front - half * towards)[:, None] + half[:, None] * normals
     weights = np.minimum(_SURFACES * objects.returns[poles] / _POINTS, 1.0)
@@ -84,7 +85,7 @@ class SmallObjects(NamedTuple):
     @property
     def middle(self) -> ComplexArray:
         """``(T,)`` complex [m]: centre of each object, taken as round."""
-        return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), 1e-9))
+        return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), TINY))
 
 
 class _Ring(NamedTuple):

@@ -8,9 +8,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .array_types import ComplexArray, FloatArray
+from .array_types import ComplexArray, FloatArray, IntArray
 
 Angle = TypeVar('Angle', float, FloatArray)
+
+DOF = 3
+"""Degrees of freedom of a motion of the plane: x, y and theta."""
 
 
 def wrap(angle: Angle) -> Angle:
@@ -31,9 +34,20 @@ def turned(matrix: FloatArray, theta: float) -> FloatArray:
     return rotated
 
 
+def unit_complex(angles: FloatArray) -> ComplexArray:
+    """Return the unit complex numbers ``exp(1j * angles)``: multiplication by them rotates by `angles` [rad]."""
+    numbers: ComplexArray = np.exp(1j * angles)
+    return numbers
+
+
 def as_complex(vectors: ArrayLike) -> ComplexArray:
     """Return vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
+
+
+def grouped_sum(group: IntArray, numbers: ComplexArray) -> ComplexArray:
+    """Return the sum of the complex `numbers` ``(P,)`` of each `group`, whose indices ``(P,)`` begin at 0."""
+    return as_complex(np.column_stack((np.bincount(group, numbers.real), np.bincount(group, numbers.imag))))
 
 
 def as_vectors(numbers: ComplexArray) -> FloatArray:

@@ -5,6 +5,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .array_types import FloatArray
+from .se2 import DOF
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -45,7 +46,7 @@ def solve(equations: FloatArray, damping: float) -> FloatArray:
     The upper left 3 x 3 of each is the left side, the last column the right side. The damping is relative to the trace
     of the translational part.
     """
-    return np.array([_step(each, damping) for each in equations.reshape(-1, 16).tolist()]).reshape(-1, 3)
+    return np.array([_step(each, damping) for each in equations.reshape(len(equations), -1).tolist()]).reshape(-1, DOF)
 
 
 def solve_one(equations: FloatArray, damping: float) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se2 import SE2
+from ..geometry.se2 import DOF, SE2
 from ..geometry.symmetric_matrix import inverse, mahalanobis
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
@@ -131,7 +131,7 @@ class Gate:
         """Return the information ``(3, 3)`` of a `prior` for the scan; 0 if a match at `pose` contradicts it."""
         if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
-        return np.zeros((3, 3))
+        return np.zeros((DOF, DOF))
 
     def supports_external(self, pose: SE2) -> bool:
         """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be learned."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..features.records import Features
-from ..geometry.se2 import SE2
+from ..geometry.se2 import DOF, SE2
 from ..registration.records import Registration, Status, sigma_text
 
 
@@ -66,7 +66,7 @@ class OdometryUpdate:
     reference_pose: SE2
     reference_changed: bool
     restarted: str = ''
-    wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((DOF, DOF)))
     number: int = 0
     reference_number: int | None = None
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..features.records import Features
-from ..geometry.se2 import SE2, turned
+from ..geometry.se2 import DOF, SE2, turned
+from ..geometry.tolerance import RESOLUTION
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
 from .models.stamps import ScanInterval
@@ -39,5 +40,5 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         number=number, reference_number=None if frame is None else frame.number)
 
 
-_MIN_COVARIANCE = np.diag([1e-6, 1e-6, 1e-6])
+_MIN_COVARIANCE = RESOLUTION ** 2 * np.eye(DOF)
 """Covariance added to published ones: none is below 1 mm, 0.06 deg."""

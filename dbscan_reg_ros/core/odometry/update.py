@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..features.records import Features
-from ..geometry.se2 import SE2
+from ..geometry.se2 import DOF, SE2
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
@@ -180,7 +180,7 @@ class _FoundScan:
         aligned = self._align(map_prior)
         # Update covariances, motion and key frames.
         covariance = inverse(inverse(aligned.covariance) + map_prior.information)
-        gain = np.eye(3) - covariance @ map_prior.information
+        gain = np.eye(DOF) - covariance @ map_prior.information
         _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
         if state.motion.position_unknown:
             state.covariance.reset_twist()

@@ -2,12 +2,11 @@
 """Parameters of a registration."""
 from dataclasses import dataclass
 
+from ..geometry.tolerance import RESOLUTION
 from .schema import ParameterGroup, parameter
 
 MAX_COUNT = 10000
 """Upper limit of every parameter that the wide search multiplies."""
-_MIN_KERNEL = 0.001
-"""Smallest kernel scale [m] of the polishing iterations."""
 _CLUSTERINGS = 'built_in', 'scikit_learn'
 
 
@@ -323,7 +322,7 @@ class RefinementParameters(ParameterGroup):
 
     def narrowed(self, scale: float, spread: float) -> float:
         """Kernel scale [m] of the next polishing iteration, from the last `scale` [m] and `spread` of errors [m]."""
-        return min(max(self.polish_spread * spread, _MIN_KERNEL), scale)
+        return min(max(self.polish_spread * spread, RESOLUTION), scale)
 
 
 def _geometric(first: float, last: float, count: int) -> list[float]:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
+from ..geometry.tolerance import TINY
 
 NOISE = -1
 
@@ -54,7 +55,7 @@ def dbscan_line(samples: FloatArray, eps: float, min_samples: float, sample_weig
     copies = 1 if period is None else 3
     mass = np.ones(size) if sample_weight is None else np.asarray(sample_weight, dtype=float)[order]
     total = np.concatenate(([0.0], np.cumsum(np.tile(mass, copies))))
-    core = total[right] - total[left] >= min_samples - 1e-12 * total[-1]
+    core = total[right] - total[left] >= min_samples - TINY * total[-1]
     at = core.nonzero()[0]
     if not len(at):
         return labels
@@ -113,7 +114,7 @@ def dbscan_plane(samples: FloatArray, eps: float, min_samples: float,
         return _components(one, two, size)
     mass = np.ones(size) if sample_weight is None else np.asarray(sample_weight, dtype=float)
     total = mass + np.bincount(one, mass[two], minlength=size) + np.bincount(two, mass[one], minlength=size)
-    core = total >= min_samples - 1e-12 * max(total.max(), 1.0)
+    core = total >= min_samples - TINY * max(total.max(), 1.0)
     labels = unlabelled(size)
     at = np.flatnonzero(core)
     if not len(at):

@@ -5,6 +5,8 @@ import math
 import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray
+from ..geometry.se2 import DOF, unit_complex
+from ..geometry.tolerance import TINY
 from .search import Problem
 
 
@@ -22,7 +24,7 @@ def weakest_direction(information: FloatArray) -> tuple[float, float, float]:
         Information along it and across it.
     """
     (xx, xy, x), (_, yy, y), (_, _, rotation) = information.tolist()
-    rotation = max(rotation, 1e-12)
+    rotation = max(rotation, TINY)
     xx, xy, yy = xx - x * x / rotation, xy - x * y / rotation, yy - y * y / rotation
     half, root = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
     return 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi, max(half - root, 0.0), half + root
@@ -85,7 +87,7 @@ def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, prob
     (H, 3) array
     """
     p, density, points = problem.parameters.degeneracy, problem.parameters.density, problem.current.sampled_points
-    facing = np.abs((np.exp(1j * (candidates[:, 2] - angles))[:, None] * points.normals).real).max(axis=0)
+    facing = np.abs((unit_complex(candidates[:, 2] - angles)[:, None] * points.normals).real).max(axis=0)
     points = points.select(facing > p.min_facing)
     if len(points) < p.min_points:
         return candidates
@@ -94,13 +96,13 @@ def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, prob
                                (2.5 * p.search_scale, 0.4 * p.search_scale, p.search_scale)):
         count = math.floor(reach / step)
         shift = np.arange(-count, count + 1) * step
-        moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, 3)
+        moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, DOF)
         found = problem.fit(moved, points)
-        component = (found.normals * np.exp(1j * angles).repeat(len(shift))[:, None]).real
+        component = (found.normals * unit_complex(angles).repeat(len(shift))[:, None]).real
         violation = problem.reference.free_space.violation(found.places, points.tolerance(density.violation_tolerance))
         weight = found.weight(scale)
         value = (weight * component ** 2 - density.violation_weight * violation * (1.0 - weight)).sum(axis=1)
-        value = value.reshape(-1, len(shift)) - 1e-9 * np.abs(shift)
+        value = value.reshape(-1, len(shift)) - TINY * np.abs(shift)
         best = value.argmax(axis=1)
         candidates = candidates + shift[best][:, None] * along
     return candidates

@@ -10,7 +10,9 @@ from ..features.likelihood_field import LikelihoodField
 from ..features.oriented_points import OrientedPoints, stride
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.robust_kernel import kernel
+from ..geometry.se2 import DOF, unit_complex
 from ..geometry.symmetric_matrix import solve, solve_one
+from ..geometry.tolerance import TINY
 from ..parameters.registration import RefinementParameters
 
 
@@ -22,7 +24,7 @@ def origins(candidates: FloatArray) -> ComplexArray:
 
 def transform_points(candidates: FloatArray, points: ComplexArray) -> ComplexArray:
     """Return the points ``(H, P)`` (complex [m]), rotated and translated by every candidate ``(H, 3)`` (Eq. 8)."""
-    moved: ComplexArray = np.exp(1j * candidates[:, 2:]) * points + origins(candidates)
+    moved: ComplexArray = unit_complex(candidates[:, 2:]) * points + origins(candidates)
     return moved
 
 
@@ -83,7 +85,7 @@ def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, 
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     """
-    rotation = np.exp(1j * candidates[:, 2:])
+    rotation = unit_complex(candidates[:, 2:])
     rotated_points = rotation * points.points
     places = rotated_points + origins(candidates)
     nearest = field.nearest(places)
@@ -96,7 +98,7 @@ def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, 
     return Fit(error, alike, points.sharpened(normals), rotated_points, places)
 
 
-def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = 3) -> FloatArray:
+def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = DOF) -> FloatArray:
     """Return ``(..., rows, P)``: derivatives of the points' errors by x, y [m] and theta [rad] in the first 3 rows.
 
     Parameters
@@ -115,12 +117,12 @@ def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = 3)
 
 def linear_residuals(error: FloatArray, normals: ComplexArray, rotated_points: ComplexArray) -> FloatArray:
     """Return ``(..., 4, P)``: `jacobian` and errors [m]; times a step ``(x, y, theta, 1)`` the errors after it."""
-    rows = jacobian(normals, rotated_points, 4)
-    rows[..., 3, :] = error
+    rows = jacobian(normals, rotated_points, DOF + 1)
+    rows[..., DOF, :] = error
     return rows
 
 
-NO_STEP = np.array((0.0, 0.0, 0.0, 1.0))
+NO_STEP = np.append(np.zeros(DOF), 1.0)
 
 
 def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
@@ -153,7 +155,7 @@ def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) ->
 
 def mean_square(error: FloatArray, weight: FloatArray) -> float:
     """Return the weighted mean [m^2] of squared errors [m], ``(P,)`` each."""
-    return float(error * weight @ error) / max(float(weight.sum()), 1e-9)
+    return float(error * weight @ error) / max(float(weight.sum()), TINY)
 
 
 class Alignment(NamedTuple):
@@ -197,7 +199,7 @@ def refine(candidates: FloatArray, alignment: Alignment, scales: Sequence[float]
         The `normal_equations` of the last iteration.
     """
     points, field, min_normal_cosine, damping = alignment
-    candidates, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
+    candidates, equations = candidates.copy(), np.zeros((len(candidates), DOF + 1, DOF + 1))
     for scale in scales:
         now, known = known or fit(candidates, points, field, min_normal_cosine), None
         equations = normal_equations(now.rows(), points.weighted(now.weight(scale)))
@@ -228,14 +230,14 @@ def polish(candidate: FloatArray, found: Fit, points: OrientedPoints,
     if not refinement.polish_iterations:
         return candidate, found
     rows, weights = found.rows()[0], points.weighted(found.alike[0].astype(float))
-    total, scale = np.zeros(3), refinement.final_scale
+    total, scale = np.zeros(DOF), refinement.final_scale
     for _ in range(refinement.polish_iterations):
-        weight = kernel(rows[3], scale) * weights
+        weight = kernel(rows[DOF], scale) * weights
         equations = normal_equations(rows, weight)
         step = solve_one(equations, refinement.damping)
-        scale = refinement.narrowed(scale, math.sqrt(equations.item(15) / max(float(weight.sum()), 1e-9)))
+        scale = refinement.narrowed(scale, math.sqrt(float(equations[DOF, DOF]) / max(float(weight.sum()), TINY)))
         total += step
-        rows[3] -= step @ rows[:3]
+        rows[DOF] -= step @ rows[:DOF]
     if math.hypot(total[0], total[1]) >= refinement.final_scale:
         return candidate, found
-    return candidate - total, found._replace(error=rows[3:])
+    return candidate - total, found._replace(error=rows[DOF:])

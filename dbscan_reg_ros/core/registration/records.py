@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import SE2, wrap
+from ..geometry.se2 import DOF, SE2, wrap
 
 
 class Status(Enum):
@@ -47,7 +47,7 @@ def no_matches() -> IntArray:
 
 def no_motions() -> FloatArray:
     """Return no motion, ``(0, 3)``."""
-    return np.empty((0, 3))
+    return np.empty((0, DOF))
 
 
 class TranslationSamples(NamedTuple):

@@ -12,7 +12,7 @@ from ..features.free_space import FreeSpaceProfile, in_front
 from ..features.oriented_points import OrientedPoints, sample
 from ..features.records import Features
 from ..geometry.array_types import BoolArray, FloatArray
-from ..geometry.se2 import wrap
+from ..geometry.se2 import unit_complex, wrap
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.odometry import PriorParameters
 from ..parameters.registration import DensityParameters, SelectionParameters
@@ -92,7 +92,7 @@ def reverse_violation(candidates: FloatArray, reference: Features, current: Feat
     """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
     points = reference.sampled_points
     away = points.points - point_to_line.origins(candidates)
-    places = np.exp(-1j * candidates[:, 2:]) * away
+    places = unit_complex(-candidates[:, 2:]) * away
     violation = current.free_space.violation(places, points.tolerance(parameters.violation_tolerance))
     fraction: FloatArray = violation @ reference.leverage
     return fraction

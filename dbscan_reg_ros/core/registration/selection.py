@@ -8,6 +8,7 @@ import numpy as np
 
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
+from ..geometry.se2 import DOF
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
 from .records import Registration
@@ -132,7 +133,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
 def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatArray:
     """Return the hypotheses, and for each with a degenerate direction a better one along it, where there is one."""
     candidates, p = ranking.candidates, problem.parameters.degeneracy
-    angle, weak, strong = np.array([weakest_direction(each[:3, :3]) for each in ranking.equations]).T
+    angle, weak, strong = np.array([weakest_direction(each[:DOF, :DOF]) for each in ranking.equations]).T
     degenerate = weak < p.information_ratio * strong
     if not degenerate.any():
         return candidates

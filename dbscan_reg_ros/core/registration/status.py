@@ -9,7 +9,7 @@ import numpy as np
 
 from ..features.records import Segments
 from ..geometry.array_types import FloatArray, IntArray
-from ..geometry.se2 import SE2, as_complex, turn_matrix, wrap
+from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
 from ..parameters.registration import DecisionParameters
 from .records import Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
@@ -78,7 +78,7 @@ def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
 def scatter(best: FloatArray, rivals: FloatArray) -> FloatArray:
     """Return the covariance ``(3, 3)`` that rivals ``(R, 3)`` add to that of the best ``(3,)``, in its own frame."""
     if not len(rivals):
-        return np.zeros((3, 3))
+        return np.zeros((DOF, DOF))
     off = rivals - best
     off[:, 2] = wrap(off[:, 2])
     off = off @ turn_matrix(best[2])
@@ -137,8 +137,8 @@ def match_segments(reference: Segments, current: Segments, transform: SE2, param
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
     rotation = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
-    moved = cmath.exp(1j * transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
-    step = (moved - as_complex(reference.midpoint)[:, None]) * np.exp(-1j * reference.direction)[:, None]
+    moved = cmath.rect(1.0, transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
+    step = (moved - as_complex(reference.midpoint)[:, None]) * unit_complex(-reference.direction)[:, None]
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
     alike = (rotation < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
     pairs: IntArray = np.array(alike.nonzero()).T

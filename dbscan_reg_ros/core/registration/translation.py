@@ -9,12 +9,12 @@ import numpy as np
 
 from ..features.records import EndKind, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import as_complex, as_vectors
+from ..geometry.se2 import DOF, as_complex, as_vectors, grouped_sum, unit_complex
 from ..geometry.symmetric_matrix import solve
 from ..parameters.registration import TranslationParameters
 from .dbscan import NOISE, k_distances, knee, pairs_before, recluster, unlabelled, without_gaps
 from .paper.clustering import choose_clustering
-from .point_to_line import normal_equations
+from .point_to_line import NO_STEP, normal_equations
 from .records import TranslationSamples
 from .rotation import Rotations, wrap_period
 
@@ -149,8 +149,8 @@ def signed_equations(reference: Segments, current: Segments, rotations: Rotation
     rotation, r, o, _ = pairs
     off = wrap_period(rotations.difference[r, o] - rotations.phi[rotation], 2.0 * np.pi)
     angle = reference.direction[r] - 0.5 * off
-    along = np.exp(1j * angle)
-    apart = as_complex(reference.midpoint)[r] - np.exp(1j * rotations.phi)[rotation] * as_complex(current.midpoint)[o]
+    along = unit_complex(angle)
+    apart = as_complex(reference.midpoint)[r] - unit_complex(rotations.phi)[rotation] * as_complex(current.midpoint)[o]
     return LineEquations(along, (along.conj() * apart).imag)
 
 
@@ -180,12 +180,11 @@ def shortest_translations(pairs: LinePairs, equations: LineEquations, phi: Float
     along, distance = (part[:last] for part in equations)
     weight = weight * (np.arange(len(phi))[:, None] == rotation)
     rows = np.array((-along.imag, along.real, np.zeros(last), -distance))
-    found = np.zeros((len(phi), 4))
-    found[:, 3] = 1.0
+    found = np.tile(NO_STEP, (len(phi), 1))
     for scale in _SHORTEST_SCALES:
-        found[:, :3] = -solve(normal_equations(rows, weight / (1.0 + (found @ rows / scale) ** 2)), _SHORTEST_DAMPING)
+        found[:, :DOF] = -solve(normal_equations(rows, weight / (1.0 + (found @ rows / scale) ** 2)), _SHORTEST_DAMPING)
     found[:, 2] = phi
-    return found[:, :3]
+    return found[:, :DOF]
 
 
 _SHORTEST_SCALES = 1.0, 0.1
@@ -202,11 +201,11 @@ def end_samples(reference: Segments, current: Segments, rotations: Rotations, pa
     side, use = weights.nonzero()
     ends_r, ends_o = (np.array((as_complex(each.start), as_complex(each.end))) for each in (reference, current))
     group = rotation[use]
-    translation = ends_r[side, r[use]] - np.exp(1j * rotations.phi)[group] * ends_o[side, o[use]]
+    translation = ends_r[side, r[use]] - unit_complex(rotations.phi)[group] * ends_o[side, o[use]]
     return TranslationSamples(translation, weight[use] * weights[side, use], group)
 
 
-_END_WEIGHT = np.zeros((3, 3))
+_END_WEIGHT = np.zeros((len(EndKind), len(EndKind)))
 _END_WEIGHT[EndKind.CORNER, EndKind.CORNER] = 1.0
 _END_WEIGHT[EndKind.FREE, EndKind.FREE] = 0.7
 _END_WEIGHT[EndKind.CORNER, EndKind.FREE] = _END_WEIGHT[EndKind.FREE, EndKind.CORNER] = 0.4
@@ -250,7 +249,7 @@ def _means(group: IntArray, values: ComplexArray, weight: FloatArray | IntArray,
            sample_weight: FloatArray | float = 1.0) -> ComplexArray:
     """Return the weighted means of the complex `values` of each group; `weight` is the sum of each group's weights."""
     weighted: ComplexArray = sample_weight * values
-    sums = np.bincount(group, weighted.real) + 1j * np.bincount(group, weighted.imag)
+    sums = grouped_sum(group, weighted)
     return np.asarray(sums / weight, dtype=np.complex128)
 
 

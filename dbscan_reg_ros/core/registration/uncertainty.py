@@ -8,7 +8,7 @@ import numpy as np
 
 from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import ComplexArray, FloatArray
-from ..geometry.se2 import turned
+from ..geometry.se2 import DOF, turned
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.registration import DecisionParameters
 from ..parameters.tree import Parameters
@@ -78,7 +78,7 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
 
 def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArray) -> FloatArray:
     """Return the `jacobian` ``(3, P)`` by the points' own `normals` (complex), rotated by `theta` [rad]."""
-    return jacobian((cmath.exp(1j * theta) * normals).conj(), rotated_points)
+    return jacobian((cmath.rect(1.0, theta) * normals).conj(), rotated_points)
 
 
 def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, latest_degenerate: bool = False,
@@ -178,7 +178,7 @@ def calibrated_covariance(information: FloatArray, shared: FloatArray, variance:
     variance = variance * parameters.covariance_scale
     known, _, known_rotation = parameters.prior_information()
     posterior = information / variance
-    posterior.flat[::4] += parameters.prior_information()
+    posterior.flat[::DOF + 1] += parameters.prior_information()
     covariance: FloatArray = inverse(posterior)
     along, unknown = degenerate_translation(observed.angle, shared, parameters), 1.0 / known
     extra = unknown

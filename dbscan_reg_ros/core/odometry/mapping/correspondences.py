@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import SE2, wrap
+from ...geometry.se2 import DOF, SE2, wrap
 from ...geometry.symmetric_matrix import solve_one
 from ...registration.point_to_line import normal_equations
 
@@ -73,7 +73,7 @@ class Correspondences:
     def mean_displacement(self, other: SE2) -> float:
         """Return the mean distance [m] by which the points move from `pose` to another pose."""
         x, y, theta = _difference(self.pose, other)
-        distances = np.abs(complex(x, y) + (cmath.exp(1j * theta) - 1.0) * self.rotated_points)
+        distances = np.abs(complex(x, y) + (cmath.rect(1.0, theta) - 1.0) * self.rotated_points)
         return float(distances.sum()) / max(len(distances), 1)
 
     def step(self, other: SE2) -> NDArray[np.float64]:
@@ -107,8 +107,8 @@ def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales
     prior_gradient = prior.information @ _difference(prior.pose, pose)
     for scale in scales:
         equations = correspondences.equations(step, scale)
-        equations[:3, :3] += prior.information
-        equations[:3, 3] += prior_gradient
-        step[:3] = -solve_one(equations, damping)
+        equations[:DOF, :DOF] += prior.information
+        equations[:DOF, DOF] += prior_gradient
+        step[:DOF] = -solve_one(equations, damping)
     x, y, theta, _ = step.tolist()
     return SE2(pose.x + x, pose.y + y, wrap(pose.theta + theta))

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ...features.oriented_points import OrientedPoints, stride
 from ...features.records import Features
-from ...geometry.se2 import SE2
+from ...geometry.se2 import SE2, grouped_sum
+from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from .key_frame_window import KeyFrameWindow
 from .stacked_lookup import FreeSpaceStack
@@ -176,11 +177,11 @@ def movable_weights(points: OrientedPoints, size: float, margin: float, min_weig
     label = _run_of_point(points, margin)
     each = points.weighted(np.ones(len(points)))
     weight = np.bincount(label, each)
-    centre = np.bincount(label, points.points.real) + 1j * np.bincount(label, points.points.imag)
+    centre = grouped_sum(label, points.points)
     centre /= np.bincount(label)
     sample = slice(None, None, stride(len(centre), _MAX_OBJECTS))
     nearby_weight = (np.abs(centre[:, None] - centre[sample]) <= size) @ weight[sample]
-    ratio = (weight[sample].sum() - nearby_weight) / np.maximum(nearby_weight, 1e-9)
+    ratio = (weight[sample].sum() - nearby_weight) / np.maximum(nearby_weight, TINY)
     weights: NDArray[np.float64] = np.clip(0.5 * ratio - 1.0, min_weight, 1.0)
     return weights[label]
 
@@ -194,7 +195,7 @@ def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float
         From 0 to 1: the ratio along the direction in which it is greatest, the largest generalised eigenvalue.
     """
     (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(points.normals), _information(points.normals.take(chosen))
-    determinant = max(xx * yy - xy * xy, 1e-9)
+    determinant = max(xx * yy - xy * xy, TINY)
     trace = (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
     product = (part_xx * part_yy - part_xy * part_xy) / determinant
     return 0.5 * (trace + math.sqrt(max(trace * trace - 4.0 * product, 0.0)))

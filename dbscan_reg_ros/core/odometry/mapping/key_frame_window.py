@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...features.oriented_points import OrientedPoints, high_leverage
 from ...features.records import Features
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import SE2
+from ...geometry.se2 import SE2, unit_complex
 from ...parameters.registration import DensityParameters
 from ...registration.point_to_line import linear_residuals, origins
 from .correspondences import Correspondences
@@ -33,7 +33,7 @@ class KeyFrameWindow:
     def __init__(self, frames: Sequence[KeyFrame]):
         self.frames = tuple(frames)
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
-        self._origins, self._rotations = origins(poses), np.exp(-1j * poses[:, 2:])
+        self._origins, self._rotations = origins(poses), unit_complex(-poses[:, 2:])
         fields = [frame.features.likelihood_field for frame in self.frames]
         self._fields = LikelihoodFieldStack(fields, self._origins, self._rotations)
         self._free_space: dict[int, FreeSpaceStack] = {}
@@ -110,7 +110,7 @@ class KeyFrameWindow:
 
     def _pairs(self, pose: SE2, points: OrientedPoints, lookup: NDArray[np.intp], min_cosine: float) -> '_Pairs':
         """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on."""
-        rotation, origin = cmath.exp(1j * pose.theta), complex(pose.x, pose.y)
+        rotation, origin = cmath.rect(1.0, pose.theta), complex(pose.x, pose.y)
         rotated_points = rotation * points.points
         at, row, nearest = self._fields.nearest((rotated_points + origin).take(lookup))
         index = lookup.take(at)

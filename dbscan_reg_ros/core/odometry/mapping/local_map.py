@@ -26,7 +26,7 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     """
     features, clouds = latest.features, [frame.features.sampled_points for frame in older]
     sizes, motions = [len(cloud) for cloud in clouds], [latest.pose.inverse() @ frame.pose for frame in older]
-    rotation = np.repeat([cmath.exp(1j * motion.theta) for motion in motions], sizes)
+    rotation = np.repeat([cmath.rect(1.0, motion.theta) for motion in motions], sizes)
     translation = np.repeat([complex(motion.x, motion.y) for motion in motions], sizes)
     age_rank = np.repeat(np.arange(len(older)), sizes)
     points, normals, beams = (

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...features.records import Features
-from ...geometry.se2 import SE2, turned
+from ...geometry.se2 import DOF, SE2, turned
+from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.degeneracy import is_corridor_like, weakest_direction, without_near_parallel
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
@@ -85,7 +86,7 @@ def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, dire
     Without one, the direction that is constrained least is used, if it is weakly constrained.
     """
     correspondences = window.correspondences(pose, features.oriented_points, p.density)
-    information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:3, :3]
+    information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:DOF, :DOF]
     if direction is None:
         direction, weak, strong = weakest_direction(information)
         if weak >= _WELL_CONSTRAINED * strong:
@@ -104,7 +105,7 @@ def _strengthened(information: NDArray[np.float64], features: Features, correspo
     multiplied by the ratio of the points' information to the part of it that both scans share.
     """
     _, weight = correspondences.match(NO_STEP, p.refinement.map_first_scale)
-    rows, own = correspondences.rows[:3], _own_jacobian(features, correspondences.pose, correspondences)
+    rows, own = correspondences.rows[:DOF], _own_jacobian(features, correspondences.pose, correspondences)
     seeming, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
     motions = [] if initial.direction is None else [degenerate_translation(initial.direction, shared, p.decision)]
     if initial.rotation_unobservable:
@@ -115,7 +116,7 @@ def _strengthened(information: NDArray[np.float64], features: Features, correspo
         ratio = total / max(common, _MIN_SHARED_RATIO * total) if total > 0.0 else 1.0
         gradient = information @ motion
         added = gradient[:, None] * gradient
-        strengthened = strengthened + max(ratio - 1.0, 0.0) / max(float(motion @ gradient), 1e-12) * added
+        strengthened = strengthened + max(ratio - 1.0, 0.0) / max(float(motion @ gradient), TINY) * added
     return strengthened
 
 
@@ -133,7 +134,7 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
     error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
     own = _own_jacobian(features, pose, correspondences)
     covariance, observability = match_covariance(
-        Residuals(error, weight, correspondences.rows[:3], own, features.noise), p.decision,
+        Residuals(error, weight, correspondences.rows[:DOF], own, features.noise), p.decision,
         latest_degenerate=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable)
     return turned(covariance, -pose.theta), observability
 
@@ -144,7 +145,7 @@ def information_along(features: Features, pose: SE2, angle: float, p: Parameters
     Points that hardly face along the direction have none.
     """
     points = features.oriented_points
-    cosine = (points.normals * cmath.exp(1j * (pose.theta - angle))).real
+    cosine = (points.normals * cmath.rect(1.0, pose.theta - angle)).real
     information = np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2)
     return np.asarray(points.weighted(information))
 

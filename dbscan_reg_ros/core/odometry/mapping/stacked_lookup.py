@@ -103,7 +103,7 @@ class FreeSpaceStack:
         -------
         (P,) bool
         """
-        offsets = cmath.exp(1j * pose.theta) * points.points + complex(pose.x, pose.y) - self._origins
+        offsets = cmath.rect(1.0, pose.theta) * points.points + complex(pose.x, pose.y) - self._origins
         offsets *= self._rotations
         depth = self._near.take(self._first + bins(offsets, self._size))
         depth -= np.abs(offsets)

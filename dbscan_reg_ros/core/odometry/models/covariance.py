@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2
 from ...registration.records import Prior
 
 
@@ -24,8 +24,13 @@ class PoseMeasurement(NamedTuple):
     covariance: NDArray[np.float64]
 
 
-NO_MEASUREMENT = PoseMeasurement(np.zeros((3, 3)), np.zeros((3, 3)))
+NO_MEASUREMENT = PoseMeasurement(np.zeros((DOF, DOF)), np.zeros((DOF, DOF)))
 """Dead reckoning: the map does not correct the prediction."""
+
+_POSE, _SINCE_KEY_FRAME, _TWIST, _TWIST_CHANGE, _PREDICTION, _MEASUREMENT = (
+    slice(DOF * block, DOF * (block + 1)) for block in range(6))
+"""Rows of six independent errors: the joint covariance's pose, pose since the latest key frame and twist; change of the
+twist, rest of the prediction error, and measurement."""
 
 
 class CovariancePropagation:
@@ -35,24 +40,23 @@ class CovariancePropagation:
     """
 
     def __init__(self) -> None:
-        # Rows and columns: pose, pose since the latest key frame, twist.
-        self._joint = np.zeros((9, 9))
+        self._joint = np.zeros((_TWIST.stop, _TWIST.stop))
         self.reset_twist()
 
     @property
     def pose(self) -> NDArray[np.float64]:
         """``(3, 3)`` covariance of the pose."""
-        return self._joint[:3, :3]
+        return self._joint[_POSE, _POSE]
 
     @property
     def twist(self) -> NDArray[np.float64]:
         """``(3, 3)`` covariance of the twist."""
-        return self._joint[6:, 6:]
+        return self._joint[_TWIST, _TWIST]
 
     def reset_twist(self) -> None:
         """Reset the twist covariance to that of an unknown twist."""
-        self._joint[6:] = self._joint[:, 6:] = 0.0
-        self._joint[6:, 6:] = np.eye(3)
+        self._joint[_TWIST] = self._joint[:, _TWIST] = 0.0
+        self._joint[_TWIST, _TWIST] = np.eye(DOF)
 
     def reduce_heading(self, ratio: float) -> None:
         """Multiply the standard deviation of the heading by a `ratio`."""
@@ -61,11 +65,11 @@ class CovariancePropagation:
 
     def start_key_frame(self) -> None:
         """Make the current pose the latest key frame's."""
-        self._joint[3:6] = self._joint[:, 3:6] = 0.0
+        self._joint[_SINCE_KEY_FRAME] = self._joint[:, _SINCE_KEY_FRAME] = 0.0
 
     def add_unknown_motion(self) -> None:
         """Add an unknown motion, after which a new key frame starts."""
-        self._joint[:3, :3] += np.eye(3)
+        self._joint[_POSE, _POSE] += np.eye(DOF)
         self.start_key_frame()
         self.reset_twist()
 
@@ -85,27 +89,26 @@ class CovariancePropagation:
         """
         gain = measurement.gain
         rate = 1.0 / interval if interval > 0.0 else 0.0
-        prediction_gain, adjoint = np.eye(3) - gain, step.inverse().adjoint()
-        # Six independent errors: the joint's three, change of the twist, rest of the prediction error, measurement.
-        errors = np.zeros((18, 18))
-        errors[:9, :9] = self._joint
+        prediction_gain, adjoint = np.eye(DOF) - gain, step.inverse().adjoint()
         change = prior.covariance if prior.velocity_change is None else prior.velocity_change
-        errors[9:12, 9:12] = change
-        errors[12:15, 12:15] = prior.covariance - change
-        errors[15:, 15:] = measurement.covariance
+        errors = np.zeros((_MEASUREMENT.stop, _MEASUREMENT.stop))
+        errors[:_TWIST.stop, :_TWIST.stop] = self._joint
+        errors[_TWIST_CHANGE, _TWIST_CHANGE] = change
+        errors[_PREDICTION, _PREDICTION] = prior.covariance - change
+        errors[_MEASUREMENT, _MEASUREMENT] = measurement.covariance
         # Their effect on the error of the step. The measurement removes the error made since the key frame.
-        effect = np.zeros((3, 18))
-        effect[:, 3:6] = -gain @ adjoint
-        effect[:, 9:12] = effect[:, 12:15] = prediction_gain
-        effect[:, 15:] = gain
+        effect = np.zeros((DOF, len(errors)))
+        effect[:, _SINCE_KEY_FRAME] = -gain @ adjoint
+        effect[:, _TWIST_CHANGE] = effect[:, _PREDICTION] = prediction_gain
+        effect[:, _MEASUREMENT] = gain
         if prior.velocity_change is not None:
             # The variance of the twist stays below that of `reset_twist`: old errors fade as new ones are added.
             fading = np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0))
-            effect[:, 6:9] = interval * fading * prediction_gain
+            effect[:, _TWIST] = interval * fading * prediction_gain
         transition = np.concatenate((effect, effect, rate * effect))
-        transition[:3, :3] += adjoint
-        transition[3:6, 3:6] += adjoint
-        transition[6:, 12:15] = 0.0
+        transition[_POSE, _POSE] += adjoint
+        transition[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME] += adjoint
+        transition[_TWIST, _PREDICTION] = 0.0
         self._joint = transition @ errors @ transition.T
         if not rate:
             self.reset_twist()

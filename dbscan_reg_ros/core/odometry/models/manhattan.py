@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ...features.records import Segments
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2
+from ...geometry.tolerance import TINY
 from ...parameters.odometry import ManhattanParameters
 from ...registration.rotation import wrap_period
 
@@ -21,7 +22,7 @@ class ManhattanHeading:
     """
 
     def __init__(self) -> None:
-        self._covariance = np.zeros((3, 3))
+        self._covariance = np.zeros((DOF, DOF))
         self._forget()
 
     def _forget(self) -> None:
@@ -112,7 +113,7 @@ def _mean_shift(offsets: NDArray[np.float64], length: NDArray[np.float64], sigma
     mean = 0.0
     for _ in range(_ITERATIONS):
         weight = length * kernel(offsets - mean, sigma)
-        aligned_length = weight.sum() + 1e-9
+        aligned_length = weight.sum() + TINY
         mean = weight @ offsets / aligned_length
     return mean, aligned_length
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
 from .stamps import ScanInterval
@@ -62,7 +62,7 @@ class ConstantVelocityModel:
     def reset_velocity(self) -> None:
         """Predict no motion."""
         self._increment, self._velocities, self._last_interval = SE2(), [], 0.0
-        self.twist = np.zeros(3)
+        self.twist = np.zeros(DOF)
 
     def start_moving(self, pose: SE2, twist: NDArray[np.float64], middle_offset: float) -> None:
         """Start at `pose` with a `twist`; the middle of the scan is `middle_offset` [s] after its stamp."""

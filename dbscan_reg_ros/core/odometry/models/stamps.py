@@ -115,7 +115,7 @@ class StampFilter:
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
             return ScanInterval(middle_offset=middle_offset)
-        elapsed = (stamp - last) * 1e-9
+        elapsed = _seconds(stamp - last)
         if jumps:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
@@ -139,7 +139,7 @@ class StampFilter:
 
     def jumps(self, stamp: int, parameters: TimeParameters) -> bool:
         """Whether a `stamp` [ns] differs from the last one by more than `time.max_jump`."""
-        return self._last is not None and abs(stamp - self._last) * 1e-9 > parameters.max_jump
+        return self._last is not None and _seconds(abs(stamp - self._last)) > parameters.max_jump
 
     def ratio(self, scan_duration: float) -> float:
         """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
@@ -159,6 +159,10 @@ class StampFilter:
 def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
     """Return the time [s] from the stamp to the middle of the returns, if a scan took a `ratio` of its duration."""
     return ratio * scan.time_increment * float(features.beams.mean())
+
+
+def _seconds(nanoseconds: int) -> float:
+    return nanoseconds * 1e-9
 
 
 _MEDIAN_SIZE = 51

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2
 from ...registration.records import Prior
 
 
@@ -24,8 +24,8 @@ class WheelCalibration:
 
     def __init__(self) -> None:
         # Sums over motions m with errors e, fading with distance: m m', e m', squared normalised residuals, distance.
-        self._moments, self._products = _RIDGE * np.eye(3), np.zeros((3, 3))
-        self._squared_residuals, self._distance = np.full(3, _INITIAL_DISTANCE), _INITIAL_DISTANCE
+        self._moments, self._products = _RIDGE * np.eye(DOF), np.zeros((DOF, DOF))
+        self._squared_residuals, self._distance = np.full(DOF, _INITIAL_DISTANCE), _INITIAL_DISTANCE
         self._solve()
 
     def _solve(self) -> None:
@@ -63,7 +63,8 @@ class WheelCalibration:
         fading = math.exp(-distance / memory)
         residual = error - self.matrix @ motion
         added, initial = weight * distance, (1.0 - fading) * _INITIAL_DISTANCE
-        self._moments = fading * self._moments + weight * motion[:, None] * motion + (1.0 - fading) * _RIDGE * np.eye(3)
+        ridge = (1.0 - fading) * _RIDGE * np.eye(DOF)
+        self._moments = fading * self._moments + weight * motion[:, None] * motion + ridge
         self._products = fading * self._products + weight * motion[:, None] * error
         squared = added * residual ** 2 / prior.covariance.diagonal()
         self._squared_residuals = fading * self._squared_residuals + squared + initial

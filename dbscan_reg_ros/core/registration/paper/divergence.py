@@ -7,7 +7,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ...geometry.array_types import FloatArray
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2
+from ...geometry.tolerance import RESOLUTION
 from ...parameters.registration import DivergenceParameters
 from ..records import Hypothesis, Registration, Status
 from ..rotation import Rotations, wrap_period
@@ -18,7 +19,7 @@ from ..translation import Translations
 
 _NODES = 8
 """Nodes of the interpolated density for each bandwidth."""
-_MIN_VARIANCE = 1e-6
+_MIN_VARIANCE = RESOLUTION ** 2
 """Minimum variance [m^2, rad^2]: the scatter of a cluster of one sample is 0."""
 
 
@@ -54,7 +55,7 @@ def _scatter(transform: SE2, sample: int, rotations: Rotations, translations: Tr
     cluster = translations.samples[translations.labels == translations.labels[sample]]
     off = SE2(0.0, 0.0, -transform.theta).apply(cluster - (transform.x, transform.y))
     rotation = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
-    covariance = _MIN_VARIANCE * np.eye(3)
+    covariance = _MIN_VARIANCE * np.eye(DOF)
     covariance[:2, :2] += off.T @ off / len(off)
     covariance[2, 2] += np.mean(wrap_period(rotation, math.pi) ** 2)
     return covariance
@@ -127,4 +128,4 @@ def log_density(samples: FloatArray, bandwidth: float, at: FloatArray) -> FloatA
 
 def silverman(samples: FloatArray) -> float:
     """Return the bandwidth [m] by Silverman's rule of thumb for normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
-    return float(max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, 1e-3))
+    return float(max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, RESOLUTION))

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tolerances that do not depend on sensor or building."""
+
+TINY = 1e-9
+"""Sums, lengths and ratios below this are rounding errors; divisors are at least this."""
+RESOLUTION = 0.001
+"""Length [m] and angle [rad] that no lidar resolves: the smallest scale and standard deviation of an alignment."""
