@@ -7,7 +7,8 @@ import pytest
 
 SECOND = 1_000_000_000
 
-needs_rosbags = pytest.mark.skipif(importlib.util.find_spec('rosbags') is None, reason='needs the Python package rosbags')
+needs_rosbags = pytest.mark.skipif(importlib.util.find_spec('rosbags') is None,
+                                   reason='needs the Python package rosbags')
 
 
 def write_bag(path, messages, storage='mcap', kinds=None, store=None):
@@ -34,12 +35,13 @@ def scan_bag(path, scans):
     from dbscan_reg_ros.recordings.bags.messages import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import scan_fields
     maker = MessageMaker()
-    return write_bag(path, [('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
-                            for scan in scans])
+    return write_bag(path,
+                     [('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
+                      for scan in scans])
 
 
 def every_format(folder, scans=8):
-    """Write `log.log` and what it becomes in every other format, and `other.log` of another lidar; one drive's first scans."""
+    """Write `log.log` and what it becomes in every other format, and `other.log` of another lidar."""
     from dbscan_reg_ros.recordings.conversion import convert, write_log
     from dbscan_reg_ros.recordings.recording import Record
     from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate

@@ -24,12 +24,14 @@ os.environ.setdefault('MPLBACKEND', 'Agg')
 hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=50)
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
 
-NOT_IN_THE_MANIFEST = {'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags', 'shapely', 'small_gicp'}
+NOT_IN_THE_MANIFEST = {'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags', 'shapely',
+                       'small_gicp'}
 """Packages that only some of the tests need."""
 
 
 def pytest_addoption(parser):
-    parser.addoption('--long', action='store_true', help='as much of everything as doc/reliability.md says, not the bounded '
+    parser.addoption('--long', action='store_true',
+                     help='as much of everything as doc/reliability.md says, not the bounded '
                      'form: it takes hours')
 
 
@@ -139,7 +141,7 @@ def start(tmp_path):
 
 @pytest.fixture
 def start_command(ros_environment, start):
-    """``start_command('scan_matcher', '--ros-args', ...) -> Process``: a command of the package, in this test's graph."""
+    """``start_command('scan_matcher', '--ros-args', ...) -> Process``: a command, in this test's graph."""
     return lambda *words, **environment: start(*package_command(*words), **environment)
 
 
@@ -204,3 +206,8 @@ def truth(drive):
     """Pose of the sensor at each scan, in the frame of the first."""
     start = SE2.from_array(drive.truth[0]).inverse()
     return [start @ SE2.from_array(pose) for pose in drive.truth[:80]]
+
+
+@pytest.fixture(scope='session')
+def scans_and_truth(scans, truth):
+    return scans, truth

@@ -28,7 +28,8 @@ def scan(content):
     names = 'angle_min', 'angle_max', 'angle_increment', 'time_increment', 'scan_time', 'range_min', 'range_max'
     body = content[36:len(content) - len(content) % 4]
     message = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=''),
-                              ranges=[value for value, in struct.iter_unpack('<f', body)], **dict(zip(names, numbers, strict=True)))
+                              ranges=[value for value, in struct.iter_unpack('<f', body)],
+                              **dict(zip(names, numbers, strict=True)))
     odometry = Odometry()
     for _ in range(2):
         try:
@@ -59,7 +60,8 @@ def parameters(content):
         return
 
 
-TARGETS = {'scan': scan, 'log': recording('.log'), 'bag': recording('.bag'), 'mcap': recording('.mcap'), 'db3': recording('.db3'),
+TARGETS = {'scan': scan, 'log': recording('.log'), 'bag': recording('.bag'), 'mcap': recording('.mcap'),
+           'db3': recording('.db3'),
            'parameters': parameters}
 
 

@@ -2,7 +2,8 @@
 """Bytes and lines of recordings damaged in every way."""
 import numpy as np
 
-WORDS = ['', '0', '-1', 'nan', 'inf', '-inf', '1e999', '1e99999999', '-1e308', '3.4e38', '9' * 30, '9' * 5000, 'x', '\0', 'FLASER',
+WORDS = ['', '0', '-1', 'nan', 'inf', '-inf', '1e999', '1e99999999', '-1e308', '3.4e38', '9' * 30, '9' * 5000, 'x',
+         '\0', 'FLASER',
          'ROBOTLASER1', 'PARAM', 'laser_range_min', 'laser_time_increment', '180', '4294967296', '-0', '1_000', '٣']
 
 
@@ -68,7 +69,8 @@ def _insert(content, rng, other):
 
 def _interleave(content, rng, other):
     step = int(2.0 ** rng.uniform(6.0, 12.0))
-    parts = [source[at:at + step] for at in range(0, max(len(content), len(other)), step) for source in (content, other)]
+    parts = [source[at:at + step] for at in range(0, max(len(content), len(other)), step) for source in (content,
+                                                                                                         other)]
     return b''.join(parts)
 
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""As much of ``launch`` and ``launch_ros`` as our launch files use: the same names and keywords, and the same command lines.
+"""As much of ``launch`` and ``launch_ros`` as our launch files use.
 
-The names, keywords, order of arguments and files of parameters are those of Jazzy. What is not here raises a TypeError or an
-ImportError.
+The same names and keywords, and the same command lines.
+
+The names, keywords, order of arguments and files of parameters are those of Jazzy. What is not here raises a TypeError
+or an ImportError.
 """
 import sys
 import tempfile
@@ -10,7 +12,8 @@ from types import ModuleType, SimpleNamespace
 
 import yaml
 
-PROCESS_KEYWORDS = {'additional_env', 'arguments', 'condition', 'cwd', 'emulate_tty', 'env', 'exec_name', 'on_exit', 'output',
+PROCESS_KEYWORDS = {'additional_env', 'arguments', 'condition', 'cwd', 'emulate_tty', 'env', 'exec_name', 'on_exit',
+                    'output',
                     'prefix', 'respawn', 'respawn_delay', 'shell', 'sigkill_timeout', 'sigterm_timeout'}
 
 
@@ -44,7 +47,8 @@ class DeclareLaunchArgument(Action):
                 raise RuntimeError(f'Required launch argument "{self.name}" was not provided.')
             given[self.name] = self.default_value
         if self.choices is not None and given[self.name] not in self.choices:
-            raise RuntimeError(f'Argument "{self.name}" provided value "{given[self.name]}" is not valid. Valid options are: '
+            raise RuntimeError(f'Argument "{self.name}" provided value "{given[self.name]}" is not valid. Valid '
+                               'options are: '
                                f'{self.choices}')
         return []
 
@@ -78,8 +82,9 @@ def matches_action(target_action):
 
 
 class Node(Action):
-    def __init__(self, *, executable, package=None, name=None, namespace=None, exec_name=None, parameters=None, remappings=None,
-                 ros_arguments=None, arguments=None, **process):
+    # Keywords of launch_ros.
+    def __init__(self, *, executable, package=None, name=None, namespace=None,  # noqa: PLR0913
+                 exec_name=None, parameters=None, remappings=None, ros_arguments=None, arguments=None, **process):
         assert set(process) <= PROCESS_KEYWORDS, process
         assert parameters is None or isinstance(parameters, list)
         self.executable, self.package, self.name, self.namespace = executable, package, name, namespace
@@ -130,7 +135,8 @@ class ChangeState:
 
 MODULES = {
     'launch': {'LaunchDescription': LaunchDescription, 'LaunchContext': LaunchContext},
-    'launch.actions': {'DeclareLaunchArgument': DeclareLaunchArgument, 'EmitEvent': EmitEvent, 'OpaqueFunction': OpaqueFunction,
+    'launch.actions': {'DeclareLaunchArgument': DeclareLaunchArgument, 'EmitEvent': EmitEvent,
+                       'OpaqueFunction': OpaqueFunction,
                        'RegisterEventHandler': RegisterEventHandler, 'Shutdown': Shutdown},
     'launch.events': {'matches_action': matches_action},
     'launch_ros': {},

@@ -189,15 +189,15 @@ def inverted(scans):
         yield type(scan).from_message(message)
 
 
-def transform(parent, child, x=0.0, y=0.0, yaw=0.0, qy=None, stamp=0):
+def transform(parent, child, pose=SE2(), qy=None, stamp=0):
     """A TransformStamped; `qy` is 1 for a rotation of 180 deg about the y axis."""
     message = TransformStamped()
     message.header.stamp = stamp_to_message(stamp)
     message.header.frame_id, message.child_frame_id = parent, child
-    message.transform.translation.x, message.transform.translation.y = x, y
+    message.transform.translation.x, message.transform.translation.y = pose.x, pose.y
     rotation = message.transform.rotation
     if qy is None:
-        rotation.z, rotation.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+        rotation.z, rotation.w = math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)
     else:
         rotation.y, rotation.w = qy, 0.0
     return message

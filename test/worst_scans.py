@@ -30,10 +30,12 @@ def worst_scan(rng, index, huge=0.0):
     """
     pose = SE2(0.02 * index, 0.0, 0.03 * index)
     message = SimpleNamespace(
-        header=SimpleNamespace(stamp=SimpleNamespace(sec=100 + index // 10, nanosec=index % 10 * 100_000_000), frame_id='laser'),
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=100 + index // 10, nanosec=index % 10 * 100_000_000),
+                               frame_id='laser'),
         angle_min=FULL.angle_min, angle_max=FULL.angle_min + (FULL.size - 1) * FULL.angle_increment,
         angle_increment=FULL.angle_increment, time_increment=0.0, scan_time=0.1, range_min=0.0, range_max=100.0,
-        ranges=look(ROOM, pose, FULL, 0.01, int(rng.integers(2**31))).ranges.copy(), intensities=np.zeros(0, np.float32))
+        ranges=look(ROOM, pose, FULL, 0.01, int(rng.integers(2**31))).ranges.copy(),
+                              intensities=np.zeros(0, np.float32))
     spoils = [_spoil_angles, _spoil_limits, _spoil_stamp, _spoil_some_ranges, _replace_ranges, _cut, _spoil_rest]
     for spoil in rng.permutation(len(spoils))[:rng.choice(4, p=[0.1, 0.5, 0.25, 0.15])]:
         spoils[spoil](message, rng)
@@ -87,7 +89,8 @@ def _pattern(rng, size):
     beams = np.arange(size)
     scale = 10.0 ** rng.uniform(-6.0, 6.0) if rng.random() < 0.3 else 5.0
     period = int(rng.integers(2, 40))
-    patterns = [np.full(size, rng.choice(NO_NUMBERS)), np.ones(size), 1.0 + beams % period / period, rng.uniform(0.0, 1.0, size),
+    patterns = [np.full(size, rng.choice(NO_NUMBERS)), np.ones(size), 1.0 + beams % period / period,
+                rng.uniform(0.0, 1.0, size),
                 1.0 + (beams // period % 2), np.linspace(0.01, 1.0, size), np.exp(rng.normal(0.0, 3.0, size)),
                 1.0 / np.maximum(np.abs(np.cos(beams * math.tau / max(size, 1) * period / 2.0)), 0.05),
                 _many_walls(rng, size, period)]

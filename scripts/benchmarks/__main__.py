@@ -42,7 +42,8 @@ OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'fingerprint')
 """No other method has what they measure."""
 SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
 """They need no recordings."""
-COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees',
+COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
+           'trees',
            'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
            'sparse', 'narrow', 'passers', 'spinup')
 
@@ -53,6 +54,7 @@ def main(argv=None) -> int:
 
 
 def make_parser():
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog='bench', description='Benchmarks: a table in the terminal; exit status 1 when dbscan misses a bound.')
     add_version(parser)
@@ -62,7 +64,8 @@ def make_parser():
         if name not in SIMULATED:
             add_data(command)
         if name not in OURS_ONLY:
-            command.add_argument('--method', nargs='+', metavar='NAME', help=f'only these methods, of {", ".join(METHODS)}')
+            command.add_argument('--method', nargs='+', metavar='NAME',
+                                 help=f'only these methods, of {", ".join(METHODS)}')
         command.add_argument('--json', type=Path, metavar='FILE', help='write method -> metric -> number')
         command.add_argument('--limit', type=positive, metavar='N',
                              help='at most N trials of each kind, evenly spread; of each drive the first N scans')
@@ -71,15 +74,18 @@ def make_parser():
         if name == 'odometry':
             command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
             command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
-                                 help='source of the external prior; wheel: the odometry of the log, compared with laser '
-                                 'only on Intel; imu: the true turns, 1 %% too far and with noise of 3 mrad')
+                                 help='source of the external prior; wheel: the odometry of the log, compared with '
+                                      'laser only '
+                                 'on Intel; imu: the true rotations, 1 %% too large, with noise of 3 mrad')
             command.add_argument('--poses', type=Path, metavar='FILE.csv',
                                  help='write the poses of dbscan on the first course as index,x,y,theta,ms')
-            command.add_argument('--copies', type=positive, metavar='N', help='mean and two standard errors (+-) over N copies '
+            command.add_argument('--copies', type=positive, metavar='N',
+                                 help='mean and two standard errors (+-) over N copies '
                                  'of each course with 2 mm of noise on the ranges, without bounds')
             add_processes(command)
         elif name in ('narrow', 'passers', 'spinup'):
-            command.add_argument('--seeds', type=positive, default=10, metavar='N', help='the first N of the ten seeds (default: 10)')
+            command.add_argument('--seeds', type=positive, default=10, metavar='N',
+                                 help='the first N of the ten seeds (default: 10)')
         elif name == 'overlap':
             add_overlap(command)
         elif name == 'fingerprint':
@@ -88,28 +94,37 @@ def make_parser():
 
 
 def add_processes(command):
+    """Add the option ``--processes`` to a command."""
     command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
 
 
 def add_overlap(command):
     """Add the options of ``bench overlap``."""
-    command.add_argument('--pairs', type=positive, default=500, metavar='N', help='of each class and world (default: 500)')
+    command.add_argument('--pairs', type=positive, default=500, metavar='N',
+                         help='of each class and world (default: 500)')
     command.add_argument('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360')
-    command.add_argument('--world', nargs='+', metavar='NAME', help='only these, of corridors, halls, rooms, and each of them '
+    command.add_argument('--world', nargs='+', metavar='NAME',
+                         help='only these, of corridors, halls, rooms, and each of them '
                          'after busy_: with people and clutter')
-    command.add_argument('--motion', nargs='+', metavar='NAME', help='only these, of any and near (within 1.5 m and 0.6 rad)')
+    command.add_argument('--motion', nargs='+', metavar='NAME',
+                         help='only these, of any and near (within 1.5 m and 0.6 rad)')
     command.add_argument('--noise', nargs='+', metavar='NAME', help='only these, of low and high')
     add_processes(command)
 
 
 def add_fingerprint(command):
     """Add the options of ``bench fingerprint``."""
-    command.add_argument('--against', metavar='COMMIT', required=True, help='the commit that this source tree is compared with')
-    command.add_argument('--quick', action='store_true', help='only the first 500 scans of each recording, 200 of three drives of each '
+    command.add_argument('--against', metavar='COMMIT', required=True,
+                         help='the commit that this source tree is compared with')
+    command.add_argument('--quick', action='store_true',
+                         help='only the first 500 scans of each recording, 200 of three drives of each '
                          'course, and 50 pairs')
-    command.add_argument('--only', nargs='+', metavar='NAME', help='only these drives: the recordings and simulated courses by '
-                         'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and pairs')
-    command.add_argument('--cache', type=Path, metavar='DIR', help='keep the scans, and the results of the other commit, '
+    command.add_argument('--only', nargs='+', metavar='NAME',
+                         help='only these drives: the recordings and simulated courses by '
+                         'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and '
+                         'pairs')
+    command.add_argument('--cache', type=Path, metavar='DIR',
+                         help='keep the scans, and the results of the other commit, '
                          'in this folder (default: results/fingerprint)')
 
 

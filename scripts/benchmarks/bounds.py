@@ -24,8 +24,10 @@ class Bound:
 
 
 def at_least(limit) -> Bound:
+    """Return a bound from below."""
     return Bound(lowest=limit)
 
 
 def at_most(limit) -> Bound:
+    """Return a bound from above."""
     return Bound(highest=limit)

@@ -30,6 +30,7 @@ class Intel:
 
     @cached_property
     def recording(self):
+        """The recording of the log."""
         return open_recording(self.folder / 'intel.log.gz')
 
     @cached_property
@@ -39,7 +40,7 @@ class Intel:
 
     @cached_property
     def stamps(self):
-        """(N,) int64 [ns]"""
+        """``(N,)`` int64 stamps [ns]."""
         return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
 
     @cached_property

@@ -6,6 +6,8 @@ import platform
 from dataclasses import dataclass, field
 
 PACKAGES = ('numpy', 'scipy', 'scikit-learn', 'small_gicp', 'kiss-icp')
+SMALL = 0.1
+"""Numbers below it are printed with four decimals."""
 
 
 def machine() -> str:
@@ -64,7 +66,7 @@ def _cell(name, value):
     if name.endswith('_count'):
         return str(value)
     if name.endswith(('_m', '_mb', '_s', '_deg', 'nees', '_spread', '_kl')) or name.startswith(('ms', 'ratio')):
-        return f'{value:.4f}' if value < 0.1 else f'{value:.2f}'
+        return f'{value:.4f}' if value < SMALL else f'{value:.2f}'
     return f'{100.0 * value:.1f}'
 
 

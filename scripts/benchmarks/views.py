@@ -42,4 +42,5 @@ def two_views(world, lidar, rng, motion, times=(0.0, 0.0)):
         free = all(clearance(pose[None, :2], world.segments, world.circles_at(time))[0] > MARGIN
                    for pose, time in zip(poses, times, strict=True))
         if free and clearance(way, world.segments, world.circles).min() > MARGIN:
-            return *(measure(world, [pose], lidar, rng, time=time) for pose, time in zip(poses, times, strict=True)), truth
+            return *(measure(world, [pose], lidar, rng, time=time) for pose,
+                     time in zip(poses, times, strict=True)), truth

@@ -40,7 +40,9 @@ def test_no_input_that_reaches_something_new_does_harm(request, root, recordings
         shutil.copyfile(recordings / FILES[target] if target in FILES else DEFAULTS_FILE, corpus / 'whole')
     runs = min(RUNS[target], AT_A_TIME)
     for seed in range(1, RUNS[target] // runs + 1):
-        result = subprocess.run([sys.executable, root / 'test' / 'coverage_guided.py', target, str(runs), str(seed), corpus],
-                                cwd=tmp_path, env={'PYTHONPATH': str(root)}, capture_output=True, text=True, check=False)
+        result = subprocess.run([sys.executable, root / 'test' / 'coverage_guided.py', target, str(runs), str(seed),
+                                 corpus],
+                                cwd=tmp_path, env={'PYTHONPATH': str(root)}, capture_output=True, text=True,
+                                check=False)
         assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
         assert f'Done {runs} runs' in result.stderr

@@ -55,7 +55,8 @@ def write_damaged(whole, folder, seed):
         path.write_bytes(damaged_bytes((whole / 'log.bag').read_bytes(), rng, (whole / 'other.log').read_bytes()))
     elif kind in BAGS:
         path = folder / f'damaged.{kind}'
-        path.write_bytes(damaged_bytes((whole / kind / f'{kind}.{kind}').read_bytes(), rng, (whole / 'log.bag').read_bytes()))
+        path.write_bytes(damaged_bytes((whole / kind / f'{kind}.{kind}').read_bytes(), rng,
+                                       (whole / 'log.bag').read_bytes()))
     else:
         path = folder / 'damaged'
         shutil.rmtree(path, ignore_errors=True)
@@ -138,7 +139,8 @@ def mcap_bomb(path):
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         writer.storage.compressor = lambda _: zstd_bomb()
-        connection = writer.add_connection('/scan', 'sensor_msgs/msg/LaserScan', typestore=get_typestore(Stores.ROS2_JAZZY))
+        connection = writer.add_connection('/scan', 'sensor_msgs/msg/LaserScan',
+                                           typestore=get_typestore(Stores.ROS2_JAZZY))
         writer.write(connection, 1, bytes(100))
 
 
@@ -153,7 +155,8 @@ def message_bomb(path):
 
 BOMBS = {
     'line.log.gz': endless_line, 'mcap': mcap_bomb, 'message': message_bomb,
-    'bz2.bag': lambda path: ros1_bomb(path, 'BZ2', bz2_bomb()), 'lz4.bag': lambda path: ros1_bomb(path, 'LZ4', lz4_bomb()),
+    'bz2.bag': lambda path: ros1_bomb(path, 'BZ2', bz2_bomb()), 'lz4.bag': lambda path: ros1_bomb(path, 'LZ4',
+                                                                                                  lz4_bomb()),
 }
 
 
@@ -237,7 +240,8 @@ def snapshot(drive, tmp_path_factory):
     """The arrays of a snapshot of three scans, and its file."""
     path = tmp_path_factory.mktemp('snapshot') / 'snapshot.npz'
     odometry = Odometry()
-    write_snapshot(path, Snapshot(Parameters().flatten(), [SnapshotUpdate.of(odometry.process(s)) for s in drive.scans[:3]]))
+    write_snapshot(path,
+                   Snapshot(Parameters().flatten(), [SnapshotUpdate.of(odometry.process(s)) for s in drive.scans[:3]]))
     with np.load(path) as arrays:
         return dict(arrays), path.read_bytes()
 
@@ -252,7 +256,9 @@ def test_a_damaged_snapshot_is_refused_or_read(snapshot, tmp_path, size):
         else:
             text = damaged_text(arrays['snapshot'].tobytes().decode(), rng)
             name = str(rng.choice(list(arrays)))
-            np.savez(path, **(arrays | {name: WRONG[rng.integers(len(WRONG))], 'snapshot': np.frombuffer(text.encode(), np.uint8)}))
+            np.savez(path,
+                     **(arrays | {name: WRONG[rng.integers(len(WRONG))],
+                                  'snapshot': np.frombuffer(text.encode(), np.uint8)}))
         try:
             assert all(isinstance(update, SnapshotUpdate) for update in read_snapshot(path).updates), seed
             outcomes['read'] += 1
@@ -277,8 +283,10 @@ def refused_snapshot(path):
 def test_a_snapshot_that_unpacks_to_too_much_is_refused_in_bounded_memory(tmp_path, shape):
     path = tmp_path / 'bomb.npz'
     if shape == 'true':
-        with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1) as archive, archive.open('snapshot.npy', 'w') as part:
-            np.lib.format.write_array_header_1_0(part, {'descr': '|u1', 'fortran_order': False, 'shape': (TOO_MUCH * MIB,)})
+        with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1) as archive, archive.open('snapshot.npy',
+                                                                                                        'w') as part:
+            np.lib.format.write_array_header_1_0(part,
+                                                 {'descr': '|u1', 'fortran_order': False, 'shape': (TOO_MUCH * MIB,)})
             for _ in range(TOO_MUCH):
                 part.write(bytes(MIB))
     else:

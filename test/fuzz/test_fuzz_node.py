@@ -58,7 +58,8 @@ def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted
         speaker.until(lambda stamp=stamp: any(stamp_from_message(m.header.stamp) == stamp for m in answers), good)
         for message in answers:
             pose, twist = message.pose, message.twist
-            assert np.isfinite([pose.pose.position.x, pose.pose.position.y, twist.twist.linear.x, twist.twist.angular.z]).all()
+            assert np.isfinite([pose.pose.position.x, pose.pose.position.y, twist.twist.linear.x,
+                                twist.twist.angular.z]).all()
             for covariance in (pose.covariance, twist.covariance):
                 assert np.isfinite(covariance).all()
                 assert np.linalg.eigvalsh(np.reshape(covariance, (6, 6)))[0] > 0.0
@@ -71,8 +72,10 @@ def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted
     assert most_memory(node.pid) < MEMORY
 
 
-WRONG = [None, True, False, -2**63, -1, 0, 1, 2**63 - 1, math.nan, math.inf, -math.inf, -1.0, 1e-320, 1e308, '', 'x', '../../etc/passwd',
-         '/', 'ü\n{}%s', 10**5 * 'x', [b'\0', b'\xff'], [True], [], [0], [1, 2, 3], [0] * 8, [2**63 - 1] * 3, [math.nan] * 3,
+WRONG = [None, True, False, -2**63, -1, 0, 1, 2**63 - 1, math.nan, math.inf, -math.inf, -1.0, 1e-320, 1e308, '', 'x',
+         '../../etc/passwd',
+         '/', 'ü\n{}%s', 10**5 * 'x', [b'\0', b'\xff'], [True], [], [0], [1, 2, 3], [0] * 8, [2**63 - 1] * 3,
+         [math.nan] * 3,
          [math.inf] * 8, [0.0] * 7, [0.0] * 1000, ['a', 'b', 'c'], ['']]
 TYPES = {type(None): 'NOT_SET', bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING', bytes: 'BYTE'}
 
@@ -106,7 +109,8 @@ def test_parameters_of_every_wrong_type_and_value_are_refused_and_change_nothing
     names = Parameters(peer).names()
     before = peer.call(GetParameters, '/scan_matcher/get_parameters', GetParameters.Request(names=names)).values
     step = size(4, 1)
-    wrong = [(d.name, value) for number, d in enumerate(NodeParameters.describe()) for value in WRONG[number % step::step]
+    wrong = [(d.name, value) for number, d in enumerate(NodeParameters.describe())
+             for value in WRONG[number % step::step]
              if is_wrong(d, value)]
     assert len(wrong) > 20 // step * len(NodeParameters.describe())
     for first in range(0, len(wrong), 200):
@@ -114,7 +118,8 @@ def test_parameters_of_every_wrong_type_and_value_are_refused_and_change_nothing
         request = SetParameters.Request(parameters=[
             ParameterMessage(name=name, value=value_message(value)) for name, value in some])
         results = peer.call(SetParameters, '/scan_matcher/set_parameters', request).results
-        assert [case for case, result in zip(some, results, strict=True) if result.successful or not result.reason] == []
+        assert [case for case, result in zip(some, results, strict=True) if result.successful
+                or not result.reason] == []
     after = peer.call(GetParameters, '/scan_matcher/get_parameters', GetParameters.Request(names=names)).values
     assert after == before
     answers = played(player, scans[:20])

@@ -18,10 +18,12 @@ from dbscan_reg_ros.robot.parameters import NodeParameters
 DESCRIPTIONS = NodeParameters.describe()
 NAMES = st.sampled_from([d.name for d in DESCRIPTIONS])
 SCALARS = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.integers(-10, 10), st.sampled_from([2**63, -2**63 - 1, 10**400]), st.floats(),
+    st.none(), st.booleans(), st.integers(), st.integers(-10, 10), st.sampled_from([2**63, -2**63 - 1, 10**400]),
+                    st.floats(),
     st.floats(0.0, 10.0), st.text(max_size=20), st.sampled_from([c for d in DESCRIPTIONS for c in d.choices or ()]),
     st.dates(), st.binary(max_size=5), st.just(datetime.datetime(2000, 1, 1, 12)))
-VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=9) | st.dictionaries(SCALARS, inner, max_size=3), max_leaves=9)
+VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=9) | st.dictionaries(SCALARS, inner, max_size=3),
+                      max_leaves=9)
 
 
 def check(parameters):
@@ -81,7 +83,8 @@ def test_a_damaged_file_of_defaults_is_refused_by_name_or_read(path, size):
 HOSTILE = {
     'an alias': '/**: {ros__parameters: {scan: {range_min: &a 1.0, range_max: *a}}}',
     'aliases of aliases': 'a: &a [x, x, x, x]\n' + ''.join(f'{b}: &{b} [*{a}, *{a}, *{a}, *{a}]\n'
-                                                         for a, b in zip('abcdefghijklmnop', 'bcdefghijklmnopq', strict=True)),
+                                                         for a, b in zip('abcdefghijklmnop', 'bcdefghijklmnopq',
+                                                                         strict=True)),
     'one that holds itself': '/**: &a {ros__parameters: *a}',
     'deep': 2000 * '[' + 2000 * ']',
     'a number of many digits': f'/**: {{ros__parameters: {{scan: {{range_max: {5000 * "9"}}}}}}}',

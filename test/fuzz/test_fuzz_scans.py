@@ -94,7 +94,7 @@ def test_a_scan_that_is_refused_changes_nothing(size):
 
 
 def slowest(count):
-    """The most CPU time [s] that any of `count` scans takes, many of them with far too many beams; its sequence and index."""
+    """Maximum CPU time [s] of `count` scans, many of them with far too many beams; its sequence and index."""
     worst = 0.0, None
     for seed, many in sequences(count, huge=0.3, first=2 * 10**6):
         odometry = Odometry()

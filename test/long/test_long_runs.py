@@ -88,7 +88,8 @@ def test_small_errors_and_those_that_are_admitted_are_not_counted(status, error)
 
 
 def test_counts_of_several_drives_add_up_and_the_greatest_error_counts():
-    rows = [{'ok': 1.0, 'step_silent_count': 1, 'step_worst_m': 0.1}, {'ok': 0.5, 'step_silent_count': 2, 'step_worst_m': 0.4}]
+    rows = [{'ok': 1.0, 'step_silent_count': 1, 'step_worst_m': 0.1},
+            {'ok': 0.5, 'step_silent_count': 2, 'step_worst_m': 0.4}]
     assert silent.total(rows) == {'ok': 0.75, 'step_silent_count': 3, 'step_worst_m': 0.4}
 
 

@@ -45,7 +45,8 @@ AHEAD = SE2(0.3, -0.1, 0.0)
 def test_covariances_are_never_zero_and_grow_with_the_path(node, player, scans):
     answers = played(player, scans)
     for kind in ('pose', 'twist'):
-        planar = [np.reshape(getattr(m, kind).covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])] for m in answers.messages]
+        planar = [np.reshape(getattr(m, kind).covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])]
+                  for m in answers.messages]
         assert all(np.linalg.eigvalsh(matrix)[0] > 0.0 for matrix in planar)
     traces = [np.trace(np.reshape(m.pose.covariance, (6, 6))[:2, :2]) for m in answers.messages]
     assert traces[-1] > traces[1]
@@ -146,8 +147,9 @@ def recorded(request):
 
 
 def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the_base(start_node, player, recorded):
-    """Nothing is left out as moving: at that margin rounding decides. So it does which old points belong to the local map, and a
-    pose differs by millimetres.
+    """Nothing is left out as moving: at that margin rounding decides.
+
+    So it does which old points belong to the local map, and a pose differs by millimetres.
     """
     alike = '-p', 'advanced.odometry.dynamic_key_frames:=0'
     plain = start_node(*mounted(AHEAD), *alike)
@@ -247,7 +249,8 @@ def test_an_incompatible_qos_is_reported_in_words(start_node, peer):
     start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
     received = peer.listen(DiagnosticArray, '/diagnostics')
     peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
-    assert diagnosis(peer, received, lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
+    assert diagnosis(peer, received,
+                     lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
 
 
 def test_stamps_in_the_future_are_named_and_kept(node, player, peer, scans):

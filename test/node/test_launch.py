@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch files: what they start for which arguments, and that the real processes run accordingly.
 
-``launch`` and ``launch_ros`` are part of a ROS installation only. Everywhere a stand-in with their keywords and command lines takes
-their place; where the real ones are installed, the two are compared.
+``launch`` and ``launch_ros`` are part of a ROS installation only. Everywhere a stand-in with their keywords and command
+lines takes their place; where the real ones are installed, the two are compared.
 """
 import importlib.util
 import inspect
@@ -41,7 +41,10 @@ ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate'
 
 @pytest.fixture
 def prefix(root, tmp_path, monkeypatch):
-    """A folder that ament takes for the one that this package is installed to: ``prefix(package)`` installs one more."""
+    """A folder that ament takes for the one that this package is installed to.
+
+    ``prefix(package)`` installs one more.
+    """
     folder = tmp_path / 'prefix'
 
     def install(package):
@@ -67,7 +70,7 @@ def description(root, prefix, monkeypatch):
 
 @pytest.fixture
 def launched(description):
-    """``launched(name, **arguments)``: the actions of a launch file that remain when it has been launched with those arguments."""
+    """``launched(name, **arguments)``: the actions of a launch file that remain with those arguments."""
     def launched(name, **arguments):
         assert set(arguments) <= set(ARGUMENTS[name])
         return visit(description(name), arguments)
@@ -85,7 +88,7 @@ def matcher(launched):
 
 @pytest.fixture
 def play(launched, tmp_path):
-    """``play(**arguments)``: the nodes scan_matcher and play that play.launch.py starts, without a recording one that is missing."""
+    """``play(**arguments)``: the nodes scan_matcher and play that play.launch.py starts."""
     def play(**arguments):
         matcher, player = launched('play', **({'recording': str(tmp_path / 'missing.log')} | arguments))
         return matcher, player
@@ -192,7 +195,8 @@ def test_a_parameter_file_that_is_missing_stops_the_launch(launched, tmp_path, n
 
 @pytest.mark.parametrize('argument', ['sensor', 'mounting', 'prior'])
 def test_a_name_that_is_none_of_the_known_ones_stops_the_launch(matcher, argument):
-    with pytest.raises(RuntimeError, match=f'Argument "{argument}" provided value "other" is not valid. Valid options are'):
+    with pytest.raises(RuntimeError,
+                       match=f'Argument "{argument}" provided value "other" is not valid. Valid options are'):
         matcher(**{argument: 'other'})
 
 
@@ -221,7 +225,8 @@ def test_the_least_severity_is_handed_on(launched, play, level):
     ({'scan_topic': 'laser', 'remap_tf': 'false'}, [('scan', 'laser')]),
 ])
 def test_topics_are_remapped_for_the_node_and_the_player(matcher, play, arguments, expected):
-    assert matcher(namespace='robot1', **arguments).remap == [('__node', 'scan_matcher'), ('__ns', '/robot1'), *expected]
+    assert matcher(namespace='robot1', **arguments).remap == [('__node', 'scan_matcher'), ('__ns', '/robot1'),
+                                                              *expected]
     _, player = play(namespace='robot1', **arguments)
     assert rules(player).remap == [('__node', 'play'), ('__ns', '/robot1'), *expected]
 
@@ -243,7 +248,8 @@ def test_defaults_sensor_parameter_file_and_arguments_count_in_this_order(play, 
                                                     'base_frame': 'of_file', 'publish_tf': False}, node)
     launched, _ = play(namespace='robot1', sensor='rplidar_a', params_file=path, base_frame='given', prior='none')
     start_launched(launched)
-    asked = ('scan.range_min', 'scan.range_max', 'odom_frame', 'base_frame', 'publish_tf', 'prior.source', 'mounting', 'use_sim_time')
+    asked = ('scan.range_min', 'scan.range_max', 'odom_frame', 'base_frame', 'publish_tf', 'prior.source', 'mounting',
+             'use_sim_time')
     sensor = read(rules(launched).files[0])['/**']['ros__parameters']
     assert Parameters(peer, '/robot1/scan_matcher').get(*asked) == [
         sensor['scan']['range_min'], 7.5, 'of_file', 'given', False, 'none', 'none', True]
@@ -312,7 +318,8 @@ def handled(handler, event):
 def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefix, root, name):
     prefix('rviz2')
     recording = {'recording': 'missing.log'} if name == 'play' else {}
-    matcher, rviz, *_ = launched(name, rviz='true', namespace='robot1', scan_topic='laser', odom_frame='map', **recording)
+    matcher, rviz, *_ = launched(name, rviz='true', namespace='robot1', scan_topic='laser', odom_frame='map',
+                                 **recording)
     assert matcher.executable == 'scan_matcher'
     assert (rviz.package, rviz.executable, rviz.name) == ('rviz2', 'rviz2', None)
     found = rules(rviz)
@@ -328,7 +335,8 @@ def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefi
 def test_rviz_takes_the_time_that_is_asked_for(launched, prefix):
     prefix('rviz2')
     assert values(rules(launched('scan_matcher', rviz='true', use_sim_time='true')[1])) == {'use_sim_time': True}
-    assert values(rules(launched('play', rviz='true', use_sim_time='false', recording='x.log')[1])) == {'use_sim_time': False}
+    assert values(rules(launched('play', rviz='true', use_sim_time='false',
+                                 recording='x.log')[1])) == {'use_sim_time': False}
 
 
 def test_where_rviz_is_not_installed_the_launch_stops_and_says_what_to_install(launched, monkeypatch):
@@ -350,7 +358,8 @@ def test_the_player_gets_recording_clock_rate_and_topics(play, monkeypatch):
     monkeypatch.setenv('HOME', '/home/robot')
     _, player = play(recording='~/drive.bag', rate='0.5', topics='/cmd_vel  /camera/info')
     assert (player.package, player.executable) == ('dbscan_reg_ros', 'play') and player.executable in COMMANDS
-    assert rules(player).own == ['/home/robot/drive.bag', '--clock', '--rate', '0.5', '--topics', '/cmd_vel', '/camera/info']
+    assert rules(player).own == ['/home/robot/drive.bag', '--clock', '--rate', '0.5', '--topics', '/cmd_vel',
+                                 '/camera/info']
     _, player = play(recording='drive.bag')
     assert rules(player).own == ['drive.bag', '--clock', '--rate', '1.0']
 
@@ -366,7 +375,8 @@ def test_a_recording_has_to_be_named(launched):
         launched('play')
 
 
-@pytest.mark.parametrize('topics, mounting', [([], 'none'), (['/tf_static'], 'tf'), (['/robot1/tf_static'], 'tf'), (['/tf'], 'none')])
+@pytest.mark.parametrize('topics, mounting', [([], 'none'), (['/tf_static'], 'tf'), (['/robot1/tf_static'], 'tf'),
+                                              (['/tf'], 'none')])
 def test_the_mounting_is_read_from_static_transforms_that_the_player_publishes(play, tmp_path, topics, mounting):
     pytest.importorskip('rosbags', reason='needs rosbags')
     from dbscan_reg_ros.recordings.bags.messages import MessageMaker
@@ -414,7 +424,8 @@ def transforms_of(peer, namespace):
     node = 'scan_matcher', f'/{namespace}'
     if node not in peer.node.get_node_names_and_namespaces():
         return set()
-    topics = (*peer.node.get_publisher_names_and_types_by_node(*node), *peer.node.get_subscriber_names_and_types_by_node(*node))
+    topics = (*peer.node.get_publisher_names_and_types_by_node(*node),
+              *peer.node.get_subscriber_names_and_types_by_node(*node))
     return {name for name, kinds in topics if kinds == ['tf2_msgs/msg/TFMessage']}
 
 
@@ -430,7 +441,8 @@ def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_l
 def test_a_bag_with_static_transforms_that_is_launched_is_answered(play, start_launched, tmp_path, namespace):
     for package in ('rosbags', 'tf2_msgs'):
         pytest.importorskip(package, reason=f'needs {package}')
-    assert simulate([str(tmp_path / 'drive'), '--world', 'corridor', '--speed', '2', '--mounting', '0.2', '0', '90']) == 0
+    assert simulate([str(tmp_path / 'drive'), '--world', 'corridor', '--speed', '2', '--mounting', '0.2', '0',
+                     '90']) == 0
     matcher, player = map(start_launched, play(recording=str(tmp_path / 'drive'), rate='4', namespace=namespace))
     assert player.wait(90.0) == 0, player.output()
     # A busy machine may drop scans at this rate.
@@ -466,7 +478,8 @@ def interrupt(processes):
 # The stand-in and the real launch
 
 
-@pytest.mark.parametrize('module, name', [(module, name) for module, names in launch_stand_in.MODULES.items() for name in names])
+@pytest.mark.parametrize('module, name', [(module, name) for module, names in launch_stand_in.MODULES.items()
+                                          for name in names])
 def test_the_stand_in_has_no_keyword_that_launch_does_not_have(module, name):
     pytest.importorskip('launch_ros', reason='needs launch_ros, part of a ROS installation')
     real = getattr(importlib.import_module(module), name)
@@ -482,7 +495,8 @@ def test_the_stand_in_has_no_keyword_that_launch_does_not_have(module, name):
 def test_the_real_launch_declares_the_same_arguments(root, prefix, name):
     pytest.importorskip('launch_ros', reason='needs launch_ros, part of a ROS installation')
     declared = {a.name: a for a in load(root, name).get_launch_arguments()}
-    defaults = {name: a.default_value and ''.join(part.text for part in a.default_value) for name, a in declared.items()}
+    defaults = {name: a.default_value and ''.join(part.text for part in a.default_value) for name,
+                a in declared.items()}
     assert {name: default or None for name, default in defaults.items()} == {
         name: default or None for name, default in ARGUMENTS[name].items()}
 

@@ -189,8 +189,8 @@ def test_with_mounting_tf_there_is_no_odometry_before_the_transform_is_known(sta
     said(node, "no transform from 'base_footprint' to 'laser'", peer)
     quality = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = peer.node.create_publisher(TFMessage, '/tf_static', quality)
-    to_base, to_mast = transform('base_footprint', 'base_link'), transform('base_link', 'mast', x=PLACE.x + 0.1)
-    to_laser = transform('mast', 'laser', x=-0.1, y=PLACE.y, qy=1.0)
+    to_base, to_mast = transform('base_footprint', 'base_link'), transform('base_link', 'mast', SE2(PLACE.x + 0.1))
+    to_laser = transform('mast', 'laser', SE2(-0.1, PLACE.y), qy=1.0)
     publisher.publish(TFMessage(transforms=[to_base, to_mast, to_laser]))
     turned = list(inverted(scans))
     peer.until(lambda: not player.play(turned[:1], patience=0.2).lost)
@@ -319,7 +319,8 @@ def test_a_least_value_is_never_set_above_the_greatest_whatever_the_order(node, 
     parameters = Parameters(peer)
     [least, greatest] = parameters.set(scan__noise_min=0.06, scan__noise_max=0.1)
     assert (least.successful, greatest.successful) == (False, True)
-    assert 'scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or first' in least.reason
+    assert ('scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or first'
+            in least.reason)
     assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.004, 0.1]
     assert parameters.set(scan__noise_min=0.06)[0].successful
     assert not parameters.set(scan__noise_max=0.01)[0].successful

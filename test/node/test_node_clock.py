@@ -87,7 +87,8 @@ def test_a_scan_far_back_in_time_is_forgotten_by_a_reset_and_not_by_a_pause(node
     assert pose_of(answers.messages[0]) == SE2()
 
 
-def test_a_clock_that_goes_back_after_the_first_scan_of_a_loop_takes_nothing_from_it(start_node, player, peer, scans, truth):
+def test_a_clock_that_goes_back_after_the_first_scan_of_a_loop_takes_nothing_from_it(start_node, player, peer, scans,
+                                                                                     truth):
     node = start_node('-p', 'use_sim_time:=true')
     player.wait_for_node(TIMEOUT)
     clock = Loudspeaker(peer, Clock, '/clock', 1)
@@ -171,4 +172,5 @@ def test_stamps_in_the_future_are_named_and_answered(node, player, peer, scans, 
 
 def test_stamps_of_a_recording_are_nothing_to_complain_about(node, player, scans):
     assert played(player, scans[:10]).lost == 0
-    assert not [line for line in node.output().splitlines() if 'WARN' in line and 'tf2_msgs is not installed' not in line]
+    assert not [line for line in node.output().splitlines() if 'WARN' in line
+                and 'tf2_msgs is not installed' not in line]

@@ -91,9 +91,11 @@ def test_between_two_walls_the_degenerate_direction_is_reported(node, player, pe
     peer.greet()
     with peer.spinning():
         assert player.play(walls(30), rate=1.0).lost == 0
-    reported = [s for m in received for s in m.status if level(s) == 'warn' and s.message.startswith('degenerate, along')]
+    reported = [s for m in received for s in m.status if level(s) == 'warn'
+                and s.message.startswith('degenerate, along')]
     assert reported, [s.message for m in received for s in m.status]
-    assert math.remainder(float(values(reported[0])['degenerate direction [rad]']) - 0.5, math.pi) == pytest.approx(0.0, abs=0.05)
+    assert math.remainder(float(values(reported[0])['degenerate direction [rad]']) - 0.5,
+                          math.pi) == pytest.approx(0.0, abs=0.05)
     assert 'along 29 deg' in reported[0].message or 'along 28 deg' in reported[0].message
     assert int(values(reported[-1])['status degenerate']) > 0
 
@@ -165,9 +167,9 @@ def test_a_pose_with_incompatible_best_effort_qos_is_reported(node, player, peer
     received = reports()
     peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
     status = diagnosis(peer, received, lambda s: '/set_pose' in s.message)
-    reported = 'the quality of service of /peer on /set_pose is incompatible with ours, its messages are not received: ' \
-           'its reliability is best effort, ours reliable; let it publish with ours, or start this node with ' \
-           'qos_overrides./set_pose.subscription.reliability:=best_effort'
+    reported = ('the quality of service of /peer on /set_pose is incompatible with ours, its messages are not '
+                'received: its reliability is best effort, ours reliable; let it publish with ours, or start this node '
+                'with qos_overrides./set_pose.subscription.reliability:=best_effort')
     assert level(status) == 'stale'
     assert status.message == f'no scans on /scan: published there by /play; {reported}'
     said(node, reported, peer)
@@ -183,8 +185,9 @@ def test_a_prior_with_an_incompatible_qos_is_reported(start_node, peer, reports,
     node = start_node('-p', f'prior.source:={source}', '-p', f'{override}:=reliable')
     received = reports()
     peer.node.create_publisher(kind, topic, BEST_EFFORT)
-    reported = f'the quality of service of /peer on /{topic} is incompatible with ours, its messages are not received: its reliability is ' \
-           f'best effort, ours reliable; let it publish with ours, or start this node with {override}:=best_effort'
+    reported = (f'the quality of service of /peer on /{topic} is incompatible with ours, its messages are not '
+                'received: its reliability is best effort, ours reliable; let it publish with ours, or start this node '
+                f'with {override}:=best_effort')
     diagnosis(peer, received, lambda s: reported in s.message)
     said(node, reported, peer)
 
@@ -194,7 +197,8 @@ def test_volatile_static_transforms_are_reported_as_incompatible(node, peer, rep
     received = reports()
     peer.node.create_publisher(tf_type, '/tf_static', 10)
     diagnosis(peer, received, lambda s: '/tf_static' in s.message)
-    said(node, 'the quality of service of /peer on /tf_static is incompatible with ours, its messages are not received: '
+    said(node,
+         'the quality of service of /peer on /tf_static is incompatible with ours, its messages are not received: '
          'its durability is volatile, ours transient local; let it publish with ours', peer)
 
 

@@ -51,6 +51,12 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize('moment', np.random.default_rng(8).integers(10, 50, count).tolist())
 
 
+@pytest.fixture
+def parts(scans, moment):
+    """The scans before the moment, and those after it."""
+    return scans[:moment], scans[moment:]
+
+
 @pytest.fixture(autouse=True)
 def nothing_left_behind(ros_environment, tmp_path):
     """No process of the test outlives it."""
@@ -143,7 +149,8 @@ def test_scans_come_in_a_burst_after_a_pause(node, player, scans, moment, steady
     steady([*before, *filter(None, burst), *resumed(player, scans[moment + 20:])])
 
 
-def test_the_publisher_is_killed_and_started_again(node, start_command, peer, scans, moment, steady, tmp_path):
+@pytest.mark.usefixtures('node')
+def test_the_publisher_is_killed_and_started_again(start_command, peer, scans, moment, steady, tmp_path):
     answers = peer.listen(Odometry, 'odom')
     first = start_command('play', scan_bag(tmp_path / 'all', scans), '--rate', '2')
     peer.until(lambda: answers and stamp_from_message(answers[-1].header.stamp) >= scans[moment].stamp)
@@ -204,17 +211,21 @@ def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, 
     steady([*before, *filter(None, answers)])
 
 
-def test_subscribers_never_read(data, node, player, peer, start_command, scans, moment, steady):
+@pytest.mark.usefixtures('node')
+def test_subscribers_never_read(data, player, peer, start_command, parts, steady):
     """One is stopped as a process, one never takes what has arrived."""
-    stopped = start_command('play', str(data / 'lms511' / 'static'), '--wait', '1000', '--ros-args', '-r', 'scan:=elsewhere')
+    stopped = start_command('play', str(data / 'lms511' / 'static'), '--wait', '1000', '--ros-args', '-r',
+                            'scan:=elsewhere')
     with Peer('deaf') as deaf:
-        for kind, topic in ((Odometry, 'odom'), (MarkerArray, 'segments'), (PathMessage, 'path'), (PointCloud2, 'local_map')):
+        for kind, topic in ((Odometry, 'odom'), (MarkerArray, 'segments'), (PathMessage, 'path'),
+                            (PointCloud2, 'local_map')):
             deaf.node.create_subscription(kind, topic, print, 10)
         peer.until(lambda: peer.node.count_subscribers('/odom') == 3)
-        before = begun(player, scans[:moment])
+        before = begun(player, parts[0])
         stopped.signal(signal.SIGSTOP)
-        answers = [*before, *resumed(player, scans[moment:])]
-        again = [resumed(player, scans[::-1][k:k + 40]) for k in (0, 40)]
+        answers = [*before, *resumed(player, parts[1])]
+        backwards = [*parts[0], *parts[1]][::-1]
+        again = [resumed(player, backwards[k:k + 40]) for k in (0, 40)]
         killed(stopped)
         steady([*answers, *itertools.chain(*again)])
 
@@ -284,11 +295,12 @@ def snapshot(peer):
     return peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
 
 
-def test_the_disk_is_full_while_a_snapshot_is_written(start, player, peer, scans, moment, steady, full_disk):
+def test_the_disk_is_full_while_a_snapshot_is_written(start, player, peer, parts, steady, full_disk):
     folder, words = full_disk
-    node = start(*words, *package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-p', 'snapshot.scans:=100',
+    node = start(*words, *package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-p',
+                                          'snapshot.scans:=100',
                                           '-p', f'snapshot.folder:={folder}'))
-    before = begun(player, scans[:moment])
+    before = begun(player, parts[0])
     for _ in range(3):
         answer = snapshot(peer)
         if not answer.success:
@@ -296,7 +308,7 @@ def test_the_disk_is_full_while_a_snapshot_is_written(start, player, peer, scans
     assert 'cannot be written: No space left on device' in answer.message
     seen = Path(f'/proc/{node.pid}/root{folder}')
     assert not [path for path in seen.iterdir() if path.suffix != '.npz']
-    steady([*before, *resumed(player, scans[moment:])])
+    steady([*before, *resumed(player, parts[1])])
     assert node.stop() == 0
     assert 'Traceback' not in node.output()
 

@@ -36,7 +36,8 @@ def tf_type():
     return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
 
 
-def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(start_command, player, peer, scans, tf_type):
+def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(start_command, player, peer, scans,
+                                                                               tf_type):
     node = start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
     assert player.play(scans[:3], patience=0.2).lost == 3
@@ -45,7 +46,7 @@ def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(s
     assert player.play(scans[3:10], patience=0.2).lost == 7
     assert node.output().count('no transform from') == 1
     static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
-    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    message = tf_type(transforms=[transform('base_link', 'laser', SE2(0.3))])
     static.until(lambda: not player.play(scans[10:11], patience=0.2).lost, message)
     assert pose_of(player.play(scans[11:12]).messages[0]).as_array() == pytest.approx([0.1, 0.0, 0.0], abs=0.1)
 
@@ -61,7 +62,7 @@ def test_scans_of_another_frame_do_not_change_the_mounting(start_command, player
     start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
-    static.publish(tf_type(transforms=[transform('base_link', 'laser', x=0.3)]))
+    static.publish(tf_type(transforms=[transform('base_link', 'laser', SE2(0.3))]))
     peer.until(lambda: not player.play(scans[:1], patience=0.2).lost)
     with Peer('stray') as other:
         stray = Loudspeaker(other, tf_type, '/tf')
@@ -78,7 +79,7 @@ def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command
     start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
-    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+    places = [transform('base_link', 'laser', p, stamp=s.stamp)
               for s, p in zip(scans[:40], truth, strict=False)]
     moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places))
     answers = player.play(scans[1:40])
@@ -136,16 +137,20 @@ def with_tf2_ros(tmp_path, ros_environment):
     return {'PYTHONPATH': os.pathsep.join([str(folder), os.environ['PYTHONPATH']])}
 
 
-def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans, truth, with_tf2_ros,
-                                                                    tf_type):
-    """The base stands still on the spot where the sensor starts; the laser drives away on it, and again from elsewhere."""
+def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans_and_truth,
+                                                                    with_tf2_ros, tf_type):
+    """The base stands still on the spot where the sensor starts.
+
+    The laser drives away on it, and again from elsewhere.
+    """
+    scans, truth = scans_and_truth
     node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', **with_tf2_ros)
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     for away in (SE2(), SE2(5.0, -3.0, 2.0)):
         first = scans[0].stamp + (1000 * SECOND if away == SE2() else 0)
         run = restamped(scans[:20], [first + scan.stamp - scans[0].stamp for scan in scans[:20]])
-        places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+        places = [transform('base_link', 'laser', p, stamp=s.stamp)
                   for s, p in zip(run, [away @ pose for pose in truth[:20]], strict=True)]
         moving.tell(tf_type(transforms=places))
         answers = player.play(run, rate=4.0)
@@ -155,14 +160,15 @@ def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_comman
     assert 'is not known at the time of the scan' not in node.output()
 
 
-def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command, player, peer, scans, with_tf2_ros, tf_type):
+def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command, player, peer, scans, with_tf2_ros,
+                                                                   tf_type):
     node = start_command('scan_matcher', **with_tf2_ros)
     player.wait_for_node(TIMEOUT)
     old = restamped(scans[:5], [(k - 100) * SECOND for k in range(5)])
     assert player.play(old[:1], patience=0.2).lost == 1
     said(node, "no transform from 'base_link' to 'laser'", peer)
     moving = Loudspeaker(peer, tf_type, '/tf')
-    message = tf_type(transforms=[transform('base_link', 'laser', x=0.3)])
+    message = tf_type(transforms=[transform('base_link', 'laser', SE2(0.3))])
     moving.until(lambda: not player.play(old[1:2], patience=0.2).lost, message)
     assert player.play(old[2:]).lost == 0
     said(node, 'is not known at the time of the scan; using the transform of another time', peer)
@@ -172,7 +178,7 @@ def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, 
     start_command('scan_matcher', '--ros-args', '-p', 'input.max_wait:=10.0')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
-    places = [transform('base_link', 'laser', p.x, p.y, p.theta, stamp=s.stamp)
+    places = [transform('base_link', 'laser', p, stamp=s.stamp)
               for s, p in zip(scans[:40], truth, strict=False)]
     moving.until(lambda: not player.play(scans[:1], patience=0.2).lost, tf_type(transforms=places[:1]))
     assert player.play(scans[1:2], patience=0.5).lost == 1
@@ -207,7 +213,7 @@ def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, pla
     assert not any('another node sends' in line for line in node.output().splitlines())
     with Peer('wheels') as wheels:
         other = Loudspeaker(wheels, tf_type, '/tf')
-        message = tf_type(transforms=[transform(parent, 'base_link', x=5.0, stamp=scans[3].stamp)])
+        message = tf_type(transforms=[transform(parent, 'base_link', SE2(5.0), stamp=scans[3].stamp)])
         other.until(lambda: 'another node sends a transform' in node.output(), message)
         assert f"to 'base_link' too, from '{parent}'" in node.output()
         assert '/wheels' in node.output()
@@ -244,7 +250,7 @@ def give_way(node, player, peer, scans, tf_type, message):
 
 @pytest.fixture
 def stray(tf_type, scans):
-    return tf_type(transforms=[transform('wheel_odom', 'base_link', x=5.0, stamp=scans[3].stamp)])
+    return tf_type(transforms=[transform('wheel_odom', 'base_link', SE2(5.0), stamp=scans[3].stamp)])
 
 
 def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, scans, tf_type, stray):
@@ -253,7 +259,8 @@ def test_after_one_stray_transform_ours_is_sent_again(start_node, player, peer, 
     last = give_way(node, player, peer, scans, tf_type, stray)
     status = diagnosis(peer, reports, lambda s: 'another node sends' in s.message)
     assert status.level == DiagnosticStatus.ERROR
-    assert "publishers on /tf: /wheels. A frame has one parent: ours, from 'odom', is not sent until it is silent for 5 s" in status.message
+    assert ("publishers on /tf: /wheels. A frame has one parent: ours, from 'odom', is not sent until it is silent for "
+            '5 s') in status.message
     peer.until(lambda: '/scan_matcher' in publishers(peer))
     assert 4.9 < time.monotonic() - last < 8.0
     said(node, "no other node has sent a transform to 'base_link' for 5 s: ours, from 'odom', is sent again", peer)
@@ -279,14 +286,18 @@ def test_publish_tf_set_to_true_sends_at_once(start_node, player, peer, scans, t
 
 
 def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_node, player, peer, scans, tf_type):
-    """A publisher of another static transform stays when the one with ours goes: which of them remain is known once all are received again."""
+    """A publisher of another static transform stays when the one with ours goes.
+
+    Which of them remain is known once all are received again.
+    """
     joints = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     joints.publish(tf_type(transforms=[transform('base_link', 'laser')]))
     node = start_node()
     player.wait_for_node(TIMEOUT)
     reports = peer.listen(DiagnosticArray, '/diagnostics')
     with Peer('wheels') as wheels, Peer('arm') as arm:
-        arm.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(tf_type(transforms=[transform('base_link', 'hand')]))
+        arm.node.create_publisher(tf_type, '/tf_static',
+                                  LATCHED).publish(tf_type(transforms=[transform('base_link', 'hand')]))
         static = wheels.node.create_publisher(tf_type, '/tf_static', LATCHED)
         static.publish(tf_type(transforms=[transform('map', 'base_link')]))
         peer.until(lambda: "another node sends a transform to 'base_link' too, from 'map'" in node.output())
@@ -326,9 +337,12 @@ def rounds(scans, count):
     return restamped(list(itertools.islice(turn, count)), [scans[0].stamp + k * SECOND // 10 for k in range(count)])
 
 
-def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type, size):
-    """They start at the same scan; then both are set to send, and may collide once; then one of them ends, and the other takes
-    over."""
+def test_two_nodes_on_one_frame_never_both_send_and_change_at_most_three_times(start_node, player, peer, scans, tf_type,
+                                                                               size):
+    """They start at the same scan; then both are set to send, and may collide once.
+
+    Then one of them ends, and the other takes over.
+    """
     first, second = start_node(), start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')
     player.wait_for_node(TIMEOUT)
     peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
@@ -359,7 +373,8 @@ def changes(senders):
     return sum(before != after for before, after in itertools.pairwise(senders))
 
 
-def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_their_own(start_node, player, peer, scans, tf_type):
+def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_their_own(start_node, player, peer, scans,
+                                                                                      tf_type):
     """They have started at the same scan, and what they send is the same to the last bit; both insist on sending."""
     nodes = start_node(), start_node('-r', '__node:=second')
     player.wait_for_node(TIMEOUT)
@@ -396,7 +411,8 @@ def test_tf_is_subscribed_to_only_while_we_and_others_publish_it(start_node, pla
         other = Loudspeaker(arm, tf_type, '/tf')
         for value in (True, False, True):
             assert Parameters(peer).set(publish_tf=value)[0].successful
-            other.until(lambda hears=value: peer.node.count_subscribers('/tf') == hears, tf_type(transforms=[transform('elbow', 'hand')]))
+            other.until(lambda hears=value: peer.node.count_subscribers('/tf') == hears,
+                        tf_type(transforms=[transform('elbow', 'hand')]))
     peer.until(lambda: peer.node.count_subscribers('/tf') == 0)
     assert player.play(scans[3:6]).lost == 0
     assert node.stop() == 0

@@ -17,7 +17,8 @@ def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, tr
     assert {pose.header.frame_id for pose in path.poses} == {'odom'}
     stamps = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
     for stamped in path.poses:
-        true, position, q = stamps[stamp_from_message(stamped.header.stamp)], stamped.pose.position, stamped.pose.orientation
+        true = stamps[stamp_from_message(stamped.header.stamp)]
+        position, q = stamped.pose.position, stamped.pose.orientation
         assert np.hypot(position.x - true.x, position.y - true.y) < 0.05
         assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == np.float64(1.0).item() or abs(q.z**2 + q.w**2 - 1.0) < 1e-12
     steps = np.diff([[p.pose.position.x, p.pose.position.y] for p in path.poses[:-1]], axis=0)

@@ -97,7 +97,8 @@ def stamp(message):
 
 
 @pytest.mark.parametrize(('motion', 'translation', 'rotation'), [
-    ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1), ((0.0, 0.0, -1.0), 0.1, 0.2),
+    ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1),
+                                                                 ((0.0, 0.0, -1.0), 0.1, 0.2),
     ((0.0, 2.0, 0.5), 0.2, 0.2)])
 def test_the_covariance_of_a_prior_grows_with_distance_and_rotation(motion, translation, rotation):
     spread = NodePriorParameters().wheel_sigma(SE2(*motion))
@@ -105,8 +106,10 @@ def test_the_covariance_of_a_prior_grows_with_distance_and_rotation(motion, tran
 
 
 @pytest.mark.parametrize('times', [1, 2])
-def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans, truth, tmp_path, times):
+def test_wheel_odometry_is_interpolated_and_carried_to_the_sensor(start_with, player, peer, scans_and_truth, tmp_path,
+                                                                  times):
     """Messages that come twice are taken once."""
+    scans, truth = scans_and_truth
     start_with('odometry', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
@@ -165,7 +168,8 @@ def test_wheels_that_say_no_pose_are_named_and_not_believed(start_with, player, 
     assert player.play(scans[:5]).lost == 0
 
 
-def test_the_yaw_rate_gives_the_rotation_and_the_motion_model_the_translation(start_with, player, peer, scans, truth, tmp_path):
+def test_the_yaw_rate_gives_the_rotation_and_the_motion_model_the_translation(start_with, player, peer, scans, truth,
+                                                                              tmp_path):
     start_with('imu', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     imu = Loudspeaker(peer, Imu, 'imu')
@@ -195,7 +199,8 @@ def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, p
     messages = [turning(scan.stamp, 0.0) for scan in scans[:20]]
     for message in messages:
         message.angular_velocity_covariance[0] = -1.0
-    imu.until(lambda: '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate' in node.output(), *messages)
+    imu.until(lambda: '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate' in node.output(),
+              *messages)
     imu.tell(*messages)
     answers = player.play(scans[:20])
     assert answers.lost == 0
@@ -209,7 +214,7 @@ def test_transforms_of_another_node_give_the_motion(start_with, player, peer, sc
     start_with('tf', *PLACE, *WAIT)
     player.wait_for_node(TIMEOUT)
     frames = Loudspeaker(peer, tf_type, '/tf')
-    messages = [tf_type(transforms=[transform('wheel_odom', 'laser', p.x, p.y, p.theta, stamp=t)])
+    messages = [tf_type(transforms=[transform('wheel_odom', 'laser', p, stamp=t)])
                 for t, p in ((t, base @ LASER) for t, base in between(scans[:20], truth[:20]))]
     frames.tell(*messages)
     answers = player.play(scans[:20])
@@ -222,7 +227,8 @@ def test_transforms_of_another_node_give_the_motion(start_with, player, peer, sc
 
 
 @pytest.mark.parametrize('source', ['none', 'constant_velocity'])
-def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer, scans, truth, tmp_path, source):
+def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer, scans_and_truth, tmp_path, source):
+    scans, truth = scans_and_truth
     start_with(source, *PLACE)
     player.wait_for_node(TIMEOUT)
     answers = player.play(scans[:20])

@@ -30,7 +30,8 @@ def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, pe
     start_node(*overridden(f'{topic}.publisher', reliability='best_effort', durability='transient_local', depth=7))
     found = quality(peer, topic)
     assert (found.reliability, found.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.TRANSIENT_LOCAL)
-    names = [f'qos_overrides.{topic}.publisher.{policy}' for policy in ('depth', 'reliability', 'durability', 'history')]
+    names = [f'qos_overrides.{topic}.publisher.{policy}' for policy in ('depth', 'reliability', 'durability',
+                                                                        'history')]
     assert Parameters(peer).get(*names) == [7, 'best_effort', 'transient_local', 'keep_last']
     others = {'/odom', '/path'} - {topic}
     assert {quality(peer, other).reliability for other in others} == {ReliabilityPolicy.RELIABLE}
@@ -80,7 +81,8 @@ def test_the_quality_of_service_of_tf_outlives_a_withdrawal(start_node, peer):
 
 @pytest.mark.parametrize('name, policy, value', [
     ('/odom.publisher', 'reliability', 'nonsense'), ('/path.publisher', 'durability', 'unknown'),
-    ('/segments.publisher', 'depth', 0), ('/diagnostics.publisher', 'history', 3), ('/set_pose.subscription', 'depth', 'many'),
+    ('/segments.publisher', 'depth', 0), ('/diagnostics.publisher', 'history', 3),
+                                                 ('/set_pose.subscription', 'depth', 'many'),
 ])
 def test_a_quality_of_service_that_does_not_exist_ends_the_node_with_one_line(start_node, name, policy, value):
     node = start_node(*overridden(name, **{policy: value}))

@@ -50,8 +50,9 @@ def warnings(process):
 @pytest.mark.parametrize('kind', CHANGES)
 def test_the_node_warns_about_scans_as_about_their_recording(kind, start_node, peer, scans, tmp_path):
     messages = [message(scan, **CHANGES[kind](k)) for k, scan in enumerate(scans[:20])]
-    offline = warnings_about(write_bag(tmp_path / 'bag', [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
-                                                   for k, each in enumerate(messages)]))
+    offline = warnings_about(write_bag(tmp_path / 'bag',
+                                       [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
+                                 for k, each in enumerate(messages)]))
     assert list(offline) == [kind]
     node = start_node('-p', 'input.queue_size:=50')
     received = peer.listen(DiagnosticArray, '/diagnostics')
@@ -74,9 +75,14 @@ def test_the_node_warns_about_a_played_recording_as_replay_does(cases, name, sta
     assert warnings(node) == list(offline.values())
 
 
-@pytest.mark.parametrize('words', [('play', '--rate', '5'), ('demo',)], ids=lambda words: words[0])
-def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_command, peer, tmp_path, monkeypatch):
+@pytest.fixture
+def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures('in_an_empty_folder')
+@pytest.mark.parametrize('words', [('play', '--rate', '5'), ('demo',)], ids=lambda words: words[0])
+def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_command, peer):
     if words[0] == 'play':
         start_node()
     command = start_command(*words, str(cases / 'millimetres' / 'ranges_and_range_max'))
@@ -101,7 +107,8 @@ def test_missing_scans_are_logged_at_growing_intervals(start_node, peer):
 def test_another_type_on_the_topic_is_named_where_no_scan_comes(start_node, peer):
     node = start_node()
     peer.node.create_publisher(Image, '/scan', 10)
-    said(node, 'no scans on /scan: /peer publishes sensor_msgs/msg/Image on /scan; expected sensor_msgs/msg/LaserScan', peer)
+    said(node, 'no scans on /scan: /peer publishes sensor_msgs/msg/Image on /scan; expected sensor_msgs/msg/LaserScan',
+         peer)
 
 
 def test_a_list_that_is_refused_is_printed_as_numbers(node, peer):

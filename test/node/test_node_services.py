@@ -92,7 +92,8 @@ def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, pee
     (given(SE2(), variance=-1.0), 'its covariance is invalid'),
     (given(SE2(), variance=math.nan), 'its covariance is invalid'),
 ])
-def test_a_pose_that_cannot_be_is_refused_by_name(node, player, peer, scans, truth, message, complaint):
+def test_a_pose_that_cannot_be_is_refused_by_name(node, player, peer, scans_and_truth, message, complaint):
+    scans, truth = scans_and_truth
     assert played(player, scans[:3]).lost == 0
     poses = Loudspeaker(peer, PoseWithCovarianceStamped, 'set_pose')
     poses.until(lambda: complaint in node.output(), message)
@@ -117,7 +118,8 @@ def test_a_snapshot_holds_the_last_scans_and_registers_them_again(start_node, pl
         assert len(update.registration.hypotheses) >= 1
     update = snapshot.updates[-1]
     parameters = MethodParameters()
-    again = register(extract_features(update.reference, parameters), extract_features(update.scan, parameters), parameters)
+    again = register(extract_features(update.reference, parameters), extract_features(update.scan, parameters),
+                     parameters)
     error = update.registration.transform.inverse() @ again.transform
     assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
 

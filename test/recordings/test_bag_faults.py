@@ -66,8 +66,10 @@ def change_metadata(folder, old, new):
 
 
 @pytest.mark.parametrize(('storage', 'old', 'new', 'reason'), [
-    ('mcap', 'storage_identifier: mcap', 'storage_identifier: sqlite3', "says storage 'sqlite3', bag.mcap is an mcap file"),
-    ('sqlite3', 'storage_identifier: sqlite3', 'storage_identifier: mcap', "says storage 'mcap', bag.db3 is an sqlite3 file"),
+    ('mcap', 'storage_identifier: mcap', 'storage_identifier: sqlite3',
+     "says storage 'sqlite3', bag.mcap is an mcap file"),
+    ('sqlite3', 'storage_identifier: sqlite3', 'storage_identifier: mcap',
+     "says storage 'mcap', bag.db3 is an sqlite3 file"),
     ('mcap', '- bag.mcap', '- other.mcap', 'names other.mcap, which is not there'),
     ('mcap', 'rosbag2_bagfile_information', 'something_else', 'its metadata.yaml is damaged'),
     ('mcap', 'version: 9', 'version: [', 'its metadata.yaml is damaged'),
@@ -94,7 +96,8 @@ def test_a_damaged_sqlite_file_says_how_to_save_what_it_holds(tmp_path):
     assert f"sqlite3 '{file}' .recover" in refusal(file)
 
 
-@pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'), (b'PK\x03\x04', 'unzip'),
+@pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'),
+                                                (b'PK\x03\x04', 'unzip'),
                                                 (b'\x04\x22\x4d\x18', 'lz4 -d'), (b'7z\xbc\xaf\x27\x1c', '7z x')])
 def test_compressed_files_say_how_to_unpack_them(tmp_path, start, command):
     (tmp_path / 'drive.log.x').write_bytes(start + b'\0' * 20)
@@ -116,7 +119,8 @@ def test_a_bag_without_scans_names_what_it_holds(tmp_path):
 def test_the_one_topic_that_has_messages_is_taken_and_said(cases):
     recording = open_recording(cases / 'topic_without_messages')
     assert recording.topic == '/scan_back' and len(recording.stamps()) == 15
-    assert recording.notes == ['scans are taken from /scan_back; of the topics of scans (/scan_back, /scan_front) no other '
+    assert recording.notes == ['scans are taken from /scan_back; of the topics of scans (/scan_back, /scan_front) no '
+                               'other '
                                'holds a message']
     with pytest.raises(RecordingError, match='no readable scan on /scan_front: there is no message'):
         open_recording(cases / 'topic_without_messages', '/scan_front')
@@ -154,7 +158,7 @@ def test_a_pipe_in_the_folder_of_a_bag_is_refused_at_once(tmp_path):
     folder = small_bag(tmp_path / 'bag')
     (folder / 'bag.mcap').unlink()
     os.mkfifo(folder / 'bag.mcap')
-    with pytest.raises(RecordingError, match='bag.mcap: expected a file, and it is a pipe'):
+    with pytest.raises(RecordingError, match=r'bag\.mcap: expected a file, and it is a pipe'):
         open_recording(folder)
     (folder / 'metadata.yaml').unlink()
     os.mkfifo(folder / 'metadata.yaml')

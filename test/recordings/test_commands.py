@@ -115,7 +115,8 @@ def test_a_signal_is_an_interruption_whatever_error_a_library_raises():
 
 def test_a_signal_that_is_held_counts_once_the_block_is_over():
     done = []
-    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1), command_line.held(signal.SIGUSR1):
+    with (pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1),
+          command_line.held(signal.SIGUSR1)):
         signal.raise_signal(signal.SIGUSR1)
         done.append('all')
     assert done == ['all']
@@ -135,7 +136,8 @@ def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
     code = ('import sys; from dbscan_reg_ros.commands import command_line\n'
             'def work(args):\n    for _ in range(100_000): print("a line that is not read")\n'
             'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
-    with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b'a line that nobody reads\n'
         process.stdout.close()
         assert process.stderr.read() == b''
@@ -182,7 +184,8 @@ def test_a_list_ends_where_something_else_begins(words, same):
 
 
 @pytest.mark.parametrize('words', [['tune', '--parameters', 'advanced.refinement.damping', 'absent.log'],
-                                   ['tune', '--parameters', 'advanced.refinement.damping=0.1:1', 'advanced.density.max_distance', 'absent.log'],
+                                   ['tune', '--parameters', 'advanced.refinement.damping=0.1:1',
+                                    'advanced.density.max_distance', 'absent.log'],
                                    ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
                                    ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', '/tmp/b.log'],
                                    pytest.param(['play', '--topics', '/cmd_vel', 'absent.log'], marks=needs_ros)])
@@ -222,7 +225,8 @@ def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, word
 
 def test_a_benchmark_whose_result_cannot_be_written_is_refused_before_any_work(root, tmp_path):
     result = subprocess.run([sys.executable, '-m', 'benchmarks', 'node', '--json', '/proc/a.json'], cwd=tmp_path,
-                            env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))}, capture_output=True,
+                            env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))},
+                            capture_output=True,
                             text=True, check=False, timeout=60)
     assert (result.returncode, result.stdout) == (2, '') and '/proc/a.json: cannot be written' in result.stderr
 

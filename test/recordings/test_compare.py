@@ -72,7 +72,8 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
         '/**: {ros__parameters: {input.every_nth: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
     code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
     assert code == 0 and 'B is neither better nor worse.' in printed.out
-    assert printed.err == f'compare: {tmp_path}/robot.yaml: does not count here: mounting, laser_pose, input.every_nth\n'
+    assert printed.err == (f'compare: {tmp_path}/robot.yaml: does not count here: '
+                           'mounting, laser_pose, input.every_nth\n')
     assert set(content['differences']) == {'hall', 'all'}
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
 
@@ -98,7 +99,7 @@ def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
 
 
 def test_a_baseline_is_compared_like_a_parameter_set(compare):
-    code, printed, content = compare('defaults', 'identity')
+    code, _, content = compare('defaults', 'identity')
     assert code == 1 and content['differences']['hall']['m']['b'] > 0.5
 
 
@@ -123,15 +124,18 @@ def test_without_truth_there_is_nothing_to_compare():
 
 
 def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):
-    assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out', str(tmp_path)]) == 2
+    assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out',
+                 str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert 'demo.bag: its true motion is unknown' in error and error.count('\n') == 1
 
 
 def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
     assert main(['defaults', 'absent', str(recording)]) == 2
-    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: defaults, '
-                                       'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, sick_lms5xx; or a method: '
+    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: '
+                                       'defaults, '
+                                       'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, '
+                                       'sick_lms5xx; or a method: '
                                        'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity\n')
 
 
@@ -139,4 +143,5 @@ def test_results_that_cannot_be_written_are_refused_before_any_work(recording, t
     (tmp_path / 'file').write_text('')
     assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
     printed = capsys.readouterr()
-    assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another place\n')
+    assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another '
+                                                      'place\n')

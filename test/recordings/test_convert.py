@@ -42,7 +42,8 @@ def assert_same_scans(ours, theirs):
 
 
 @pytest.mark.parametrize(('log', 'bag', 'storage'), [
-    ('intel/intel.log.gz', 'bag', 'mcap'), ('aces/aces.log.gz', 'bag', 'sqlite3'), ('aces/aces.log.gz', 'a.bag', 'mcap')])
+    ('intel/intel.log.gz', 'bag', 'mcap'), ('aces/aces.log.gz', 'bag', 'sqlite3'),
+                                                     ('aces/aces.log.gz', 'a.bag', 'mcap')])
 def test_a_log_becomes_a_bag_and_the_same_log_again(data, tmp_path, log, bag, storage):
     original = open_recording(data / log)
     convert(data / log, tmp_path / bag, storage=storage)
@@ -174,7 +175,8 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
     assert not (tmp_path / 'none.bag').exists()
 
 
-@pytest.mark.parametrize('target', [pytest.param('bag', marks=needs_rosbags), pytest.param('a.bag', marks=needs_rosbags), 'a.log.gz'])
+@pytest.mark.parametrize('target', [pytest.param('bag', marks=needs_rosbags),
+                                    pytest.param('a.bag', marks=needs_rosbags), 'a.log.gz'])
 def test_ctrl_c_leaves_a_valid_recording(data, tmp_path, monkeypatch, capsys, target):
     with monkeypatch.context() as patch:
         break_off(patch, 100, KeyboardInterrupt())
@@ -210,9 +212,11 @@ def break_off(patch, count, error):
     ('lms511/static', 'a.log', {'topic': '/odom'}, "no scans on '/odom'"),
     ('lms511/static', 'a.log', {'topics': ['/scan']}, 'topics to keep \\(/scan\\) are for bags'),
     ('lms511/static', 'b', {'topic': '/scan'}, 'one topic of scans \\(/scan\\) is for logs'),
-    ('lms511/static', 'b', {'start': 50.0, 'end': 10.0}, 'from 50 to 10 s: expected a start of 0 s or later, and an end'),
+    ('lms511/static', 'b', {'start': 50.0, 'end': 10.0},
+     'from 50 to 10 s: expected a start of 0 s or later, and an end'),
     ('lms511/static', 'b', {'end': math.nan}, 'from 0 to nan s: expected'),
-    *((source, target, {'start': start}, f'from {start:g} to inf s: no message to keep; the recording goes on for {length}')
+    *((source, target, {'start': start},
+       f'from {start:g} to inf s: no message to keep; the recording goes on for {length}')
       for source, length in (('aces/aces.log.gz', 1318), ('lms511/static', 6))
       for target in ('b', 'b.bag', 'b.log', 'b.log.gz') for start in (1e5, math.inf)),
     ('intel/absent.log', 'b', {}, 'cannot be read'),
@@ -243,7 +247,8 @@ def test_the_reference_reader_opens_our_mcap(data, tmp_path, source):
     with open(path, 'rb') as file:
         opened = reader.make_reader(file)
         channels = opened.get_summary().channels.values()
-        times = [(channel.topic, message.log_time) for _, channel, message in opened.iter_messages(log_time_order=False)]
+        times = [(channel.topic, message.log_time) for _, channel,
+                 message in opened.iter_messages(log_time_order=False)]
     assert {channel.message_encoding for channel in channels} == {'cdr'}
     assert {channel.topic: sum(topic == channel.topic for topic, _ in times) for channel in channels} == counts
     assert times == [(topic, time) for topic, time, _ in messages(tmp_path / 'bag')]
@@ -256,4 +261,5 @@ def test_many_damaged_lines_do_not_flood_the_terminal(data, tmp_path, capsys):
     (tmp_path / 'a.log').write_text(''.join(line[:200] + '\n' if k % 2 else line for k, line in enumerate(lines)))
     assert main([str(tmp_path / 'a.log'), str(tmp_path / 'b.log')]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert printed[0].startswith('a.log:2: damaged FLASER skipped') and printed[5] == 'and 15 more' and len(printed) == 7
+    assert printed[0].startswith('a.log:2: damaged FLASER skipped')
+    assert printed[5] == 'and 15 more' and len(printed) == 7

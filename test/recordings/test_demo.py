@@ -49,7 +49,8 @@ def test_a_map_that_cannot_be_drawn_costs_no_result(demo, scans, tmp_path):
     assert len(read_tum(tmp_path / 'out' / 'trajectory.tum')[0]) == 20
     said = process.output().splitlines()
     assert said[-1] == 'scans 20 skipped 0'
-    assert len([line for line in said if line.startswith('demo: map.png not written: ') and 'Is a directory' in line]) == 1
+    assert len([line for line in said if line.startswith('demo: map.png not written: ')
+                and 'Is a directory' in line]) == 1
 
 
 def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path):

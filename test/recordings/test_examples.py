@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of doc/examples run from any folder, on simulated scans and on a recording, and print what they promise."""
+"""The examples of doc/examples run from any folder, on simulated and recorded scans, and print what they promise."""
 import gzip
 import itertools
 import re
@@ -55,7 +55,8 @@ def test_every_example_is_tested_and_shorter_than_30_lines(root):
 
 def test_two_scans_of_the_simulated_building(example):
     scan, motion, sigma, status = example('01_two_scans').splitlines()
-    assert scan == 'Scan(180 beams from -90.0 to 89.0 deg, 180 returns at 1.08 to 20.44 m, stamp 1700000001900000000 ns)'
+    assert scan == ('Scan(180 beams from -90.0 to 89.0 deg, 180 returns at 1.08 to 20.44 m, '
+                    'stamp 1700000001900000000 ns)')
     # The robot drives straight ahead: 0.32 m in the 0.9 s after it has set off with 0.8 m/s^2.
     assert numbers(motion) == pytest.approx([0.324, 0.0, 0.0], abs=0.01)
     assert all(0.0 < value < 0.05 for value in numbers(sigma)) and status == 'status OK'

@@ -32,8 +32,8 @@ class Odometry:
         ranges = scan.message.ranges
         if len(ranges) < 3:
             raise ScanError('too few')
-        return SimpleNamespace(pose=SE2(float(ranges[0])), covariance=np.eye(3), twist=np.ones(3), twist_covariance=np.eye(3),
-                               status=Status.OK)
+        return SimpleNamespace(pose=SE2(float(ranges[0])), covariance=np.eye(3), twist=np.ones(3),
+                               twist_covariance=np.eye(3), status=Status.OK)
 ''',
 }
 """A package with the modules in other places."""
@@ -110,7 +110,8 @@ def test_a_commit_is_equal_to_itself_in_the_core_and_through_the_node(checkout, 
     assert main(['fingerprint', '--against', 'HEAD', '--data', str(data), '--limit', '12', '--cache', str(tmp_path),
                  '--only', 'aces', 'intel_wheels', 'pairs', 'mounted', 'node_upside_down', 'node_moving']) in (0, 1)
     output = capsys.readouterr().out
-    changed = subprocess.run(['git', 'status', '--porcelain', 'dbscan_reg_ros'], cwd=fingerprint.root(), capture_output=True,
+    changed = subprocess.run(['git', 'status', '--porcelain', 'dbscan_reg_ros'], cwd=fingerprint.root(),
+                             capture_output=True,
                              text=True, check=True).stdout
     assert 'all 6 drives are equal' in output or changed
     assert len(list((tmp_path / 'records').rglob('*.npz'))) == 6

@@ -46,7 +46,8 @@ def test_the_scatter_is_two_standard_errors_of_the_mean():
 
 def test_copies_of_a_course_are_printed_and_written_with_their_scatter(data, tmp_path, capsys):
     path = tmp_path / 'copies.json'
-    assert main(['odometry', '--data', str(data), '--course', 'aces', '--method', 'dbscan', '--limit', '30', '--copies', '3',
+    assert main(['odometry', '--data', str(data), '--course', 'aces', '--method', 'dbscan', '--limit', '30', '--copies',
+                 '3',
                  '--processes', '1', '--json', str(path)]) == 0
     output = capsys.readouterr().out
     assert 'aces, 3 copies' in output and 'dbscan, +-' in output
@@ -81,7 +82,8 @@ def test_the_odometry_of_key_frames_is_compared_with_their_pairs(data):
 def test_buildings_of_one_kind_are_weighed_by_their_steps():
     rows = {'rooms_0_1.0m': {'steps_count': 10, 'odometry': 1.0}, 'rooms_1_1.0m': {'steps_count': 30, 'odometry': 0.5},
             'hall_0_1.0m': {'steps_count': 5, 'odometry': 0.2}}
-    assert sparse.grouped(rows) == {'rooms_1.0m': {'steps_count': 40, 'odometry': 0.625}, 'hall_1.0m': {'steps_count': 5, 'odometry': 0.2}}
+    assert sparse.grouped(rows) == {'rooms_1.0m': {'steps_count': 40, 'odometry': 0.625},
+                                    'hall_1.0m': {'steps_count': 5, 'odometry': 0.2}}
 
 
 def test_cameras_see_55_to_90_deg_with_16_to_640_beams():
@@ -170,7 +172,8 @@ def test_rates_count_what_is_ok_and_wrong():
     rows = np.array([(0, 1, 1), (0, 0, 1), (0, 0, 0), (3, 1, 0), (3, 1, 1)])
     found = overlap.rates(rows)
     assert found['0_30_pairs_count'] == 3 and found['0_30_right'] == pytest.approx(1 / 3)
-    assert found['0_30_ok_count'] == 2 and found['0_30_wrong_count'] == 1 and found['0_30_silent'] == pytest.approx(1 / 3)
+    assert found['0_30_ok_count'] == 2 and found['0_30_wrong_count'] == 1 and found['0_30_silent'] == pytest.approx(1
+                                                                                                                    / 3)
     assert found['70_100_recall'] == 0.5 and '30_50_right' not in found
     assert found['precision'] == pytest.approx(2 / 3) and found['recall'] == pytest.approx(2 / 3)
 
@@ -183,6 +186,7 @@ def test_overlap_prints_a_table_beside_gicp_and_writes_json(tmp_path, capsys):
     output = capsys.readouterr().out
     assert 'dbscan: right' in output and 'small_gicp: right' in output
     metrics = json.loads(path.read_text())
-    assert metrics['dbscan']['180_halls_near_low_70_100_right'] >= metrics['small_gicp']['180_halls_near_low_70_100_right']
+    ours, others = (metrics[name]['180_halls_near_low_70_100_right'] for name in ('dbscan', 'small_gicp'))
+    assert ours >= others
     assert main(['overlap', '--lidar', '90']) == 2
     assert "unknown '90'; expected 180, 270, 360" in capsys.readouterr().err

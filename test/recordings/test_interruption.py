@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C, and other ends from outside, of commands that start processes: all have ended soon, and what was done is kept."""
+"""Ctrl-C, and other ends from outside, of commands that start processes.
+
+All have ended soon, and what was done is kept.
+"""
 import json
 import os
 import signal
@@ -20,7 +23,8 @@ STARTED = 90.0
 
 def children(pid):
     """The processes below that of the number."""
-    found = [int(word) for task in Path(f'/proc/{pid}/task').iterdir() for word in (task / 'children').read_text().split()]
+    found = [int(word) for task in Path(f'/proc/{pid}/task').iterdir()
+             for word in (task / 'children').read_text().split()]
     return found + [deeper for child in found for deeper in children(child)]
 
 
@@ -61,12 +65,13 @@ def later(line, seconds):
 
 @pytest.fixture
 def begun(root, tmp_path):
-    """``begun(ready, *words)``: a command of the package, or of its benchmarks, once it is `ready()` and has workers."""
+    """``begun(ready, *words)``: a command of the package, or a benchmark, once it is `ready()` and has workers."""
     begun = []
 
     def begin(ready, *words, module='dbscan_reg_ros', workers=2):
         process = subprocess.Popen([sys.executable, '-m', module, *map(str, words)], cwd=tmp_path, text=True,
-                                   env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))}, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                                   env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))},
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         begun.append(process)
         wait_until(lambda: (process.poll() is None or pytest.fail(process.communicate()[1]))
                    and len(children(process.pid)) >= workers and ready(), STARTED)
@@ -92,7 +97,8 @@ def interrupted(process, number=signal.SIGINT, answer=ANSWER):
 @pytest.mark.parametrize('command, status', [('replay', 130), ('play', 0)])
 def test_an_interruption_while_modules_are_imported_ends_without_a_traceback(begun, command, status):
     process = begun(lambda: True, command, 'absent.log', workers=0)
-    wait_until(lambda: process.poll() is not None or 'SigBlk:\t0000000000004002' in Path(f'/proc/{process.pid}/status').read_text(),
+    wait_until(lambda: process.poll() is not None
+               or 'SigBlk:\t0000000000004002' in Path(f'/proc/{process.pid}/status').read_text(),
                STARTED)
     assert interrupted(process) == (status, '', f'{command}: interrupted\n')
 
@@ -112,7 +118,8 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
 
 
 def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(begun, recordings, tmp_path):
-    process = begun((tmp_path / 'out' / 'settings.json').exists, 'tune', *recordings, '--search', 'random', '--out', 'out',
+    process = begun((tmp_path / 'out' / 'settings.json').exists, 'tune', *recordings, '--search', 'random', '--out',
+                    'out',
                     '--processes', '2')
     time.sleep(1.0)
     code, output, _ = interrupted(process)

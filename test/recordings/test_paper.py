@@ -83,7 +83,7 @@ def test_both_sicks_scatter_by_half_a_centimetre_at_rest(data):
 
 def test_pairs_share_as_much_of_their_view_as_they_are_called():
     for trial in table1.trials(limit=2):
-        kind, overlap = trial.group.split('_')
+        _, overlap = trial.group.split('_')
         low, high = table1.OVERLAPS[overlap]
         assert low <= common_view(trial) <= high
     assert len(table1.columns().segments) == 0
@@ -100,7 +100,10 @@ def test_errors_of_table_1_are_those_of_each_group():
 
 
 def test_the_papers_steps_find_what_its_figures_show(log):
-    """Figure 6: the rotation; 8: two key clusters, one opposite; 9 to 12: the divergence has its minimum at the truth."""
+    """The numbers behind the figures of the paper.
+
+    Figure 6: the rotation; 8: two key clusters, one opposite; 9 to 12: the divergence has its minimum at the truth.
+    """
     trial = figure4.trial(log.scans[figure4.EXAMPLE])
     found = steps.found(trial, paper_parameters())
     assert found['turn_deg'] < math.degrees(0.001)

@@ -101,7 +101,8 @@ def test_scans_that_are_not_answered_are_lost_and_do_not_hold_up_the_others(node
 
 
 def test_without_a_node_the_player_says_what_is_missing(ros_environment):
-    with Player() as player, pytest.raises(PlayerError, match='no node subscribes to /scan and publishes /odom after 0.3 s'):
+    with Player() as player, pytest.raises(PlayerError,
+                                           match=r'no node subscribes to /scan and publishes /odom after 0\.3 s'):
         player.wait_for_node(0.3)
 
 

@@ -37,12 +37,15 @@ def bag(tmp_path, scans, tf_type):
     """A bag in which everything is recorded 20 ms after its stamp, the transforms of the base between two scans."""
     from dbscan_reg_ros.recordings.bags.with_rosbags import serializer
     serialize = serializer(tmp_path / 'bag')
-    kinds = {'/scan': 'sensor_msgs/msg/LaserScan', '/tf': 'tf2_msgs/msg/TFMessage', '/tf_static': 'tf2_msgs/msg/TFMessage',
-             '/base/odom': 'nav_msgs/msg/Odometry', '/imu/data': 'sensor_msgs/msg/Imu', '/chatter': 'std_msgs/msg/String'}
+    kinds = {'/scan': 'sensor_msgs/msg/LaserScan', '/tf': 'tf2_msgs/msg/TFMessage',
+             '/tf_static': 'tf2_msgs/msg/TFMessage',
+             '/base/odom': 'nav_msgs/msg/Odometry', '/imu/data': 'sensor_msgs/msg/Imu',
+             '/chatter': 'std_msgs/msg/String'}
     rows = [('/tf_static', 0, {'transforms': [{'header': {'frame_id': 'base_link'}, 'child_frame_id': 'laser'}]})]
     for k, scan in enumerate(scans[:COUNT]):
         for topic, later, fields in (
-                ('/scan', 0, scan_fields(scan)), ('/base/odom', 1, pose_only_fields(scan.stamp, 'base_link', (k, -k, 0.1 * k))),
+                ('/scan', 0, scan_fields(scan)),
+                                     ('/base/odom', 1, pose_only_fields(scan.stamp, 'base_link', (k, -k, 0.1 * k))),
                 ('/imu/data', 2, {'angular_velocity': {'z': 0.5 * k}}), ('/chatter', 3, {'data': f'word {k}'}),
                 ('/tf', 50, {'transforms': [{'header': {'frame_id': 'map'}, 'child_frame_id': f'thing{k}'}]})):
             rows.append((topic, scan.stamp + (20 + later) * SECOND // 1000, fields))
@@ -76,12 +79,14 @@ def test_all_that_the_node_can_use_is_published_as_it_was_recorded(start_command
     output = play(start_command, peer, bag)
     peer.until(lambda: all(len(lists[name]) == COUNT for name in ('scan', 'wheels', 'imu', 'tf')))
     assert [stamp_from_message(m.header.stamp) for m in lists['scan']] == [scan.stamp for scan in scans[:COUNT]]
-    assert [(m.pose.pose.position.x, m.pose.pose.position.y) for m in lists['wheels']] == [(k, -k) for k in range(COUNT)]
+    assert [(m.pose.pose.position.x, m.pose.pose.position.y) for m in lists['wheels']] == [(k, -k)
+                                                                                           for k in range(COUNT)]
     assert [m.angular_velocity.z for m in lists['imu']] == [0.5 * k for k in range(COUNT)]
     assert [m.transforms[0].child_frame_id for m in lists['tf']] == [f'thing{k}' for k in range(COUNT)]
     assert [m.transforms[0].child_frame_id for m in lists['static']] == ['laser']
     assert not lists['chatter']
-    counts = dict(zip(*[iter(next(line for line in output.splitlines() if line.startswith('messages')).split()[1:])] * 2,
+    counts = dict(zip(*[iter(next(line for line in output.splitlines() if line.startswith('messages')).split()[1:])]
+                      * 2,
                       strict=True))
     assert counts == {'/tf_static': '1', 'wheel_odom': '6', 'imu': '6', '/tf': '6'}
 
@@ -104,7 +109,8 @@ def test_late_subscribers_receive_the_static_transforms(start_command, peer, bag
     assert moving.qos_profile.durability == DurabilityPolicy.VOLATILE
     late = received(peer, static=(tf_type, '/tf_static', LATCHED))['static']
     peer.until(lambda: late)
-    assert late[0].transforms[0] == filled(TransformStamped(), {'header': {'frame_id': 'base_link'}, 'child_frame_id': 'laser'})
+    assert late[0].transforms[0] == filled(TransformStamped(),
+                                           {'header': {'frame_id': 'base_link'}, 'child_frame_id': 'laser'})
     assert command.running()
 
 
@@ -117,7 +123,8 @@ def test_ctrl_c_ends_with_status_0_and_what_was_played_until_then(start_command,
 
 
 def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans, tf_type):
-    lists = received(peer, scan=(LaserScan, 'scan', 100), clock=(Clock, '/clock', BEST_EFFORT), tf=(tf_type, '/tf', 100))
+    lists = received(peer, scan=(LaserScan, 'scan', 100), clock=(Clock, '/clock', BEST_EFFORT),
+                     tf=(tf_type, '/tf', 100))
     play(start_command, peer, bag, '--clock')
     peer.until(lambda: len(lists['tf']) == COUNT)
     times = [stamp_from_message(m.clock) for m in lists['clock']]
@@ -127,7 +134,8 @@ def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans,
 
 @needs_rosbags
 def test_the_recorded_mounting_is_enough_for_a_node_that_waits_for_transforms(start_command, tmp_path, tf_type):
-    simulate = start_command('simulate', tmp_path / 'drive', '--world', 'corridor', '--speed', '2', '--mounting', '0.2', '0', '90')
+    simulate = start_command('simulate', tmp_path / 'drive', '--world', 'corridor', '--speed', '2', '--mounting', '0.2',
+                             '0', '90')
     assert simulate.wait(TIMEOUT) == 0, simulate.output()
     start_command('scan_matcher', '--ros-args', '-p', 'prior.source:=odometry')
     command = start_command('play', tmp_path / 'drive', '--lockstep', '--wait', '20')
@@ -137,7 +145,8 @@ def test_the_recorded_mounting_is_enough_for_a_node_that_waits_for_transforms(st
     assert '/tf_static 1' in command.output() and 'wheel_odom ' in command.output() and 'imu ' in command.output()
 
 
-def test_the_wheels_of_a_log_are_published_before_the_scans_that_they_belong_to(start_command, peer, tmp_path, scans, truth):
+def test_the_wheels_of_a_log_are_published_before_the_scans_that_they_belong_to(start_command, peer, tmp_path, scans,
+                                                                                truth):
     poses = [pose.as_array() for pose in truth[10:10 + COUNT]]
     write_log(tmp_path / 'a.log', [Record(scan, (0.0, 0.0, 0.0), pose)
                                    for scan, pose in zip(scans[10:10 + COUNT], poses, strict=True)])
@@ -169,7 +178,8 @@ def test_damaged_messages_and_types_that_are_not_installed_are_named(start_comma
 def test_a_topic_that_is_not_there_is_refused_with_what_there_is(start_command, bag):
     command = start_command('play', bag, '--topics', '/other')
     assert command.wait(TIMEOUT) == 2
-    assert command.output().strip() == ('play: no topic /other; besides the scans there is /base/odom, /chatter, /imu/data, /tf, '
+    assert command.output().strip() == ('play: no topic /other; besides the scans there is /base/odom, /chatter, '
+                                        '/imu/data, /tf, '
                                         '/tf_static')
 
 
@@ -177,7 +187,8 @@ def test_a_topic_that_is_not_there_is_refused_with_what_there_is(start_command, 
 
 
 @pytest.mark.parametrize('kinds, wheels, expected', [
-    ({'/tf': 'tf', '/tf_static': 'tf', '/odom': 'odom'}, '/odom', {'/odom': 'wheel_odom', '/tf': '/tf', '/tf_static': '/tf_static'}),
+    ({'/tf': 'tf', '/tf_static': 'tf', '/odom': 'odom'}, '/odom',
+     {'/odom': 'wheel_odom', '/tf': '/tf', '/tf_static': '/tf_static'}),
     ({'/robot/tf': 'tf', '/robot/tf_static': 'tf'}, None, {'/robot/tf': '/tf', '/robot/tf_static': '/tf_static'}),
     ({'/a/tf': 'tf', '/b/tf': 'tf'}, None, {}),
     ({'/tf': 'tf', '/b/tf': 'tf'}, None, {'/tf': '/tf'}),

@@ -79,7 +79,8 @@ def test_a_laser_ahead_of_the_robot_is_no_correction(tmp_path):
     assert open_recording(write_log(tmp_path / 'a.log', *lines)).truth() is None
 
 
-@pytest.mark.parametrize(('n', 'step', 'last'), [(180, 1.0, 89.0), (181, 1.0, 90.0), (361, 0.5, 90.0), (360, 0.5, 89.5)])
+@pytest.mark.parametrize(('n', 'step', 'last'), [(180, 1.0, 89.0), (181, 1.0, 90.0), (361, 0.5, 90.0),
+                                                 (360, 0.5, 89.5)])
 def test_flaser_spans_180_degrees(tmp_path, n, step, last):
     (scan,) = open_recording(write_log(tmp_path / 'a.log', flaser([2.0] * n))).scans()
     bearings = np.degrees(scan.geometry.bearings)

@@ -51,7 +51,8 @@ def updates(drive):
 
 @pytest.fixture
 def snapshot(updates, tmp_path):
-    values = {name: list(value) if isinstance(value, tuple) else value for name, value in Parameters().flatten().items()}
+    values = {name: list(value) if isinstance(value, tuple) else value for name,
+              value in Parameters().flatten().items()}
     write_snapshot(tmp_path / 'kept.npz', Snapshot(values, [SnapshotUpdate.of(update) for update in updates]))
     return tmp_path / 'kept.npz'
 
@@ -106,7 +107,9 @@ def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates
 
 
 def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot, updates, tmp_path, capsys):
-    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.top_candidates: 3, advanced.selection.min_support_ratio: 0.0}}')
+    (tmp_path
+     / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.top_candidates: 3, '
+                            'advanced.selection.min_support_ratio: 0.0}}')
     assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
     text, update = capsys.readouterr().out, updates[2]
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
@@ -124,9 +127,10 @@ def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel
     assert found.transform == register(reference, current, own).transform
     np.testing.assert_array_equal(found.covariance, register(reference, current, own).covariance)
     file = tmp_path / 'a.yaml'
-    write_parameters(file, NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
+    write_parameters(file,
+                     NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
     assert intel(3, 5505, '--params-file', file) == 2
-    note, refused = capsys.readouterr().err.splitlines()
+    note, _ = capsys.readouterr().err.splitlines()
     assert note == f'register: {file}: does not count here: ' + ', '.join([*(each.name for each in drive), 'mounting'])
 
 
@@ -169,7 +173,8 @@ def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path):
     elsewhere = tmp_path / 'elsewhere'
     elsewhere.mkdir()
     environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
-    subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]}', shell=True, cwd=elsewhere, env=environment, check=True,
+    subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]}', shell=True, cwd=elsewhere, env=environment,
+                   check=True,
                    timeout=120)
     assert (elsewhere / 'results' / f"the robot's_{pair['on']}_{pair['scan']}" / 'latest' / 'sheet.png').exists()
 
@@ -243,7 +248,7 @@ def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
     for (one, first), (two, second) in itertools.combinations(boxes, 2):
         assert not first.overlaps(second), (one, two)
     for axes in figure.axes:
-        assert not axes.axison or re.search(r'\[.+\]|segment|rank', axes.get_xlabel()) and axes.get_ylabel()
+        assert not axes.axison or (re.search(r'\[.+\]|segment|rank', axes.get_xlabel()) and axes.get_ylabel())
 
 
 @pytest.mark.parametrize('name', ['points', 'segments', 'rotation', 'overlay'])
@@ -298,6 +303,7 @@ def test_an_interrupted_drawing_leaves_whole_pictures(intel, tmp_path, monkeypat
     monkeypatch.setitem(FIGURES, 'densities', ('', interrupted))
     assert intel(REFERENCE, CURRENT) == 130
     folder, = (tmp_path / f'intel_{REFERENCE}_{CURRENT}').iterdir()
-    assert sorted(file.name for file in folder.iterdir()) == ['points.png', 'rotation.png', 'segments.png', 'translation.png']
+    assert sorted(file.name for file in folder.iterdir()) == ['points.png', 'rotation.png', 'segments.png',
+                                                              'translation.png']
     assert all(ink(file).any() for file in folder.iterdir())
     assert capsys.readouterr().err == 'register: interrupted\n'

@@ -47,13 +47,14 @@ def names(folder):
     return {file.name for file in folder.iterdir()}
 
 
-@pytest.mark.parametrize(('path', 'name', 'count', 'first', 'more'), [
-    ('lms511/static', 'static', 173, 4101310801000, set()),
-    ('urg04lx/exp1', 'exp1', 756, 212387282000, set()),
-    ('ccny_demo/demo.bag', 'demo', 360, 1282836370970876375, set()),
-    ('aces/aces.log.gz', 'aces', 440, 21019900000, {'truth.tum'}),
+@pytest.mark.parametrize(('path', 'expected'), [
+    ('lms511/static', ('static', 173, 4101310801000, set())),
+    ('urg04lx/exp1', ('exp1', 756, 212387282000, set())),
+    ('ccny_demo/demo.bag', ('demo', 360, 1282836370970876375, set())),
+    ('aces/aces.log.gz', ('aces', 440, 21019900000, {'truth.tum'})),
 ])
-def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, path, name, count, first, more):
+def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, path, expected):
+    name, count, first, more = expected
     assert replay(path) == 0
     latest = tmp_path / name / 'latest'
     assert names(latest) == FILES | more
@@ -146,7 +147,8 @@ def values(vector, names='xyz'):
 
 def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
     file = tmp_path / 'a.yaml'
-    for settings, names in (('input.every_nth: 2, prior.source: imu, scan.range_max: 5.0', 'prior.source, input.every_nth'),
+    for settings, names in (('input.every_nth: 2, prior.source: imu, scan.range_max: 5.0',
+                             'prior.source, input.every_nth'),
                             ('prior.source: none, mounting: none, base_frame: base, advanced.prior.weight: 0.1', '')):
         file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
         assert main([str(data / 'absent.log'), '--params-file', str(file), '--out', str(tmp_path)]) == 2
@@ -162,8 +164,7 @@ def test_a_sensor_at_rest_keeps_its_pose(replay, tmp_path):
 
 
 def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_path, capsys):
-    """Closed where the robot came back, the relations between all places are kept better than by published graph SLAM:
-    0.031 m (Kuemmerle et al. 2009)."""
+    """With loop closures, the relations are closer than those of graph SLAM, 0.031 m (Kuemmerle et al. 2009)."""
     assert replay('intel/intel.log.gz', '--close-loops') == 0
     printed = capsys.readouterr().out
     assert re.search(r'^scans +5505 skipped 0 ', printed, re.MULTILINE)
@@ -244,8 +245,10 @@ def test_damaged_lines_and_useless_scans_are_named_and_the_others_used(data, tmp
     assert len(read_tum(tmp_path / 'a' / 'latest' / 'trajectory.tum')[0]) == 27
 
 
-@pytest.mark.parametrize('returns, code, says', [(150, 0, 'and 10 more'), (181, 2, 'not one of 30 scans could be used')])
-def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(data, tmp_path, capsys, returns, code, says):
+@pytest.mark.parametrize('returns, code, says',
+                         [(150, 0, 'and 10 more'), (181, 2, 'not one of 30 scans could be used')])
+def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(data, tmp_path, capsys, returns, code,
+                                                                             says):
     with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
         lines = whole.readlines()[:40]
     scans = [k for k, line in enumerate(lines) if line.startswith('FLASER')][:30]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every recording at hand, and random pieces of them with a clock that jumps: a replay ends with a result or one clear line."""
+"""Every recording at hand, and random pieces of them with a clock that jumps.
+
+A replay ends with a result or one clear line.
+"""
 import builtins
 import dataclasses
 import functools
@@ -55,7 +58,8 @@ def pytest_generate_tests(metafunc):
         paths = recordings()
         # A bag's folder and its file are the same recording, but where the folder is what is wrong.
         paths = [path for path in paths if long or path.is_file() or 'unclear_bag_messages' in path.parts]
-        metafunc.parametrize('path', paths or [None], ids=[os.fspath(Path(*path.parts[-2:])) for path in paths] or ['none'])
+        metafunc.parametrize('path', paths or [None], ids=[os.fspath(Path(*path.parts[-2:])) for path in paths]
+                             or ['none'])
     if 'seed' in metafunc.fixturenames:
         metafunc.parametrize('seed', range(MANY_PIECES if long else PIECES))
 

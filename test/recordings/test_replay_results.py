@@ -108,14 +108,16 @@ PARTS = {
     'map.png': ('dbscan_reg_ros.replays.results.draw_map', {'report.html', 'bag'}),
     'report.html': ('dbscan_reg_ros.replays.results.write_report', {'map.png', 'bag'}),
     'parameters.yaml': ('dbscan_reg_ros.robot.parameter_files.write_parameters', {'report.html', 'map.png', 'bag'}),
-    'errors against the truth': ('dbscan_reg_ros.evaluation.known_motion.KnownMotion.measures', {'report.html', 'map.png', 'bag'}),
+    'errors against the truth': ('dbscan_reg_ros.evaluation.known_motion.KnownMotion.measures',
+                                 {'report.html', 'map.png', 'bag'}),
     'closed.tum': ('dbscan_reg_ros.replays.loops.Loops.close', {'report.html', 'map.png', 'bag'}),
     'latest': ('dbscan_reg_ros.replays.result_folder.point_latest', {'report.html', 'map.png', 'bag'}),
 }
 
 
 @pytest.mark.parametrize('part', PARTS)
-def test_a_fault_of_the_reporting_is_one_line_and_costs_no_result(replay, rotating, tmp_path, capsys, monkeypatch, part):
+def test_a_fault_of_the_reporting_is_one_line_and_costs_no_result(replay, rotating, tmp_path, capsys, monkeypatch,
+                                                                  part):
     place, others = PARTS[part]
     monkeypatch.setattr(place, broken)
     code, _ = replay(rotating[:20], *(['--close-loops'] if part == 'closed.tum' else []))

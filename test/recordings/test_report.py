@@ -38,11 +38,12 @@ def replayed(simulation):
 @pytest.fixture
 def page(replayed, simulation, tmp_path):
     """``page(known, parameters) -> path`` of a report."""
-    def page(known=KnownMotion(None, None, None), parameters=Parameters()):  # noqa: B008
+    def page(known=KnownMotion(None, None, None), parameters=Parameters()):
         trajectory, pairs = replayed
         path = tmp_path / 'report.html'
         write_report(path, Report('a </script> <b>name</b>', [('scans', '100')], known, trajectory,
-                                  density_map(simulation.scans[20:120], trajectory.poses), pairs, parameters, 'show a.log'))
+                                  density_map(simulation.scans[20:120], trajectory.poses), pairs, parameters,
+                                  'show a.log'))
         return path
     return page
 
@@ -149,7 +150,8 @@ def test_a_click_on_a_pair_shows_its_pair(browser, page):
                 assert chosen == [str(index)] * 2
                 assert browser.value('document.getElementById("which").textContent').startswith(
                     f'{index + 1} of {len(pairs)}: scan {scan} on scan {reference}, after ')
-                assert browser.value('document.getElementById("register").textContent') == f'show a.log {reference} {scan}'
+                shown = browser.value('document.getElementById("register").textContent')
+                assert shown == f'show a.log {reference} {scan}'
                 assert status in browser.value('document.getElementById("which").textContent')
             else:
                 assert len(chosen) == 2

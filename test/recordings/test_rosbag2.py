@@ -33,7 +33,8 @@ PUBLISHED = {
     'SequentialWriter.open': '(self, arg0, arg1)',
     'SequentialWriter.write': '(self, arg0, arg1, arg2)',
     'StorageFilter': '(topics, topics_regex, topics_regex_to_exclude)',
-    'StorageOptions': '(uri, storage_id, max_bagfile_size, max_bagfile_duration, max_cache_size, storage_preset_profile, '
+    'StorageOptions': '(uri, storage_id, max_bagfile_size, max_bagfile_duration, max_cache_size, '
+                      'storage_preset_profile, '
                       'storage_config_uri, snapshot_mode, start_time_ns, end_time_ns, custom_data)',
     'TopicMetadata': '(id, name, type, serialization_format, offered_qos_profiles, type_description_hash)',
     '_storage.QoS': '(history_depth)',
@@ -74,11 +75,13 @@ def log(tmp_path, scans, truth):
 def environment(root, *folders, hidden=''):
     paths = [root / 'test' / 'without', *folders, root, *filter(None, [os.environ.get('PYTHONPATH')])]
     hidden = f'{hidden} {os.environ.get("WITHOUT_PACKAGES", "")}'
-    return os.environ | {'PYTHONPATH': os.pathsep.join(map(str, paths)), 'WITHOUT_PACKAGES': hidden, 'MPLBACKEND': 'Agg'}
+    return os.environ | {'PYTHONPATH': os.pathsep.join(map(str, paths)), 'WITHOUT_PACKAGES': hidden,
+                         'MPLBACKEND': 'Agg'}
 
 
 def run(words, folder, variables):
-    result = subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *map(str, words)], cwd=folder, env=variables, check=False,
+    result = subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *map(str, words)], cwd=folder, env=variables,
+                            check=False,
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
     return result.returncode, result.stdout
 
@@ -107,7 +110,8 @@ def test_the_stand_in_has_the_published_signatures(root, stand_ins):
     code = (f'import inspect, json, operator, rosbag2_py, rosbag2_py._storage\n'
             f'print(json.dumps({{name: list(inspect.signature(operator.attrgetter(name)(rosbag2_py)).parameters)\n'
             f'                  for name in {list(PUBLISHED)}}}))')
-    printed = subprocess.run([sys.executable, '-c', code], env=environment(root, stand_ins), check=True, capture_output=True).stdout
+    printed = subprocess.run([sys.executable, '-c', code], env=environment(root, stand_ins), check=True,
+                             capture_output=True).stdout
     assert {name: f'({", ".join(names)})' for name, names in json.loads(printed).items()} == PUBLISHED
 
 
@@ -129,13 +133,15 @@ def test_a_bag_holds_the_same_as_one_of_rosbags(command, log, tmp_path):
     pytest.importorskip('rosbags', reason='needs rosbags')
     assert command('convert', log, 'bag', '--storage', 'sqlite3')[0] == 0
     assert run(['convert', log, 'other'], tmp_path, os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)})[0] == 0
-    for (*ours, message), (*others, other) in zip(messages(tmp_path / 'bag'), messages(tmp_path / 'other'), strict=True):
+    for (*ours, message), (*others, other) in zip(messages(tmp_path / 'bag'), messages(tmp_path / 'other'),
+                                                  strict=True):
         assert ours == others and repr(message) == repr(other)
 
 
 def test_a_time_range_and_topics_are_kept(command, log, tmp_path):
     assert command('convert', log, 'bag', '--storage', 'sqlite3')[0] == 0
-    status, output = command('convert', 'bag', 'part', '--topics', '/scan', '--start', 1, '--end', 2, '--storage', 'sqlite3')
+    status, output = command('convert', 'bag', 'part', '--topics', '/scan', '--start', 1, '--end', 2, '--storage',
+                             'sqlite3')
     assert status == 0, output
     assert '11 /scan' in output
     assert command('convert', 'part', 'part.log')[0] == 0
@@ -162,7 +168,8 @@ def test_the_bag_of_a_replay_holds_what_the_node_would_have_published(command, l
     transforms = [message.transforms[0] for topic, _, message in found if topic == '/tf']
     assert len(odom) == len(transforms) == 40
     poses = read_tum(results / 'trajectory.tum')[1]
-    np.testing.assert_allclose([(m.pose.pose.position.x, m.pose.pose.position.y) for m in odom], poses[:, :2], atol=1e-8)
+    np.testing.assert_allclose([(m.pose.pose.position.x, m.pose.pose.position.y) for m in odom], poses[:, :2],
+                               atol=1e-8)
     markers = [message for topic, _, message in found if topic == '/segments'][-1].markers
     assert [(marker.ns, marker.id) for marker in markers] == [
         ('reference', 1), ('reference', 0), ('current', 1), ('current', 0)]
@@ -174,7 +181,8 @@ def test_a_simulated_bag_keeps_the_mounting_for_late_listeners(command, tmp_path
     status, output = command('simulate', 'bag', '--world', 'corridor', '--speed', 2, '--mounting', 0.2, 0, 0)
     assert status == 0, output
     with read(tmp_path / 'bag') as reader:
-        durable = {c.topic: [quality.durability.name for quality in c.ext.offered_qos_profiles] for c in reader.connections}
+        durable = {c.topic: [quality.durability.name for quality in c.ext.offered_qos_profiles]
+                   for c in reader.connections}
     assert durable.pop('/tf_static') == ['TRANSIENT_LOCAL']
     assert set(durable) == {'/scan', '/wheel_odom', '/imu', '/truth'} and not any(durable.values())
 
@@ -183,7 +191,8 @@ def test_a_damaged_message_is_left_out_and_named(command, log, tmp_path):
     assert command('convert', log, 'bag', '--storage', 'sqlite3')[0] == 0
     (file,) = (tmp_path / 'bag').glob('*.db3')
     with closing(sqlite3.connect(file)) as base:
-        base.execute("UPDATE messages SET data = x'00010000ff' WHERE id = (SELECT messages.id FROM messages JOIN topics ON "
+        base.execute("UPDATE messages SET data = x'00010000ff' WHERE id = (SELECT messages.id FROM messages JOIN "
+                     "topics ON "
                      "topic_id = topics.id WHERE name = '/scan' ORDER BY timestamp LIMIT 1 OFFSET 4)")
         base.commit()
     status, output = command('convert', 'bag', 'back.log')

@@ -149,7 +149,8 @@ def wheel(folder, name, version, *metadata):
     """Write an empty package; return the line of a lock that names it."""
     path, info = folder / f'{name}-{version}-py3-none-any.whl', f'{name}-{version}.dist-info'
     with zipfile.ZipFile(path, 'w') as archive:
-        archive.writestr(f'{info}/METADATA', '\n'.join(('Metadata-Version: 2.1', f'Name: {name}', f'Version: {version}', *metadata)))
+        archive.writestr(f'{info}/METADATA',
+                         '\n'.join(('Metadata-Version: 2.1', f'Name: {name}', f'Version: {version}', *metadata)))
         archive.writestr(f'{info}/WHEEL', 'Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n')
         archive.writestr(f'{info}/RECORD', '')
     return f'{name}=={version} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n'
@@ -178,7 +179,7 @@ esac
 
 @pytest.fixture
 def add_tf2_msgs(shell, root, tmp_path):
-    """``add_tf2_msgs(variables)``: what the set-up says when its build of tf2_msgs fails, and how often it was tried so far."""
+    """``add_tf2_msgs(variables)``: the message of a failed build of tf2_msgs, and the number of builds so far."""
     venv = tmp_path / "robot's venv"
     (venv / 'bin').mkdir(parents=True)
     (venv / 'bin' / 'python').write_text(FAKE_BUILD)
@@ -219,12 +220,14 @@ def test_tf2_msgs_is_built_below_a_path_with_an_apostrophe(root, tmp_path):
             path.unlink(missing_ok=True)
     shutil.copy(Path(sys.prefix) / 'pyvenv.cfg', venv)
     environment = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
-    built = subprocess.run([venv / 'bin' / 'python', root / 'scripts' / 'tf2_msgs' / 'build.py'], capture_output=True, text=True,
+    built = subprocess.run([venv / 'bin' / 'python', root / 'scripts' / 'tf2_msgs' / 'build.py'], capture_output=True,
+                           text=True,
                            env=environment, timeout=300, check=False)
     assert built.returncode == 0, (venv / 'tf2_msgs.log').read_text()[-2000:]
     code = ('from tf2_msgs import msg; from rclpy.serialization import serialize_message; print(msg.__file__);'
             'print(len(serialize_message(msg.TFMessage())))')
-    said = subprocess.run([venv / 'bin' / 'python', '-c', code], capture_output=True, text=True, env=environment, check=True,
+    said = subprocess.run([venv / 'bin' / 'python', '-c', code], capture_output=True, text=True, env=environment,
+                          check=True,
                           timeout=60).stdout.splitlines()
     assert said[0].startswith(str(venv)) and said[1] == '8'
     assert not any('/prefix' in path.read_text() for path in (venv / 'share' / 'tf2_msgs').rglob('*.*sh'))
@@ -250,7 +253,8 @@ def test_chromium_is_installed_on_debian_where_there_is_none(add_browser):
     assert add_browser() == ('Installing chromium ...\n', ['update', 'install -y chromium'])
 
 
-@pytest.mark.parametrize('case', [{'system': 'ubuntu'}, {'user': 1000}, {'chromium': GOOD}], ids=lambda case: next(iter(case)))
+@pytest.mark.parametrize('case', [{'system': 'ubuntu'}, {'user': 1000}, {'chromium': GOOD}],
+                         ids=lambda case: next(iter(case)))
 def test_no_browser_is_installed_where_it_may_not_or_need_not_be(add_browser, case):
     assert add_browser(**case) == ('', [])
 
@@ -263,7 +267,10 @@ def test_a_browser_that_cannot_be_installed_stops_nothing(add_browser):
 FAKE_BUILDER = '''#!/bin/sh
 case "$1 $2" in
     "-VV ") echo "Python $VERSION";;
-    "setup.py "*) echo tried >> "$TRIES"; test -z "$FAILS" && touch dbscan_reg_ros/core/accelerated/steps.fake.so; exit 0;;
+    "setup.py "*)
+        echo tried >> "$TRIES"
+        test -z "$FAILS" && touch dbscan_reg_ros/core/accelerated/steps.fake.so
+        exit 0;;
 esac
 '''
 
@@ -279,8 +286,10 @@ def build_steps(programs, root, tmp_path):
 
     def build_steps(version='1', fails=''):
         path = programs({'python3': FAKE_BUILDER})
-        result = subprocess.run(['bash', '-c', f'set -euo pipefail; source {copy}/scripts/setup; python=python3; build_steps'],
-                                env={'PATH': path, 'VERSION': version, 'FAILS': fails, 'TRIES': str(tries)}, check=False,
+        result = subprocess.run(['bash', '-c',
+                                 f'set -euo pipefail; source {copy}/scripts/setup; python=python3; build_steps'],
+                                env={'PATH': path, 'VERSION': version, 'FAILS': fails, 'TRIES': str(tries)},
+                                check=False,
                                 capture_output=True, text=True, timeout=60)
         assert (result.returncode, result.stdout) == (0, ''), result.stderr
         return result.stderr, len(tries.read_text().split())

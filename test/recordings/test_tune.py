@@ -31,8 +31,11 @@ def recordings(tmp_path_factory):
     pytest.importorskip('rosbags', reason='needs the Python package rosbags')
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
-        assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', str(seed)]) == 0
-    (folder / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    advanced: {refinement: {map_scale: 0.5, map_first_scale: 0.9}}\n')
+        assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed',
+                         str(seed)]) == 0
+    (folder
+     / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    advanced: {refinement: {map_scale: 0.5, map_first_scale: '
+                              '0.9}}\n')
     return folder
 
 
@@ -64,9 +67,12 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 @pytest.mark.parametrize(('text', 'says'), [
     ('refinement.mapscale', "did you mean 'advanced.refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
-    ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'), ('advanced.refinement.map_scale=2:1', 'lower bound below'),
-    ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'), ('advanced.rotation.directed=0:1', 'has no range'),
-    ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'), ('segments.min_points=2.2:2.8', 'lower bound below'),
+    ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'),
+                                            ('advanced.refinement.map_scale=2:1', 'lower bound below'),
+    ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'),
+                                            ('advanced.rotation.directed=0:1', 'has no range'),
+    ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'),
+                                            ('segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
     with pytest.raises(ParameterError, match=re.escape(says)):
@@ -100,7 +106,10 @@ def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path,
     trials, scans = size((10, 500), (200, 5505))
     intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
     write_parameters(bad, NodeParameters().replace(BAD | {
-        'advanced.refinement.damping': 0.1, 'advanced.density.max_distance': 2.0, 'advanced.density.violation_weight': 3.5, 'advanced.density.cell_size': 0.5, 'advanced.selection.preselection_tolerance': 1.25}))
+        'advanced.refinement.damping': 0.1, 'advanced.density.max_distance': 2.0,
+                                                          'advanced.density.violation_weight': 3.5,
+                                                          'advanced.density.cell_size': 0.5,
+                                                          'advanced.selection.preselection_tolerance': 1.25}))
     assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
                  'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
     costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
@@ -183,7 +192,8 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
 
 def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
-    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, advanced.odometry.zero_velocity_gate: 4.0}}')
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, '
+                    'advanced.odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
     assert capsys.readouterr().err.startswith(f'tune: {file}: does not count here: mounting, upside_down\ntune: ')
 
@@ -202,7 +212,8 @@ def test_recordings_without_truth_are_not_held_out(words, data, tmp_path, capsys
 
 @needs_rosbags
 def test_a_drive_too_short_to_be_judged_is_refused(data, tmp_path, capsys):
-    assert main([str(data / 'ccny_demo' / 'demo.bag'), '--scans', '5', '--search', 'random', '--trials', '2', '--processes', '1',
+    assert main([str(data / 'ccny_demo' / 'demo.bag'), '--scans', '5', '--search', 'random', '--trials', '2',
+                 '--processes', '1',
                  '--out', str(tmp_path)]) == 2
     assert 'expected a longer drive' in capsys.readouterr().err and not (tmp_path / 'best.yaml').exists()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does another commit give the same numbers? Both source trees get the same scans on the same machine, and are compared bit for bit."""
+"""Comparison of two commits, bit for bit: both source trees process the same scans on the same machine."""
 import contextlib
 import hashlib
 import io
@@ -81,7 +81,8 @@ def measure(args) -> Report:
         given = made_inputs(groups, folder, (args.limit, args.quick), cache / 'inputs')
         comparisons = recorded_and_compared(given, other, commit, cache / 'records', Path(scratch))
     for comparison in comparisons:
-        report.metrics[comparison.drive] = {'scans_count': comparison.count, 'differ_count': int(comparison.differing.sum()),
+        report.metrics[comparison.drive] = {'scans_count': comparison.count,
+                                            'differ_count': int(comparison.differing.sum()),
                                             'first_count': -1 if comparison.first is None else comparison.first}
         if comparison.first is not None:
             report.missed.append(f'{comparison.drive}: {comparison}')
@@ -150,7 +151,8 @@ def _made(group, folder, limit, target):
     complete = target / f'{group}.list'
     if not complete.exists():
         words = [sys.executable, '-c', _MAKE, __package__, group, os.fspath(folder), str(limit or 0), os.fspath(target)]
-        result = subprocess.run(words, env=_environment(root(), beside=Path(__file__).parents[2]), stderr=subprocess.PIPE, text=True, check=False)
+        result = subprocess.run(words, env=_environment(root(), beside=Path(__file__).parents[2]),
+                                stderr=subprocess.PIPE, text=True, check=False)
         if result.returncode:
             raise BenchmarkError(f'{group}: the scans cannot be made: {result.stderr.strip().splitlines()[-1]}')
         sys.stderr.write(result.stderr)
@@ -180,12 +182,14 @@ def make(group, folder, limit, target):
 def _environment(tree, beside=None, **more):
     """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules.
 
-    Both trees run the numpy reference: the compiled steps may be built in one of them only, and differ in the last bits.
+    Both trees run the numpy reference: the compiled steps may be built in one of them only, and differ in the last
+    bits.
     """
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
     folders = [os.fspath(folder) for folder in (tree, beside) if folder is not None]
-    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited]), 'DBSCAN_REG_PURE': '1'} | more
+    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited]),
+                                      'DBSCAN_REG_PURE': '1'} | more
 
 
 class Recorder:
@@ -195,8 +199,10 @@ class Recorder:
         environment = _environment(tree, ROS_DOMAIN_ID=str(domain))
         self._log = log
         with open(log, 'wb') as output:
-            self._process = subprocess.Popen([sys.executable, os.fspath(script), os.fspath(tree)], stdin=subprocess.PIPE,
-                                             stdout=subprocess.PIPE, stderr=output, text=True, cwd=tree, env=environment)
+            self._process = subprocess.Popen([sys.executable, os.fspath(script), os.fspath(tree)],
+                                             stdin=subprocess.PIPE,
+                                             stdout=subprocess.PIPE, stderr=output, text=True, cwd=tree,
+                                             env=environment)
 
     def record(self, source, target):
         """Write the results of the package for an input file to another file; BenchmarkError if it fails."""
@@ -211,13 +217,17 @@ class Recorder:
             raise BenchmarkError(f'{Path(source).stem}: the recorder failed: {problem}')
 
     def close(self):
+        """End the process."""
         self._process.stdin.close()
         self._process.wait()
         self._process.stdout.close()
 
 
 def recorded_and_compared(given, other, commit, cache, scratch) -> list:
-    """Return a `Comparison` of each drive, in the order of their names; the records of the other commit are kept in `cache`."""
+    """Return a `Comparison` of each drive, in the order of their names.
+
+    The records of the other commit are kept in `cache`.
+    """
     from tqdm import tqdm
 
     from dbscan_reg_ros.commands.private_graph import private_graph
@@ -226,7 +236,8 @@ def recorded_and_compared(given, other, commit, cache, scratch) -> list:
     for source in sources:
         shutil.copyfile(source, scratch / source.name)
     # Another machine, or other packages, may round differently.
-    stamp = hashlib.sha256(b''.join([machine().encode(), *(source.read_bytes() for source in sources)])).hexdigest()[:12]
+    stamp = hashlib.sha256(b''.join([machine().encode(),
+                                     *(source.read_bytes() for source in sources)])).hexdigest()[:12]
     with contextlib.ExitStack() as stack:
         domains = [stack.enter_context(private_graph()) for _ in range(WORKERS)]
         local, opened, names = threading.local(), [], iter(range(10**6))
@@ -284,5 +295,6 @@ def table(comparisons, commit) -> str:
     """Return a line for each drive."""
     lines = [f'against {commit[:12]}', *(f'{each.drive:18} {each.count:6}  {each}' for each in comparisons)]
     different = sum(each.first is not None for each in comparisons)
-    lines.append(f'{different} of {len(comparisons)} drives differ' if different else f'all {len(comparisons)} drives are equal')
+    lines.append(f'{different} of {len(comparisons)} drives differ' if different
+                 else f'all {len(comparisons)} drives are equal')
     return '\n'.join(lines)

@@ -17,9 +17,11 @@ from dbscan_reg_ros.simulation import LIDARS, follow, measure, rooms
 from ..intel import Intel
 from ..odometry.courses import COURSES
 
-RECORDINGS = {'intel': 'intel/intel.log.gz', 'aces': 'aces/aces.log.gz', 'urg04lx': 'urg04lx/exp1', 'lms511': 'lms511/static',
+RECORDINGS = {'intel': 'intel/intel.log.gz', 'aces': 'aces/aces.log.gz', 'urg04lx': 'urg04lx/exp1',
+              'lms511': 'lms511/static',
               'ccny_demo': 'ccny_demo/demo.bag'}
-SIMULATED = ('rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees', 'lidars', 'leader', 'far_noise', 'losses',
+SIMULATED = ('rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees', 'lidars', 'leader', 'far_noise',
+             'losses',
              'bursts', 'outages', 'sparse', 'narrow', 'passers', 'spinup')
 PLACE = SE2(0.3, -0.2, math.radians(135.0))
 MOUNTED = ('mounted', 'upside_down', 'moving')
@@ -95,8 +97,10 @@ def places(kind, times):
 
 
 def mounted(kind, limit=None):
-    """Return a drive through rooms with a laser that sits as `kind` says: the scans of an upright sensor that looks along the base,
-    and those of the laser as its driver gives them."""
+    """Return a drive through rooms with a laser that sits as `kind` says.
+
+    The scans of an upright sensor that looks along the base, and those of the laser as its driver gives them.
+    """
     lidar, world = LIDARS['rplidar_a'], rooms(seed=1)
     path, rng = follow(world.tour[:6], speed=1.0), np.random.default_rng(1)
     times = np.arange(min(limit or MOUNTED_SCANS, MOUNTED_SCANS)) / lidar.rate

@@ -96,7 +96,7 @@ class Listener:
             while stamp not in self._heard:
                 if time.monotonic() > deadline or process.poll() is not None:
                     raise TimeoutError(f'scan {k}: the node gave no odometry')
-                if k == 0 and time.monotonic() > asked + 2.0 or not asked:
+                if (k == 0 and time.monotonic() > asked + 2.0) or not asked:
                     asked = time.monotonic()
                     self._scans.publish(laser_scan(each))
                 self._executor.spin_once(POLL)
@@ -110,7 +110,8 @@ class Listener:
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline and process.poll() is None:
             known = self._scans.get_subscription_count() and self._node.count_publishers('odom')
-            if known and (not self._transforms or self._transforms.get_subscription_count()) and client.service_is_ready():
+            if known and (not self._transforms
+                          or self._transforms.get_subscription_count()) and client.service_is_ready():
                 future = client.call_async(GetParameters.Request())
                 self._executor.spin_until_future_complete(future, 1.0)
                 if future.done():
@@ -154,5 +155,6 @@ def numbers(odometry):
     position, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular
     return {'pose': np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)]),
-            'covariance': odometry.pose.covariance.reshape(6, 6)[plane], 'twist': np.array([linear.x, linear.y, angular.z]),
+            'covariance': odometry.pose.covariance.reshape(6, 6)[plane],
+            'twist': np.array([linear.x, linear.y, angular.z]),
             'twist_covariance': odometry.twist.covariance.reshape(6, 6)[plane]}

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records the results of the package of one source tree for drives and pairs of scans: run by ``bench fingerprint``.
 
-    python recorder.py ROOT
+python recorder.py ROOT
 
-``ROOT`` is the source tree whose package is used. Each line of standard input names an input and an output file, both .npz,
-with a tab in between; one line of standard output answers each. The script runs with the package of any commit: it imports
-nothing but that package's public names, and finds those that were renamed in the tables below.
+``ROOT`` is the source tree whose package is used. Each line of standard input names an input and an output file, both
+.npz, with a tab in between; one line of standard output answers each. The script runs with the package of any commit:
+it imports nothing but that package's public names, and finds those that were renamed in the tables below.
 
-An input holds the scans as plain arrays: ``stamps`` (N,) [ns], ``beams`` (N,), all ``ranges`` in a row, and ``angles`` (N, 5):
-angle_min, angle_increment, range_min, range_max, time_increment. ``kind`` says what is done with them: ``odometry`` (optionally
-with ``prior`` (N, 3) and ``prior_covariance`` (N, 3, 3)), ``register`` (with ``pairs`` (M, 2)) or ``node`` (with ``arguments``
-and optionally ``places`` (N, 3), the laser on the base at each scan).
+An input holds the scans as plain arrays: ``stamps`` (N,) [ns], ``beams`` (N,), all ``ranges`` in a row, and ``angles``
+(N, 5): angle_min, angle_increment, range_min, range_max, time_increment. ``kind`` says what is done with them:
+``odometry`` (optionally with ``prior`` (N, 3) and ``prior_covariance`` (N, 3, 3)), ``register`` (with ``pairs`` (M, 2))
+or ``node`` (with ``arguments`` and optionally ``places`` (N, 3), the laser on the base at each scan).
 """
 import contextlib
 import os
@@ -45,7 +45,10 @@ REGISTRATION_FIELDS = {
 
 
 def find(name):
-    """Return the public object called `name` of the package, wherever this commit has it; AttributeError where it has none."""
+    """Return the public object called `name` of the package, wherever this commit has it.
+
+    AttributeError where it has none.
+    """
     for home in HOMES[name]:
         with contextlib.suppress(ImportError, AttributeError):
             found = getattr(import_module(f'{PACKAGE}.{home}' if home else PACKAGE), name)

@@ -19,7 +19,8 @@ def message(given, k):
     ranges = given['ranges'][begin:begin + int(given['beams'][k])]
     header = SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=LASER)
     return SimpleNamespace(header=header, ranges=ranges, angle_min=low, angle_increment=step,
-                           angle_max=low + step * (len(ranges) - 1), range_min=near, range_max=far, time_increment=increment)
+                           angle_max=low + step * (len(ranges) - 1), range_min=near, range_max=far,
+                           time_increment=increment)
 
 
 def messages(given):
@@ -39,4 +40,5 @@ def append(rows, row):
 
 
 def stacked(rows):
+    """Return name -> array of the values of all rows."""
     return {name: np.array(values) for name, values in rows.items()}

@@ -44,8 +44,10 @@ def measure(args):
 
 
 def start_up() -> dict:
-    """Milliseconds from starting the process to its first odometry, the scans being there already: the median of a few
-    starts, for discovery takes its time now and then."""
+    """Milliseconds from starting the process to its first odometry, the scans being there already.
+
+    The median of a few starts, for discovery takes its time now and then.
+    """
     times = [_start_up() for _ in range(STARTS)]
     return {'ms_ready': 1e3 * float(np.median(times))}
 
@@ -96,7 +98,7 @@ class _Usage:
             yield scan
 
     def result(self):
-        """(load of a core [0..1], growth of the memory [MB])"""
+        """Return (load of a core [0..1], growth of the memory [MB])."""
         began, spent = self._begin
         return ((cpu_seconds(self._pid) - spent) / (time.monotonic() - began), memory_mb(self._pid) - self._memory)
 
@@ -135,7 +137,8 @@ def running_node(folder, variables=None):
     root = os.fspath(Path(__file__).resolve().parents[3])
     environment = (variables or {}) | {'ROS_LOG_DIR': os.fspath(folder),
                    'PYTHONPATH': os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))}
-    return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log', environment)
+    return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log',
+                   environment)
 
 
 def cpu_seconds(pid):

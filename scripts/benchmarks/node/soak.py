@@ -31,12 +31,14 @@ STEP = 250
 RUNS = 3
 TENTH = 0.1
 GIVEN_BACK = {'MALLOC_MMAP_THRESHOLD_': '131072', 'MALLOC_TRIM_THRESHOLD_': '131072'}
-"""What the C library begins with and then raises at will. Kept, what is freed is given back: what is resident is held."""
+"""What the C library begins with and then raises at will. Kept, what is freed is given back: what is resident is
+held."""
 CONTAINERS = list, dict, set, deque
 BOUNDS = {
     'odometry': {'growth_mb': at_most(5.0), 'items_count': at_most(BLOCK // 10), 'ratio_p50': at_most(1.1),
                  'ratio_p99': at_most(1.3)},
-    'node': {'lost_count': at_most(0), 'growth_mb': at_most(5.0), 'ratio_mean': at_most(1.1), 'differ_count': at_most(0)},
+    'node': {'lost_count': at_most(0), 'growth_mb': at_most(5.0), 'ratio_mean': at_most(1.1),
+             'differ_count': at_most(0)},
     'again': {'differ_count': at_most(0)},
 }
 
@@ -61,7 +63,8 @@ def differing(blocks, others):
 
 def in_a_process(work, count, hash_seed=0, threads=1):
     """``work(count)`` in a new process."""
-    variables = {'PYTHONHASHSEED': str(hash_seed), 'OMP_NUM_THREADS': str(threads), 'OPENBLAS_NUM_THREADS': str(threads)}
+    variables = {'PYTHONHASHSEED': str(hash_seed), 'OMP_NUM_THREADS': str(threads),
+                 'OPENBLAS_NUM_THREADS': str(threads)}
     variables |= GIVEN_BACK
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
@@ -146,6 +149,7 @@ class Blocks:
         self._hash, self._count = sha256(), 0
 
     def add(self, numbers):
+        """Append the numbers of one scan."""
         self._hash.update(np.array(numbers, dtype=float).tobytes())
         self._count += 1
         if self._count % BLOCK == 0:

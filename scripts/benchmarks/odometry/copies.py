@@ -14,7 +14,8 @@ def noised(course, seed):
     scans = []
     for scan in course.scans:
         noise = rng.normal(0.0, NOISE, scan.geometry.size)
-        ranges = np.where(scan.valid, np.clip(scan.ranges + noise, scan.geometry.range_min, scan.geometry.range_max), scan.ranges)
+        ranges = np.where(scan.valid, np.clip(scan.ranges + noise, scan.geometry.range_min, scan.geometry.range_max),
+                          scan.ranges)
         scans.append(dataclasses.replace(scan, ranges=ranges))
     return dataclasses.replace(course, scans=scans)
 

@@ -45,7 +45,7 @@ class Course:
 
     @property
     def stamps(self):
-        """(N,) int64 [ns]"""
+        """``(N,)`` int64 stamps [ns]."""
         return np.array([scan.stamp for scan in self.scans], dtype=np.int64)
 
     @property

@@ -18,6 +18,11 @@ from . import hard_courses
 from .course import Course, simulated
 
 SEEDS = (0, 1, 2)
+CHAIRS_CLEAR, TRUNKS_CLEAR = 0.4, 0.8
+"""Distance [m] from the path that chairs and trunks keep."""
+BURST, BURST_PERIOD = 2.0, 3.0
+OUTAGE_AFTER, OUTAGE_PERIOD = 11.0, 15.0
+"""Scans of the first seconds of each period remain."""
 URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
 
 
@@ -137,13 +142,13 @@ def hall_of_chairs(seed, chairs=50) -> World:
     seats, turn = rng.uniform(low, high, (chairs, 2)), rng.uniform(0.0, 2.0 * math.pi, chairs)
     feet = 0.28 * np.exp(1j * (turn[:, None] + math.pi * np.array((0.25, 0.75, 1.25, 1.75))))
     legs = as_vectors((seats @ (1.0, 1j))[:, None] + feet).reshape(-1, 2)
-    legs = legs[np.abs(legs[:, 1] - 4.5) > 0.4]
+    legs = legs[np.abs(legs[:, 1] - 4.5) > CHAIRS_CLEAR]
     corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)])
     return World(sides(corners), np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
 
 
 def trees(folder) -> list:
-    """Return a wood of trunks 0.12 to 0.7 m thick and nothing else, of which a lidar of 180 beams sees few, with a beam or two on each."""
+    """Return a wood of trunks 0.12 to 0.7 m thick; a lidar of 180 beams has one or two beams on each of a few."""
     return [simulated(wood(seed), seed=seed) for seed in SEEDS]
 
 
@@ -154,7 +159,7 @@ def wood(seed, trunks=120) -> World:
     circles = np.column_stack((rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)))
     way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(tour)])
     none = np.empty((0, 2, 2))
-    clear = [clearance(way, none, circle[None]).min() > 0.8 for circle in circles]
+    clear = [clearance(way, none, circle[None]).min() > TRUNKS_CLEAR for circle in circles]
     return World(none, tour, circles[clear])
 
 
@@ -166,23 +171,25 @@ def lidars(folder) -> list:
 def leader(folder) -> list:
     """Corridors whose doors are recesses, with a person walking ahead of the sensor, as fast as it drives."""
     worlds = [corridor(seed=seed) for seed in SEEDS]
-    return [simulated(dataclasses.replace(world, people=(Person(world.tour + (1.2, 0.0), speed=0.8),)), seed=seed)
-            for world, seed in zip(worlds, SEEDS, strict=True)]
+    people = [(Person(world.tour + np.array((1.2, 0.0)), speed=0.8),) for world in worlds]
+    return [simulated(dataclasses.replace(world, people=ahead), seed=seed)
+            for world, ahead, seed in zip(worlds, people, SEEDS, strict=True)]
 
 
 def far_noise(folder, share=0.03) -> list:
-    """Tours through halls and crooked rooms by a lidar whose ranges are off by three per cent, as those of the cheapest are far away."""
+    """Return halls and crooked rooms, by a lidar whose ranges are off by 3 %, as those of the cheapest ones."""
     lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_ratio=share)
     return [simulated(world(seed), lidar, seed=seed) for world in (hall, crooked) for seed in SEEDS]
 
 
 def crooked(seed, walls=9, boxes=14) -> World:
-    """Return a room with walls 6 to 12 m away, hardly two of them square, and boxes at any angle that keep clear of the tour."""
+    """Return a room without right angles, walls 6 to 12 m away, and boxes at any angle clear of the tour."""
     rng = np.random.default_rng(seed)
     bearings = np.linspace(0.0, 2.0 * math.pi, walls, endpoint=False) + rng.uniform(-0.2, 0.2, walls)
     around = np.column_stack((np.cos(bearings), np.sin(bearings)))
     corners, tour = around * rng.uniform(6.0, 12.0, (walls, 1)), 3.5 * np.vstack((around, around[:1]))
-    things = [box(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.8), rng.uniform(0.0, 3.0)) for _ in range(boxes)]
+    things = [box(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.8), rng.uniform(0.0, 3.0))
+              for _ in range(boxes)]
     return furnished([sides(corners)], things, [], tour)
 
 
@@ -194,27 +201,29 @@ def losses(folder, share=0.5) -> list:
 
 
 def bursts(folder) -> list:
-    """Return a short corridor, there and back, by each of the lidars of 4 m, which give no scan in every third second."""
+    """Return a short corridor, there and back, by each lidar of 4 m range, without scans in every third second."""
     courses = []
     for lidar in (LIDARS['hokuyo_urg04lx'], LIDARS['lds']):
         for seed in SEEDS:
             world = corridor(length=14.0, doors=4, seed=seed)
             there_and_back = dataclasses.replace(world, tour=np.vstack((world.tour, world.tour[:2])))
             course = simulated(there_and_back, lidar, seed=seed, speed=1.2, acceleration=1.0, turn_rate=1.6)
-            courses.append(course.take(course.seconds % 3.0 < 2.0))
+            courses.append(course.take(course.seconds % BURST_PERIOD < BURST))
     return courses
 
 
 def outages(folder) -> list:
-    """Return a wood, seen by lidars that see many trunks, which give no scan in the last four of every fifteen seconds."""
-    courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx') for seed in SEEDS]
-    return [course.take(course.seconds % 15.0 < 11.0) for course in courses]
+    """Return a wood, seen by lidars with a long range, without scans in the last four of every fifteen seconds."""
+    courses = [simulated(wood(seed), LIDARS[name], seed=seed) for name in ('rplidar_a', 'rplidar_s', 'sick_lms5xx')
+               for seed in SEEDS]
+    return [course.take(course.seconds % OUTAGE_PERIOD < OUTAGE_AFTER) for course in courses]
 
 
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
-    'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses, 'bursts': bursts,
+    'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses,
+    'bursts': bursts,
     'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

@@ -26,6 +26,8 @@ LASER_ONLY = 'dbscan, laser only'
 HARDER = ('dropped', 'noise', 'person')
 """Courses that only ours has to drive unless methods are named."""
 HARDER_FACTOR = 1.25
+PART = 500
+"""Scans whose median time is compared."""
 NAMED_WITHIN = np.radians(10.0)
 
 INTEL = {
@@ -65,7 +67,7 @@ class Drive:
 
     @property
     def poses(self):
-        """(N, 3)"""
+        """``(N, 3)`` poses (x, y, theta) [m, m, rad]."""
         return np.array([(step.pose.x, step.pose.y, step.pose.theta) for step in self.steps])
 
     def write(self, path):
@@ -92,8 +94,8 @@ def judge(drive) -> dict:
     Of a stationary sensor ``drift_m`` and ``drift_deg``, the farthest that it strays. Where one direction is
     unobservable, ``named``: the fraction of scans that name it within 10 deg, and ``across_m``: the largest error
     across it over 1 m. Of scans that only disturb ``disturbed_ok``: the fraction called OK. Of methods with covariances
-    ``within``: the fraction of the scans whose pose is off, along x and y and in heading, by less than three of the published
-    standard deviations.
+    ``within``: the fraction of the scans whose pose is off, along x and y and in heading, by less than three of the
+    published standard deviations.
     """
     course, judged, poses = drive.course, drive.course.judged, drive.poses
     reference = course.reference[judged]
@@ -115,7 +117,8 @@ def judge(drive) -> dict:
 def _free_direction(drive):
     course, poses, reference = drive.course, drive.poses, drive.course.reference
     axis = course.axis - reference[0, 2]
-    named = [step.degenerate_direction is not None and abs(wrap(2.0 * (step.degenerate_direction - axis))) < 2.0 * NAMED_WITHIN
+    named = [step.degenerate_direction is not None
+             and abs(wrap(2.0 * (step.degenerate_direction - axis))) < 2.0 * NAMED_WITHIN
              for step in drive.steps[1:]]
     path = path_lengths(reference)
     later = np.searchsorted(path, path + 1.0)
@@ -137,8 +140,8 @@ def _within(drive):
 def _times(milliseconds):
     """``ms_p50``, ``ms_p95``, ``ms_p99`` and ``ms_growth``: the last 500 scans' median over that of 500 to 1000."""
     times = {f'ms_p{q}': float(np.percentile(milliseconds[1:], q)) for q in (50, 95, 99)}
-    if len(milliseconds) >= 1500:
-        times['ms_growth'] = float(np.median(milliseconds[-500:]) / np.median(milliseconds[500:1000]))
+    if len(milliseconds) >= 3 * PART:
+        times['ms_growth'] = float(np.median(milliseconds[-PART:]) / np.median(milliseconds[PART:2 * PART]))
     return times
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Courses that are hard for a gate: key frames far apart, narrow fields of view, people who cross in front, lidars that spin up."""
+"""Courses that are hard for a gate.
+
+Key frames far apart, narrow fields of view, people who cross in front, lidars that spin up.
+"""
 import dataclasses
 import math
 from collections.abc import Callable
@@ -23,32 +26,40 @@ SIMULATED_DISTANCES = (1.0, 1.5, 2.0, 2.5)
 TURN = math.radians(30.0)
 """A key frame is due as well when its heading changed by this [rad] for each metre of the distance."""
 CAMERAS = {
-    'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005, noise_ratio=0.01),
-    'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005, noise_ratio=0.015),
+    'kinect_57deg_640': Lidar(640, math.radians(-28.5), math.radians(57.0) / 639, 0.45, 6.0, 15.0, noise=0.005,
+                              noise_ratio=0.01),
+    'stereo_87deg_424': Lidar(424, math.radians(-43.5), math.radians(87.0) / 423, 0.3, 8.0, 15.0, noise=0.005,
+                              noise_ratio=0.015),
     'flight_60deg_16': Lidar(16, math.radians(-30.0), math.radians(4.0), 0.1, 6.0, 15.0, noise=0.01, noise_ratio=0.01),
-    'flight_90deg_64': Lidar(64, math.radians(-45.0), math.radians(90.0) / 63, 0.2, 5.0, 15.0, noise=0.01, noise_ratio=0.01),
+    'flight_90deg_64': Lidar(64, math.radians(-45.0), math.radians(90.0) / 63, 0.2, 5.0, 15.0, noise=0.01,
+                             noise_ratio=0.01),
 }
 """Depth cameras as lidars."""
 NARROW_SECONDS = 25.0
 PASSING_SECONDS = 20.0
 PASSERS = 4
 SPINUP_SECONDS = 8.0
-SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)), 'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
+SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)),
+           'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
 """Name -> how long the robot rests [s], and how many beams of the first scans return."""
 
 
 def key_frames(poses, distance, start=0):
-    """Return indices of the scans that are `distance` [m], or 30 deg for each metre of it, from the one chosen before."""
+    """Return indices of scans that are `distance` [m], or 30 deg for each metre of it, from the one before."""
     chosen, (x, y, theta) = [start], poses[start]
     for k in range(start + 1, len(poses)):
-        if math.hypot(poses[k, 0] - x, poses[k, 1] - y) >= distance or abs(wrap(poses[k, 2] - theta)) >= TURN * distance:
+        moved = math.hypot(poses[k, 0] - x, poses[k, 1] - y)
+        if moved >= distance or abs(wrap(poses[k, 2] - theta)) >= TURN * distance:
             chosen.append(k)
             x, y, theta = poses[k]
     return np.array(chosen)
 
 
 def thinned(course, distance, halfway=False) -> Course:
-    """Return the key frames of a course, 1 s apart; from its first scan, or the first that is half of the `distance` [m] farther on."""
+    """Return the key frames of a course, 1 s apart.
+
+    From its first scan, or the first that is half of the `distance` [m] farther on.
+    """
     start = 0
     if halfway:
         start = int(np.argmax(np.hypot(*(course.reference[:, :2] - course.reference[0, :2]).T) >= 0.5 * distance))
@@ -122,7 +133,7 @@ def _passed(seed):
 
 
 def _passer(rng, x, y, heading):
-    """A person walking to and fro past (x, y) [m], in any direction, before a sensor that looks along `heading` [rad]."""
+    """A person walking to and fro past (x, y) [m], in any direction, before a sensor facing along `heading` [rad]."""
     away, bearing = rng.uniform(0.45, 0.8), heading + rng.uniform(-1.2, 1.2)
     nearest = np.array([x + away * math.cos(bearing), y + away * math.sin(bearing)])
     way = rng.uniform(1.5, 4.0) * np.array([-math.sin(bearing), math.cos(bearing)])
@@ -146,7 +157,8 @@ def _spun_up(pause, returns, seed):
     for k, count in enumerate(returns):
         kept = np.isin(np.arange(lidar.beams), (begun + np.arange(count)) % lidar.beams)
         scan = scans[k]
-        scans[k] = Scan(scan.stamp, np.where(kept, scan.ranges, np.inf), scan.geometry, scan.time_increment, scan.frame_id)
+        scans[k] = Scan(scan.stamp, np.where(kept, scan.ranges, np.inf), scan.geometry, scan.time_increment,
+                        scan.frame_id)
     return dataclasses.replace(course, scans=scans, judged=np.arange(len(scans)) >= len(returns))
 
 

@@ -23,8 +23,8 @@ def figures(run) -> dict:
 
     ``error_m``, ``error_deg``: the largest error against the first scan; ``step_ok_m``: the largest error of a step
     between two scans called `OK`; ``silent_count``: steps between `OK` scans that are off by more than 0.1 m or 3 deg;
-    ``stretches_count``: stretches of 2 s, all `OK`, that are off by more than 0.2 m or 5 deg; ``ok`` and ``failed``: the
-    fraction of the scans with each status.
+    ``stretches_count``: stretches of 2 s, all `OK`, that are off by more than 0.2 m or 5 deg; ``ok`` and ``failed``:
+    the fraction of the scans with each status.
     """
     course, poses = run.course, run.poses
     reference, seconds = course.reference, course.seconds
@@ -45,9 +45,9 @@ def figures(run) -> dict:
 
 
 def wrong(poses, reference, ok, first, last, limits):
-    """Errors [m], [deg] of the motions between scans `first` and `last` with all of their scans `OK`, and how many are wrong."""
-    demoted_if_weak = np.concatenate(([0], np.cumsum(~ok)))
-    sure = demoted_if_weak[last + 1] == demoted_if_weak[first]
+    """Errors [m], [deg] from scans `first` to `last` where all scans are `OK`, and how many are wrong."""
+    not_ok = np.concatenate(([0], np.cumsum(~ok)))
+    sure = not_ok[last + 1] == not_ok[first]
     first, last = first[sure], last[sure]
     metres, degrees = errors(relative(poses[first], poses[last]), relative(reference[first], reference[last]))
     return metres, degrees, int(((metres > limits[0]) | (degrees > limits[1])).sum())
@@ -63,18 +63,23 @@ def summary(rows) -> dict:
             result[name] = int(values(name).sum())
         elif name.endswith(('_m', '_deg', '_s')):
             head, unit = name.rsplit('_', 1)
-            result |= {f'{head}_median_{unit}': float(np.median(values(name))), f'{head}_worst_{unit}': float(values(name).max())}
+            result |= {f'{head}_median_{unit}': float(np.median(values(name))),
+                       f'{head}_worst_{unit}': float(values(name).max())}
         else:
             result[name] = float(values(name).mean())
     return result
 
 
 def judged(args, groups, title, judge=figures, methods=METHODS) -> dict:
-    """Return method -> course -> metric -> number, for `groups`: name -> list of courses; ``--limit N`` takes N scans of each."""
+    """Return method -> course -> metric -> number, for `groups`: name -> list of courses.
+
+    ``--limit N`` takes N scans of each.
+    """
     table = {}
     for method in args.method or methods:
         for name, courses in groups.items():
-            rows = [judge(drive(method, course if args.limit is None else course.take(slice(args.limit)), f'{title} {method}'))
+            rows = [judge(drive(method, course if args.limit is None else course.take(slice(args.limit)),
+                                f'{title} {method}'))
                     for course in courses]
             table.setdefault(method, {})[name] = summary(rows)
     return table

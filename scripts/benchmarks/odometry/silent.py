@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Silent failures: motions that the odometry calls OK and that are wrong, wherever the truth is known.
 
-Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it is
-called OK.
+Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it
+is called OK.
 """
 import numpy as np
 
@@ -16,7 +16,8 @@ from ..report import Report
 from .courses import COURSES
 from .drift import OURS, drive
 
-JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts', 'outages',
+JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts',
+          'outages',
           'trees', 'chairs')
 TRANSLATION, ROTATION = 0.2, 5.0
 """A motion is wrong when it is off by more than this [m], [deg]."""
@@ -38,12 +39,12 @@ def measure(args) -> Report:
 def silent(drive):
     """Return counts and greatest errors, and a line for each failure, of a `Drive`."""
     poses, reference = drive.poses, drive.course.reference
-    demoted_if_weak = np.array([step.status is not Status.OK for step in drive.steps])
-    so_far = np.cumsum(demoted_if_weak)
-    figures, lines = {'scans_count': len(poses), 'ok': float(np.mean(~demoted_if_weak))}, []
+    not_ok = np.array([step.status is not Status.OK for step in drive.steps])
+    so_far = np.cumsum(not_ok)
+    figures, lines = {'scans_count': len(poses), 'ok': float(np.mean(~not_ok))}, []
     each = np.arange(len(poses) - 1)
     for name, (first, last) in {'step': (each, each + 1), '1m': apart(reference, 1.0)}.items():
-        sure = so_far[last] == so_far[first] - demoted_if_weak[first]
+        sure = so_far[last] == so_far[first] - not_ok[first]
         first, last = first[sure], last[sure]
         metres, degrees = errors(relative(poses[first], poses[last]), relative(reference[first], reference[last]))
         wrong = (metres > TRANSLATION) | (degrees > ROTATION)

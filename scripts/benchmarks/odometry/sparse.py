@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Key frames far apart: does the odometry know at least what a registration of each one onto the one before it finds?"""
+"""Key frames far apart: the odometry against the registration of each one to the one before."""
+import itertools
 import math
 
 import numpy as np
@@ -64,8 +65,9 @@ def right(motions, truth):
 def registered(registration, scans):
     """(N - 1, 3) motions from each scan to the next, without a guess, and (N - 1,) whether they are called `OK`."""
     prepared = [registration.prepare(scan) for scan in scans]
-    results = [registration.align(first, second) for first, second in zip(prepared[:-1], prepared[1:], strict=True)]
-    motions = np.array([[r.transform.x, r.transform.y, r.transform.theta] if isinstance(r.transform, SE2) else [math.nan] * 3
+    results = [registration.align(first, second) for first, second in itertools.pairwise(prepared)]
+    motions = np.array([[r.transform.x, r.transform.y, r.transform.theta] if isinstance(r.transform,
+                                                                                        SE2) else [math.nan] * 3
                         for r in results])
     return motions, np.array([r.status is Status.OK for r in results])
 

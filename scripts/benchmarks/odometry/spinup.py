@@ -20,8 +20,10 @@ def measure(args) -> Report:
 
 
 def figures(run) -> dict:
-    """As `seeds.figures`, ``failed_count``: judged scans called `FAILED`, and ``late_s``: from the first judged scan to the last
-    of these."""
+    """Metrics as `seeds.figures`, and those of failed scans.
+
+    ``failed_count``: judged scans that are `FAILED`; ``late_s``: time from the first judged scan to the last of these.
+    """
     failed = np.array([step.status is Status.FAILED for step in run.steps]) & run.course.judged
     seconds = run.course.seconds - run.course.seconds[np.argmax(run.course.judged)]
     return {'failed_count': int(failed.sum()), 'late_s': float(seconds[failed].max(initial=0.0))} | seeds.figures(run)

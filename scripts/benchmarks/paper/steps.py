@@ -52,6 +52,6 @@ def found(trial, p) -> dict:
         'turn_deg': math.degrees(abs(wrap(phi - theta))),
         'samples_count': len(translations.samples),
         'true_m': float(np.hypot(*(key - (x, y)).T).min()),
-        'opposite_m': float(np.hypot(*(key + (x, y)).T).min()),
+        'opposite_m': float(np.hypot(*(key + np.array((x, y))).T).min()),
         **dict(zip(names, divergences(poses, reference.points, current.points, p.divergence).tolist(), strict=True)),
     }

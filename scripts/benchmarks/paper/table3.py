@@ -67,7 +67,7 @@ def views_after(motion, group, worlds, lidar, count):
 
 
 def recorded(intel, limit=None) -> list:
-    """Return a `Trial` for each two scans of the Intel log, in either order, with about one of the motions between them."""
+    """Return a `Trial` for each pair of scans of the Intel log, in either order, with about one of the motions."""
     poses = intel.reference
     places = cKDTree(poses[:, :2])
     items = []

@@ -37,9 +37,9 @@ def judged(registration, truth):
 def calibration(results) -> dict:
     """How errors and covariances agree.
 
-    ``within``: fraction of the squared errors e' C^-1 e below 7.815, 95 % when the covariances are right; ``nees``: their
-    median over 2.366, the median to be expected; ``x_spread``, ...: robust standard deviation of each error in units of
-    its own sigma; ``counted``: fraction of the registrations that did not fail.
+    ``within``: fraction of the squared errors e' C^-1 e below 7.815, 95 % when the covariances are right; ``nees``:
+    their median over 2.366, the median to be expected; ``x_spread``, ...: robust standard deviation of each error in
+    units of its own sigma; ``counted``: fraction of the registrations that did not fail.
     """
     pairs = [result for result in results if result is not None]
     metrics = {'counted': len(pairs) / len(results)}

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registration without a prior for any motion, by the overlap of the views: success rate, and precision and recall of `OK`."""
+"""Registration without a prior for any motion, by the overlap of the views.
+
+Success rate, and precision and recall of `OK`.
+"""
 import dataclasses
 import itertools
 import math
@@ -35,8 +38,8 @@ SLACK = 0.3
 """A return counts as within what the reference saw when it is no farther than this [m] behind it."""
 DRAWS = 12
 """So many pairs are drawn at most for each one that is wanted of a class: with small motions few share little."""
-PEOPLE, CLUTTER, CLEAR = 4, 30, 0.4
-"""Of a busy world: people, small objects tried, and how far [m] these stay from the tour."""
+PEOPLE, CLUTTER, BOXES, CLEAR = 4, 30, 0.5, 0.4
+"""Of a busy world: people, small objects tried, the ratio of boxes, and how far [m] they stay from the tour."""
 APART = 5.0
 """Longest time between two views [s], in which people walk."""
 METHODS = ('dbscan', 'small_gicp')
@@ -56,12 +59,12 @@ class Cell:
 
 
 def any_motion(rng) -> SE2:
-    """x within 5 m, y within 2 m, any rotation."""
+    """Return a motion with x within 5 m, y within 2 m and any rotation."""
     return SE2(rng.uniform(-5.0, 5.0), rng.uniform(-2.0, 2.0), rng.uniform(-math.pi, math.pi))
 
 
 def near_motion(rng) -> SE2:
-    """x and y within 1.5 m, a rotation within 0.6 rad."""
+    """Return a motion with x and y within 1.5 m and a rotation within 0.6 rad."""
     return SE2(rng.uniform(-1.5, 1.5), rng.uniform(-1.5, 1.5), rng.uniform(-0.6, 0.6))
 
 
@@ -91,7 +94,7 @@ def cluttered(world, seed) -> World:
     for x, y in rng.uniform(low, high, (CLUTTER, 2)):
         part = box(x, y, rng.uniform(0.15, 0.6), rng.uniform(0.15, 0.5), rng.uniform(0.0, math.pi))
         post = np.array([(x, y, rng.uniform(0.03, 0.15))])
-        if rng.random() < 0.5 and clearance(way, part, none).min() > CLEAR:
+        if rng.random() < BOXES and clearance(way, part, none).min() > CLEAR:
             boxes.append(part)
         elif clearance(way, np.empty((0, 2, 2)), post).min() > CLEAR:
             poles.append(post)
@@ -100,10 +103,10 @@ def cluttered(world, seed) -> World:
 
 
 def shared_view(reference, current, truth) -> float:
-    """Return the fraction of the current returns that lie, by the truth, within the view of the reference, with a tolerance.
+    """Return the fraction of the current returns that lie, by the truth, within the view of the reference.
 
-    A point lies within it when it is in the field of view, and no farther than the reference's range at the nearest beam,
-    or than its range_max where that beam has no return.
+    A point lies within it when it is in the field of view and, up to a tolerance, no farther than the reference's
+    range at the nearest beam, or than its range_max where that beam has no return.
     """
     geometry = reference.geometry
     points = truth.apply(current.points[current.valid])
@@ -144,13 +147,17 @@ def outcomes(cell, wanted, names) -> dict:
 
 
 def rates(rows) -> dict:
-    """Metric -> number for each class: pairs, the fraction right, how many `OK` and how many of these wrong, the fraction of the
-    right ones called `OK`, and of all pairs those that are `OK` and wrong."""
+    """Metric -> number for each class.
+
+    Pairs, the fraction right, how many `OK` and how many of these wrong, the fraction of the right ones called `OK`,
+    and of all pairs those that are `OK` and wrong.
+    """
     metrics = {}
     for k, name in enumerate(CLASSES):
         right, ok = rows[rows[:, 0] == k, 1:].T.astype(bool)
         if len(right):
-            metrics |= {f'{name}_pairs_count': len(right), f'{name}_right': float(right.mean()), f'{name}_ok_count': int(ok.sum()),
+            metrics |= {f'{name}_pairs_count': len(right), f'{name}_right': float(right.mean()),
+                        f'{name}_ok_count': int(ok.sum()),
                         f'{name}_wrong_count': int((ok & ~right).sum()), f'{name}_silent': float((ok & ~right).mean()),
                         f'{name}_recall': float(ok[right].mean()) if right.any() else math.nan}
     right, ok = rows[:, 1:].T.astype(bool)
@@ -165,7 +172,8 @@ def measure(args) -> Report:
     from dbscan_reg_ros.commands.workers import workers
     names = available(args.method or METHODS)
     cells = [Cell(*words) for words in itertools.product(
-        _chosen(args.lidar, LIDARS_BY_VIEW), _chosen(args.world, WORLDS), _chosen(args.motion, MOTIONS), _chosen(args.noise, NOISES))]
+        _chosen(args.lidar, LIDARS_BY_VIEW), _chosen(args.world, WORLDS), _chosen(args.motion, MOTIONS),
+                                                         _chosen(args.noise, NOISES))]
     report, wanted = Report(), args.limit or args.pairs
     with workers(args.processes or os.cpu_count()) as executor:
         jobs = [executor.submit(outcomes, cell, wanted, names) for cell in cells]
@@ -202,7 +210,8 @@ def _chosen(asked, known):
 def table(name, rows) -> str:
     """For each cell and class: right [%]; OK and wrong of OK; right ones called OK [%]."""
     lines = [f'{name}: right [%]; OK and wrong of OK; right ones called OK [%]',
-             f'{"":28}' + ''.join(f'{"view " + each.replace("_", "-") + " %":>28}' for each in CLASSES) + f'{"precision":>11}{"recall":>8}']
+             f'{"":28}' + ''.join(f'{"view " + each.replace("_", "-") + " %":>28}'
+                                  for each in CLASSES) + f'{"precision":>11}{"recall":>8}']
     for cell, row in rows.items():
         line = f'{cell:28}'
         for each in CLASSES:

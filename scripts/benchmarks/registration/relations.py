@@ -28,7 +28,9 @@ def trials(intel, limit=None) -> list:
 
 
 def common_view(trial) -> float:
-    """Return the fraction of returns that the other scan has too at the true pose, 0..1: of the scan with the smaller one.
+    """Return the fraction of returns that the other scan has too at the true pose, 0..1.
+
+    It is the smaller one of both scans.
 
     A return is shared when the other scan has one within 0.2 m, or within two beam spacings far away.
     """

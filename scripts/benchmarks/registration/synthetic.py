@@ -59,7 +59,10 @@ def chosen(scans, rng) -> list:
 
 
 def trials(intel, limit=None, seed=0) -> list:
-    """Return a `Trial` for each chosen scan, kind of motion and fraction of outliers; `limit` counts for each combination."""
+    """Return a `Trial` for each chosen scan, kind of motion and fraction of outliers.
+
+    `limit` counts for each combination.
+    """
     rng = np.random.default_rng(seed)
     indices = chosen(intel.scans, rng)
     motions = {

@@ -45,9 +45,10 @@ def test_a_spinning_lidar_whose_scans_are_lost_is_followed(share):
 
 @pytest.mark.parametrize(('name', 'seed'), [('hokuyo_urg04lx', 2), ('lds', 3), ('lds', 4)])
 def test_after_a_second_without_scans_the_heading_is_kept_in_a_symmetric_corridor(name, seed):
-    """A short corridor, there and back: it looks the same both ways, but only one way is where the sensor was heading."""
+    """A short symmetric corridor, there and back: only one direction is the heading of the sensor."""
     world = corridor(length=14.0, doors=4, seed=seed)
-    result = simulate(world, follow([*world.tour, world.tour[0], world.tour[1]], speed=1.2, acceleration=1.0, turn_rate=1.6),
+    result = simulate(world, follow([*world.tour, world.tour[0], world.tour[1]], speed=1.2, acceleration=1.0,
+                                    turn_rate=1.6),
                       LIDARS[name], seed=seed)
     odometry, start, off = Odometry(), SE2(*result.truth[0]), []
     for scan, true in zip(result.scans, result.truth, strict=True):
@@ -65,7 +66,8 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
     stamps = result.stamps[0] + pace * (result.stamps - result.stamps[0]) + 1e9 * late
     odometry, start = Odometry(), SE2(*result.truth[0])
     for scan, stamp, true in zip(result.scans, stamps, result.truth, strict=True):
-        update = odometry.process(dataclasses.replace(scan, stamp=int(stamp), time_increment=longer * lidar.time_increment))
+        update = odometry.process(dataclasses.replace(scan, stamp=int(stamp),
+                                                      time_increment=longer * lidar.time_increment))
         assert update.status is Status.OK
         distance, angle = error(update, start.inverse() @ SE2(*true))
         assert distance < 0.15
@@ -84,15 +86,18 @@ def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wro
     assert any(wrong) is lies
 
 
-NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_ratio=0.035), '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
+NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_ratio=0.035),
+         '5 cm': Lidar(360, -math.pi, math.radians(1.0), noise=0.05)}
 
 
-@pytest.mark.parametrize(('lidar', 'least'), [(lidar, 0.95 if name == '5 cm' else 1.0) for name, lidar in (LIDARS | NOISY).items()],
+@pytest.mark.parametrize(('lidar', 'least'), [(lidar, 0.95 if name == '5 cm' else 1.0) for name,
+                                              lidar in (LIDARS | NOISY).items()],
                          ids=[*LIDARS, *NOISY])
 def test_in_a_bare_corridor_the_degenerate_direction_is_reported_for_every_lidar(lidar, least):
-    """Both ends out of range; the noise of some is greater than what lies between two beams, and may hold it by chance."""
+    """Both ends are out of range; large noise between two beams may constrain the direction by chance."""
     world = dataclasses.replace(corridor(length=60.0, doors=0), tour=np.array([(15.0, 0.0), (20.0, 0.0)]))
-    drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)), seed=0)
+    drive = simulate(world, follow(world.tour), dataclasses.replace(lidar, range_max=min(lidar.range_max, 12.0)),
+                     seed=0)
     odometry = Odometry()
     updates = [odometry.process(scan) for scan in drive.scans][1:]
     along = [update.reference_pose.theta + update.registration.degenerate_direction for update in updates
@@ -103,7 +108,7 @@ def test_in_a_bare_corridor_the_degenerate_direction_is_reported_for_every_lidar
 
 
 def test_a_speed_that_no_scan_holds_goes_on():
-    """A lidar that sees 4 m of a corridor, and a door now and then: what noise pulls would add up to a sixth of the way."""
+    """A lidar that sees 4 m of a corridor, and a door now and then: noise would bias the distance by a sixth."""
     world = corridor(seed=2)
     result = simulate(world, follow(world.tour), LIDARS['hokuyo_urg04lx'], seed=2)
     odometry, half = Odometry(), len(result.scans) // 2
@@ -148,7 +153,8 @@ def test_in_the_centre_of_a_circular_room_the_heading_is_reported_unobservable(l
     world = World(outline(as_vectors(6.0 * np.exp(2j * math.pi / 180 * np.arange(180)))), np.zeros((1, 2)))
     rng = np.random.default_rng(4)
     odometry, lidar = Odometry(), dataclasses.replace(lidar, duration=0.0)
-    updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH)) for k in range(1, 30)]
+    updates = [odometry.process(measure(world, np.array([(0.0, 0.0, 0.05 * k)]), lidar, rng, k * TENTH))
+               for k in range(1, 30)]
     unsure = [update.registration.rotation_unobservable for update in updates[1:]]
     assert np.mean(unsure) > 0.9
     assert Status.OK not in {update.status for update in updates[1:] if update.registration.rotation_unobservable}
@@ -169,7 +175,8 @@ def test_in_a_circular_room_translation_and_rotation_follow_the_prior(name):
 
 def test_in_a_circular_room_a_gyroscope_gives_the_motion_along_the_wall():
     """By the rotation and the wall on one side, against the constant velocity straight ahead."""
-    update = around_a_circular_room(LIDARS['rplidar_s'], lambda motion, expected: expected and expected.with_rotation(motion.theta, 0.01))
+    update = around_a_circular_room(LIDARS['rplidar_s'], lambda motion,
+                                    expected: expected and expected.with_rotation(motion.theta, 0.01))
     distance, turn = error(update, SE2())
     assert distance < 0.94 and turn < 0.63
 
@@ -189,8 +196,9 @@ def around_a_circular_room(lidar, prior_of):
 
 def test_a_lidar_that_loses_four_beams_of_five_is_followed():
     world = rooms(seed=1)
-    recording = simulate(world, follow(world.tour[:4]), Lidar(beams=720, angle_min=-math.pi, angle_increment=math.radians(0.5),
-                                                              range_max=12.0, dropouts=0.8), seed=1)
+    recording = simulate(world, follow(world.tour[:4]),
+                         Lidar(beams=720, angle_min=-math.pi, angle_increment=math.radians(0.5),
+                               range_max=12.0, dropouts=0.8), seed=1)
     odometry = Odometry()
     for scan in recording.scans:
         update = odometry.process(scan)

@@ -59,7 +59,7 @@ def test_a_person_walking_ahead_does_not_stop_the_odometry_in_a_corridor(size, h
 
 
 def error_behind_a_person(room, walk, **changes):
-    """Error [m] at the end of a drive of 15 s with a person always a metre ahead of the sensor, and number of OK scans."""
+    """Error [m] after 15 s with a person always a metre ahead of the sensor, and number of OK scans."""
     world = rooms(room)
     result = simulate(world, follow(world.tour), Lidar())
     rng, bearing = np.random.default_rng(walk), 0.0
@@ -73,7 +73,8 @@ def error_behind_a_person(room, walk, **changes):
     return math.hypot(off.x, off.y), ok
 
 
-@pytest.mark.parametrize(('frames', 'size', 'held'), [(6, 1.1, False), (6, 0.0, False), (0, 1.1, False), (0, 0.0, True)])
+@pytest.mark.parametrize(('frames', 'size', 'held'), [(6, 1.1, False), (6, 0.0, False), (0, 1.1, False),
+                                                      (0, 0.0, True)])
 def test_a_co_moving_person_does_not_bias_the_odometry(frames, size, held):
     """Through a door and along furniture: their own motion is none."""
     off, _ = error_behind_a_person(3, 0, dynamic_key_frames=frames, movable_size=size)
@@ -98,22 +99,27 @@ def test_a_rotation_in_a_symmetric_corridor_is_followed(data):
     assert np.degrees(np.abs(off - off[0]).max()) < 3.0
 
 
-@pytest.mark.parametrize(('seed', 'first', 'last'), [(0, 1130, 1187), (7, 3480, 3560)], ids=['by a wall', 'while it turns'])
+@pytest.mark.parametrize(('seed', 'first', 'last'), [(0, 1130, 1187), (7, 3480, 3560)],
+                         ids=['by a wall', 'while it turns'])
 def test_a_person_close_by_causes_no_jump(data, seed, first, last):
-    """They stand by a long wall; or the sensor turns on the spot, half of what it sees is new, and they hide much of the rest."""
+    """A person by a long wall, or before a sensor that turns on the spot while half of its view is new."""
     log, odometry, updates = Intel(data / 'intel'), Odometry(), []
     for scan in strolled(log.scans[:last], seed)[first:]:
         updates.append(odometry.process(scan))
     poses = np.array([update.pose.as_array() for update in updates])
     step, true = (relative(some[:-1], some[1:]) for some in (poses, log.reference[first:last]))
-    turned = relative(poses[:1], poses[-1:])[0, 2] - relative(log.reference[first:first + 1], log.reference[last - 1:last])[0, 2]
+    turned = relative(poses[:1], poses[-1:])[0, 2] - relative(log.reference[first:first + 1],
+                                                              log.reference[last - 1:last])[0, 2]
     assert np.hypot(*(step - true)[20:, :2].T).max() < 0.1
     assert abs(math.degrees(math.remainder(turned, 2.0 * math.pi))) < 3.0
     assert not any(update.restarted for update in updates)
 
 
 def test_a_symmetric_corridor_does_not_stop_a_rotation(data):
-    """The sensor turns on the spot while a person hides most of the view; a pose rotated by 180 deg, 5 m away, fits slightly better."""
+    """The sensor turns on the spot while a person hides most of the view.
+
+    A pose rotated by 180 deg, 5 m away, fits slightly better.
+    """
     log, odometry, turned = Intel(data / 'intel'), Odometry(), []
     for scan in strolled(log.scans[:1890], seed=0)[1650:]:
         turned.append(odometry.process(scan).pose.theta)
@@ -122,9 +128,7 @@ def test_a_symmetric_corridor_does_not_stop_a_rotation(data):
 
 
 def lag_behind_a_person(hidden, seed, **changes):
-    """How far behind [m] a drive of 6 s along a bare corridor ends if a person hides its end in some scans, and the statuses
-    of the others.
-    """
+    """Lag [m] after 6 s along a bare corridor whose end a person hides in some scans, and statuses."""
     world = dataclasses.replace(corridor(length=16.0, doors=0), tour=np.array([(2.0, 0.0), (12.0, 0.0)]))
     result = simulate(world, follow(world.tour), Lidar(), seed=seed)
     odometry = Odometry(Parameters().replace({f'odometry.{name}': value for name, value in changes.items()}))
@@ -155,7 +159,7 @@ def test_older_key_frames_are_used_where_the_latest_is_occluded(retries, lost):
 
 @pytest.mark.parametrize('seed', [3, 6])
 def test_a_start_behind_a_person_is_found_once_the_view_is_clear(seed):
-    """The end of the corridor is hidden from the third scan on, while the sensor sets off and drives 0.9 m: it seems to rest."""
+    """The end of the corridor is hidden from the third scan on, while the sensor starts and drives 0.9 m."""
     behind, statuses = lag_behind_a_person(lambda k: 3 <= k < 20, seed)
     assert abs(behind) < 0.03
     assert all(status is Status.OK for status in statuses[-20:])

@@ -28,7 +28,10 @@ def apart(motion, truth):
 
 
 def test_scans_of_a_wood_are_registered_without_a_prior(drive):
-    """From 5 to 50 scans apart. What shows of a trunk turns with the sensor: by lines alone every seventh pair is lost."""
+    """From 5 to 50 scans apart. What shows of a trunk turns with the sensor.
+
+    By lines alone every seventh pair is lost.
+    """
     turning = np.abs(np.angle(np.exp(1j * np.diff(drive.reference[:, 2], append=drive.reference[-1, 2])))) > 0.005
     rng, right, without = np.random.default_rng(0), [], []
     while len(right) < 60:

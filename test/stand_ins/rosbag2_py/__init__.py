@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests use of `rosbag2_py`, which is not on PyPI; real sqlite3 bags, by Python's own sqlite3.
 
-Names, arguments and results are those of ROS 2 Jazzy; `test_rosbag2.py` has their list. Whatever the storage that is asked
-for, it writes sqlite3, and it reads nothing else.
+Names, arguments and results are those of ROS 2 Jazzy; `test_rosbag2.py` has their list. Whatever the storage that is
+asked for, it writes sqlite3, and it reads nothing else.
 """
 import sqlite3
 from contextlib import closing
@@ -12,11 +12,13 @@ import yaml
 
 from ._storage import BagMetadata, ConverterOptions, StorageFilter, StorageOptions, TopicMetadata
 
-__all__ = ['ConverterOptions', 'Info', 'SequentialCompressionReader', 'SequentialReader', 'SequentialWriter', 'StorageFilter',
+__all__ = ['ConverterOptions', 'Info', 'SequentialCompressionReader', 'SequentialReader', 'SequentialWriter',
+           'StorageFilter',
            'StorageOptions', 'TopicMetadata']
 
 TABLES = ('CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
-          'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL)',
+          'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL, '
+          'type_description_hash TEXT NOT NULL)',
           'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, '
           'data BLOB NOT NULL)')
 
@@ -51,7 +53,8 @@ class SequentialReader:
         for file in self._files:
             try:
                 with closing(sqlite3.connect(file)) as base:
-                    rows = base.execute('SELECT name, data, timestamp FROM messages JOIN topics ON topic_id = topics.id '
+                    rows = base.execute('SELECT name, data, timestamp FROM messages JOIN topics ON topic_id = '
+                                        'topics.id '
                                         'ORDER BY timestamp, messages.id').fetchall()
             except sqlite3.Error as error:
                 raise RuntimeError(f'Error when preparing SQL statement: {error}') from error
@@ -94,19 +97,22 @@ class SequentialWriter:
         assert isinstance(arg1, bytes) and isinstance(arg2, int)
         if arg0 not in self._topics:
             raise RuntimeError('Topic has not been created yet! Call \'create_topic\' first.')
-        self._base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)', (self._topics[arg0][0], arg2, arg1))
+        self._base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)',
+                           (self._topics[arg0][0], arg2, arg1))
 
     def close(self):
         if self._base:
             self._base.commit()
-            (self._folder / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._described()}))
+            (self._folder
+             / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._described()}))
             self._base.close()
             self._base = None
 
     def _described(self):
         counts = dict(self._base.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id').fetchall())
         first, last = self._base.execute('SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
-        span = {'starting_time': {'nanoseconds_since_epoch': first or 0}, 'duration': {'nanoseconds': (last or 0) - (first or 0)},
+        span = {'starting_time': {'nanoseconds_since_epoch': first or 0},
+                'duration': {'nanoseconds': (last or 0) - (first or 0)},
                 'message_count': sum(counts.values())}
         topics = [{'message_count': counts.get(number, 0),
                    'topic_metadata': {'name': topic.name, 'type': topic.type, 'type_description_hash': '',
@@ -114,7 +120,8 @@ class SequentialWriter:
                                       'offered_qos_profiles': [_profile(each) for each in topic.offered_qos_profiles]}}
                   for number, topic in self._topics.values()]
         return {'version': 9, 'storage_identifier': 'sqlite3', 'compression_format': '', 'compression_mode': '',
-                'relative_file_paths': [self._file], 'files': [{'path': self._file, **span}], 'topics_with_message_count': topics,
+                'relative_file_paths': [self._file], 'files': [{'path': self._file, **span}],
+                'topics_with_message_count': topics,
                 'custom_data': None, 'ros_distro': 'jazzy', **span}
 
 

@@ -14,9 +14,10 @@ class ConverterOptions:
 
 
 class StorageOptions:
-    def __init__(self, uri, storage_id='', max_bagfile_size=0, max_bagfile_duration=0, max_cache_size=0,
-                 storage_preset_profile='', storage_config_uri='', snapshot_mode=False, start_time_ns=-1, end_time_ns=-1,
-                 custom_data=None):
+    # Arguments of rosbag2_py.
+    def __init__(self, uri, storage_id='', max_bagfile_size=0, max_bagfile_duration=0,  # noqa: PLR0913
+                 max_cache_size=0, storage_preset_profile='', storage_config_uri='', snapshot_mode=False,
+                 start_time_ns=-1, end_time_ns=-1, custom_data=None):
         assert isinstance(uri, str) and isinstance(storage_id, str)
         self.uri, self.storage_id = uri, storage_id
 

@@ -41,7 +41,7 @@ def test_normals_are_those_of_the_walls_and_face_the_sensor(sign):
 
 
 def test_a_window_grows_to_its_reach_and_to_its_beams():
-    """A wall at y = 1 m with one point, at x = 0, that lies 3 mm nearer: who sees it has a normal that is not (0, -1)."""
+    """A wall at y = 1 m with one point, at x = 0, that lies 3 mm nearer and biases its normals."""
     x = 0.04 * np.arange(20, -21, -1)
     wall = np.column_stack((x, np.where(np.abs(x) < 0.01, 0.997, 1.0)))
     for changes, seen in (({'normal_reach': 0.0, 'normal_beams': 1}, 1), ({'normal_reach': 0.0, 'normal_beams': 3}, 3),
@@ -63,7 +63,10 @@ def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_no
 
 @pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
 def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
-    """Noise lies along the beams: fitted to little more than the noise, the normals of a wall turn towards the sensor."""
+    """Noise lies along the beams.
+
+    Fitted to little more than the noise, the normals of a wall turn towards the sensor.
+    """
     walls = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]])
     parameters, turned = PLAIN.replace({'advanced.segments.normal_noise': reach}), []
     for seed in range(20):
@@ -114,7 +117,8 @@ def test_the_breaks_that_features_keep_are_those_of_their_points():
     """Also around a full circle, where objects are found from a break on."""
     scan = look(outline(L_ROOM), geometry=FULL, noise=0.01)
     found = extract_features(scan, PLAIN)
-    expected = find_breaks(as_complex(found.points), found.beams, scan.geometry.angle_increment, found.noise, PLAIN.segments)
+    expected = find_breaks(as_complex(found.points), found.beams, scan.geometry.angle_increment, found.noise,
+                           PLAIN.segments)
     assert np.array_equal(found.breaks, expected)
 
 
@@ -123,5 +127,5 @@ def test_returns_know_noise_and_ratio_of_the_admitted_ranges_only():
     returns = admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
     assert np.count_nonzero(returns.valid) == 260 and not returns.valid[:100].any()
     assert returns.noise == pytest.approx(0.004) and returns.noise_ratio == 0.0
-    with pytest.raises(ScanError, match='260 of 360 beams have a return; advanced.scan.min_returns asks for 300'):
+    with pytest.raises(ScanError, match=r'260 of 360 beams have a return; advanced\.scan\.min_returns asks for 300'):
         admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))

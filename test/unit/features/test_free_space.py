@@ -41,7 +41,8 @@ def test_the_resolution_of_a_profile_is_that_of_the_beams_within_limits(incremen
 
 
 def test_free_space_is_what_lies_in_front_by_more_than_the_tolerance():
-    assert in_front(np.array([1.0, 1.7, 1.775, 1.85, 3.0]), np.full(5, 2.0), 0.15) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+    assert in_front(np.array([1.0, 1.7, 1.775, 1.85, 3.0]), np.full(5, 2.0),
+                    0.15) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
     view = build_free_space_profile(circle(2.0, np.r_[0:200, 230:360]), math.radians(1.0))
     places = np.array([at(10.0, 1.775), at(35.0, 1.0), at(-120.0, 1.0)])
     assert view.violation(places, 0.15) == pytest.approx([0.5, 0.0, 1.0])

@@ -24,7 +24,8 @@ def drawn(count, seed=0):
 @pytest.mark.parametrize('cells, cell, reach', [(800, 0.04, 0.4), (50, 6.8 / 50, 0.4), (1000, 0.01, 2.0)])
 def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell, reach):
     cloud = drawn(300)
-    surface = build_likelihood_field(cloud, DensityParameters(max_cells=cells, cell_size=min(cell, 0.04), max_distance=reach))
+    surface = build_likelihood_field(cloud, DensityParameters(max_cells=cells, cell_size=min(cell, 0.04),
+                                                              max_distance=reach))
     assert surface.cell == pytest.approx(cell, rel=0.01)
     rng = np.random.default_rng(1)
     places = rng.uniform(-2.0 - reach, 4.0 + reach, 5000) + 1j * rng.uniform(-3.0 - reach, 1.0 + reach, 5000)
@@ -54,13 +55,17 @@ def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():
     for other, nearer in ((0.425 + 0.42j, False), (0.4395 + 0.4395j, True)):
         for pair in ([0.405 + 0.405j, other], [other, 0.405 + 0.405j]):
             points = np.array([0.0j, *pair])
-            surface = build_likelihood_field(OrientedPoints(points, np.ones(3, dtype=complex), np.arange(3)), PARAMETERS)
+            surface = build_likelihood_field(OrientedPoints(points, np.ones(3, dtype=complex), np.arange(3)),
+                                             PARAMETERS)
             found = points[surface.nearest(np.array([0.42 + 0.42j]))[0]]
             assert (found == 0.405 + 0.405j) == nearer
 
 
 def test_points_on_no_side_are_favoured():
-    """Nearest points lie to all sides alike: were those towards the sensor preferred, every scan would seem to stay behind."""
+    """Nearest points lie to all sides alike.
+
+    Were those towards the sensor preferred, every scan would seem to stay behind.
+    """
     rng = np.random.default_rng(2)
     points, places = (rng.uniform(0.0, side, (count, 2)) @ (1.0, 1j) for side, count in ((2.0, 3000), (1.6, 100000)))
     places += 0.2 + 0.2j
@@ -70,7 +75,8 @@ def test_points_on_no_side_are_favoured():
 
 
 def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
-    surface = build_likelihood_field(OrientedPoints(np.array([3.0 + 4.0j]), np.array([-1.0j]), np.array([7])), PARAMETERS)
+    surface = build_likelihood_field(OrientedPoints(np.array([3.0 + 4.0j]), np.array([-1.0j]), np.array([7])),
+                                     PARAMETERS)
     assert surface.normals.tolist() == [1.0j, 0.0]
     assert surface.offsets.tolist() == [-4.0, 0.0]
     empty = build_likelihood_field(OrientedPoints(*np.empty((2, 0), dtype=complex), np.empty(0, dtype=int)), PARAMETERS)
@@ -79,6 +85,7 @@ def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
 
 def test_nothing_is_near_beyond_the_grid_wherever_it_begins():
     for x in np.arange(-2.0, 2.0, 0.01):
-        surface = build_likelihood_field(OrientedPoints(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex), np.arange(2)), DensityParameters())
+        surface = build_likelihood_field(OrientedPoints(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex),
+                                                        np.arange(2)), DensityParameters())
         beyond = np.array([x - 50.0, x + 51.0 + 1.0j, x - 50.0j, x + 1.0 + 51.0j])
         assert (surface.nearest(beyond) == 2).all()

@@ -22,11 +22,13 @@ def drawn(count, seed=0):
 
 
 def test_points_without_a_normal_are_left_out():
-    cloud = build_oriented_points(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]), np.array([4, 6]))
+    cloud = build_oriented_points(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]),
+                                  np.array([4, 6]))
     assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j] and cloud.beams.tolist() == [6]
 
 
-@pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)), (4, range(0, 10, 3))])
+@pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)),
+                                         (4, range(0, 10, 3))])
 def test_points_are_thinned_evenly_to_a_maximum_number(count, kept):
     points = np.arange(10.0) + 0j
     assert OrientedPoints(points, points, np.arange(len(points))).thinned(count).points.real.tolist() == list(kept)
@@ -58,7 +60,8 @@ def test_where_nothing_counts_there_is_no_leverage():
 @pytest.mark.parametrize('share', [0.05, 0.2, 0.3, 0.5])
 def test_high_leverage_is_more_than_twice_the_mean_of_the_hat_matrix(share):
     rng = np.random.default_rng(5)
-    angle = np.where(rng.random(200) < share, 0.0, 0.5 * np.pi) + np.pi * rng.integers(0, 2, 200) + rng.normal(0.3, 0.1, 200)
+    angle = np.where(rng.random(200) < share, 0.0, 0.5 * np.pi) + np.pi * rng.integers(0, 2, 200) + rng.normal(0.3, 0.1,
+                                                                                                               200)
     normals = np.column_stack((np.cos(angle), np.sin(angle)))
     hat = normals @ np.linalg.inv(normals.T @ normals) @ normals.T
     expected = np.diag(hat) > 2.0 * np.trace(hat) / 200
@@ -66,4 +69,5 @@ def test_high_leverage_is_more_than_twice_the_mean_of_the_hat_matrix(share):
 
 
 def test_no_leverage_is_high_where_all_face_alike():
-    assert not high_leverage(np.exp(1j * np.array([0.3, 0.3, 0.3 + np.pi]))).any() and not high_leverage(np.empty(0, complex)).any()
+    assert not high_leverage(np.exp(1j * np.array([0.3, 0.3, 0.3 + np.pi]))).any() and not high_leverage(np.empty(0,
+                                                                                                                  complex)).any()

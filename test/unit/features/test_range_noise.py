@@ -116,12 +116,16 @@ def test_the_noise_ratio_of_a_sensor_is_that_of_nearly_all_its_scans():
 
 
 def test_errors_of_noisy_points_count_in_units_of_their_noise():
-    """Six walls; of the points on one side an error counts a third: least squares with those weights, as numpy solves it."""
+    """Six walls; of the points on one side an error counts a third.
+
+    Least squares with those weights, as numpy solves it.
+    """
     features = extract_features(look(outline(L_ROOM), geometry=FULL))
     cloud, surface, density = features.sampled_points, features.likelihood_field, DensityParameters()
     rng = np.random.default_rng(0)
     inverse_noise = np.where(cloud.points.real > 0.0, 1.0 / 3.0, 1.0)
-    noisy = dataclasses.replace(cloud, points=cloud.points + rng.normal(0.0, 0.005, len(cloud)), inverse_noise=inverse_noise)
+    noisy = dataclasses.replace(cloud, points=cloud.points + rng.normal(0.0, 0.005, len(cloud)),
+                                inverse_noise=inverse_noise)
     plain = dataclasses.replace(noisy, inverse_noise=None)
     still = np.zeros((1, 3))
     sharp, blunt = (fit(still, each, surface, density.min_normal_cosine) for each in (noisy, plain))
@@ -136,11 +140,13 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
 
 
 def test_selected_points_keep_their_inverse_noise():
-    cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None, np.array((1.0, 0.5, 0.25, 0.2)))
+    cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None,
+                           np.array((1.0, 0.5, 0.25, 0.2)))
     assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
     assert cloud.tolerance(0.1).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.5])
     assert dataclasses.replace(cloud, inverse_noise=None).tolerance(0.1) == 0.1
-    assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0, 3.0]), 'where they lie'
+    assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0,
+                                                                                            3.0]), 'where they lie'
 
 
 def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
@@ -149,7 +155,8 @@ def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
     noisy = dataclasses.replace(features, noise_ratio=0.02).oriented_points
     far = np.abs(noisy.points) > 2.5
     assert 0.1 < far.mean() < 0.9
-    assert (noisy.inverse_noise[~far] == 1.0).all() and noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
+    assert (noisy.inverse_noise[~far] == 1.0).all()
+    assert noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
 
 
 def test_the_noise_of_a_range_grows_with_an_unusual_ratio():
@@ -159,7 +166,10 @@ def test_the_noise_of_a_range_grows_with_an_unusual_ratio():
 
 
 def test_far_walls_are_as_straight_as_their_noise_lets_them_be():
-    """A hall of 16 m by 12 m, ranges off by 3 %: with the same noise for every range, its walls break into pieces and its normals scatter."""
+    """A hall of 16 m by 12 m, ranges off by 3 %.
+
+    With the same noise for every range, its walls break into pieces and its normals scatter.
+    """
     hall_walls, rng = outline([(-8.0, -6.0), (8.0, -6.0), (8.0, 6.0), (-8.0, 6.0)]), np.random.default_rng(0)
     clean = look(hall_walls, geometry=ScanGeometry(-math.pi, 0.5 * DEGREE, 720))
     scan = dataclasses.replace(clean, ranges=clean.ranges * (1.0 + 0.03 * rng.normal(size=720)))

@@ -155,7 +155,7 @@ def test_the_increment_of_given_bearings_is_the_usual_step_or_the_sensors_own():
 def test_a_scan_with_too_few_returns_is_refused():
     ranges = np.full(360, np.inf)
     ranges[:7] = 2.0
-    with pytest.raises(ScanError, match='7 of 360 beams have a return; advanced.scan.min_returns asks for 8'):
+    with pytest.raises(ScanError, match=r'7 of 360 beams have a return; advanced\.scan\.min_returns asks for 8'):
         extract_features(Scan(0, ranges, FULL))
     limited = Parameters().replace({'scan.range_max': 1.5})
     with pytest.raises(ScanError, match='0 of 360'):

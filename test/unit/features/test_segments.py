@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Line segments: breakpoints (Eq. 5), corners (Eq. 6), line fits (Eq. 7), ends."""
+import itertools
 import math
 
 import numpy as np
@@ -128,7 +129,7 @@ def straight_error(points, sections):
     """Sum of squared distances of the points from the line through the means of equal sections, by SVD."""
     count = min(len(points), sections) if sections else len(points)
     edges = len(points) * np.arange(sections + 1) // sections if sections else np.arange(len(points) + 1)
-    means = np.array([points[a:b].mean(axis=0) for a, b in zip(edges, edges[1:]) if b > a])
+    means = np.array([points[a:b].mean(axis=0) for a, b in itertools.pairwise(edges) if b > a])
     assert len(means) == count
     centre = means.mean(axis=0)
     normal = np.linalg.svd(means - centre)[2][-1] if count > 1 else np.zeros(2)
@@ -156,7 +157,8 @@ def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
     parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
     noise = np.full(90, NOISE)
     first, last = slope_stretches(
-        PointSequence(as_complex(points), radius, np.arange(90), summed_moments(as_complex(points)), breaks, DEGREE), noise, parameters)
+        PointSequence(as_complex(points), radius, np.arange(90), summed_moments(as_complex(points)), breaks, DEGREE),
+                                  noise, parameters)
     np.testing.assert_array_equal(first, best[1])
     np.testing.assert_array_equal(last, best[2])
 
@@ -234,7 +236,8 @@ def test_segments_run_counter_clockwise():
     np.testing.assert_allclose(found.direction, np.arctan2(along[:, 1], along[:, 0]), atol=1e-9)
 
 
-@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5})], ids=['points', 'sections'])
+@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5})],
+                         ids=['points', 'sections'])
 def test_errors_of_the_fit_agree_with_its_covariance(parameters):
     """A wall 2 m ahead, 100 times with noise: errors in units of their standard deviations."""
     wall = np.array([[(2.0, -2.0), (2.0, 2.0)]])
@@ -258,7 +261,7 @@ def test_sections_are_averaged_and_the_line_is_fitted_to_their_means(sections):
     for i, (a, b) in enumerate(zip(first, last, strict=True)):
         own = points[a:b + 1]
         edges = len(own) * np.arange(sections + 1) // sections
-        means = np.array([own[s:e].mean(axis=0) for s, e in zip(edges, edges[1:]) if e > s])
+        means = np.array([own[s:e].mean(axis=0) for s, e in itertools.pairwise(edges) if e > s])
         np.testing.assert_allclose(centre[:, i], means.mean(axis=0))
         if len(means) > 1:
             along = np.linalg.svd(means - means.mean(axis=0))[2][0]
@@ -324,13 +327,16 @@ def test_parts_of_one_wall_are_joined_whatever_their_sizes():
     ranges[[10, 51, 57]] = np.inf
     whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
     assert whole.beams.tolist() == [[0, 68]]
-    parts = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1, 'advanced.segments.join_gap': 0.0}))
+    parts = extract_features(Scan(0, ranges, scan.geometry),
+                             PLAIN.replace({'advanced.segments.max_gap': 1, 'advanced.segments.join_gap': 0.0}))
     assert parts.segments.beams.tolist() == [[0, 9], [11, 50], [52, 56], [58, 68]]
 
 
 def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():
     panels = np.array([[(1.9, -1.3), (1.9, -1.0)], [(2.0, -1.0), (2.0, 0.3)], [(2.1, 0.3), (2.1, 1.4)]])
-    found = segments_of(panels, PLAIN.replace({'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0}))
+    found = segments_of(panels,
+                        PLAIN.replace({'advanced.segments.breakpoint_noise': 0.0,
+                                       'advanced.segments.breakpoint_factor': 2.0}))
     assert found.midpoint[:, 0] == pytest.approx([1.9, 2.0, 2.1], abs=1e-6)
 
 

@@ -68,8 +68,9 @@ def test_poles_can_be_left_out_and_downweighted():
     less = features.without(left_out)
     assert np.array_equal(less.oriented_points.points, cloud.points[~left_out]) and len(less.poles) == 8
     assert np.array_equal(less.oriented_points.weights, cloud.weights[~left_out])
-    demoted_if_weak = features.downweighted(np.arange(walls, walls + 16), 0.1).oriented_points
-    assert demoted_if_weak.weights[walls:] == pytest.approx(0.1 * features.poles.weights) and (demoted_if_weak.weights[:walls] == 1.0).all()
+    downweighted = features.downweighted(np.arange(walls, walls + 16), 0.1).oriented_points
+    assert downweighted.weights[walls:] == pytest.approx(0.1 * features.poles.weights)
+    assert (downweighted.weights[:walls] == 1.0).all()
 
 
 @pytest.mark.parametrize('circle', [(0.6, -1.42, 0.03), (1.2, 0.6, 0.3)], ids=['before a wall', 'large'])
@@ -85,7 +86,8 @@ def test_an_object_above_the_maximum_size_is_no_pole():
 
 def test_walls_are_no_poles():
     features = place_with()
-    assert with_poles(features, 0.3, SEGMENTS) is features and len(features.oriented_points) == len(features.wall_points)
+    assert with_poles(features, 0.3,
+                      SEGMENTS) is features and len(features.oriented_points) == len(features.wall_points)
 
 
 def test_an_object_is_isolated_unless_a_nearer_one_is_beside_it():
@@ -118,5 +120,6 @@ def test_a_pole_constrains_both_directions():
     pose = SE2(0.04, -0.03, 0.02)
     reference, current = seen(SE2()), seen(pose)
     assert len(reference.oriented_points) == len(current.oriented_points) == 16
-    found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.5, 0.003), [0.2] * 10)
+    found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.5, 0.003),
+                      [0.2] * 10)
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rigid motions against their matrices."""
+import itertools
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ def drawn(count=50):
 
 def test_composition_and_inverse_are_those_of_the_matrices():
     motions = drawn()
-    for a, b in zip(motions, motions[1:]):
+    for a, b in itertools.pairwise(motions):
         np.testing.assert_allclose(matrix(a @ b), matrix(a) @ matrix(b), atol=1e-12)
         np.testing.assert_allclose(matrix(a.inverse()), np.linalg.inv(matrix(a)), atol=1e-12)
         assert -math.pi <= (a @ b).theta < math.pi

@@ -30,7 +30,7 @@ def scan():
     return Scan(STAMP, ranges, ScanGeometry(-2.0, 0.0123, 271, 0.05, 12.0), 1e-5, 'front_laser')
 
 
-def state(pose=SE2(1.0, -2.0, 0.5), covariance=np.diag([1e-4, 4e-4, 9e-6])):  # noqa: B008
+def state(pose=SE2(1.0, -2.0, 0.5), covariance=np.diag([1e-4, 4e-4, 9e-6])):
     return BaseState(STAMP, pose, covariance, np.array([0.3, -0.1, 0.2]), 2.0 * covariance)
 
 

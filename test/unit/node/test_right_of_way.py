@@ -85,8 +85,8 @@ def test_who_insists_sends_at_once_and_waits_for_five_seconds_the_next_time():
 def simulated(seed, duration=120.0):
     """Which of two equal nodes sends the transform of each scan: a list of (time, senders).
 
-    Both receive the same scans, at 10 Hz with a pause, and check the graph once a second, each with its own phase. Both start at once
-    before they have discovered each other, so that both send at first.
+    Both receive the same scans, at 10 Hz with a pause, and check the graph once a second, each with its own phase. Both
+    start at once before they have discovered each other, so that both send at first.
     """
     rng = np.random.default_rng(seed)
     rights, phases, announced = [RightOfWay(), RightOfWay()], rng.uniform(0.0, 1.0, 2), [0.0, 0.0]

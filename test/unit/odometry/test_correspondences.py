@@ -67,13 +67,16 @@ def test_equations_are_turned_into_the_odometry_frame():
 
 def test_a_point_on_several_key_frames_counts_once():
     current = features(END)
-    one, two = (window(*[START] * count).correspondences(END, current.sampled_points, DENSITY).equations(NO_STEP, 0.1) for count in (1, 3))
+    one, two = (window(*[START] * count).correspondences(END, current.sampled_points, DENSITY).equations(NO_STEP, 0.1)
+                for count in (1, 3))
     assert one[0, 0] + one[1, 1] > 0.99 * len(current.sampled_points)
     np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
 
 
 def test_points_are_distributed_over_key_frames_when_there_are_many():
-    """Nine times the same key frame: three subsets of the points give together what all points give with each key frame.
+    """Nine times the same key frame.
+
+    Three subsets of the points give together what all points give with each key frame.
 
     The few that face along the room are in no subset: they are compared with all key frames.
     """
@@ -86,7 +89,8 @@ def test_points_are_distributed_over_key_frames_when_there_are_many():
     cloud = dataclasses.replace(cloud, beams=(~rare).cumsum())
     assert rare.any() and np.count_nonzero(~rare) % 3 == 0
     near, views = END @ SE2(0.03, -0.02, 0.015), window(*[START] * 9)
-    whole, dealt = (views.correspondences(near, cloud, dataclasses.replace(DENSITY, max_points=points)) for points in (3 * size, size))
+    whole, dealt = (views.correspondences(near, cloud, dataclasses.replace(DENSITY, max_points=points))
+                    for points in (3 * size, size))
     expected = whole.equations(NO_STEP, 0.1)
     np.testing.assert_allclose(dealt.equations(NO_STEP, 0.1), expected, rtol=0.02, atol=0.02 * expected[2, 2])
     times, found = (np.bincount(correspondences.index, minlength=size) for correspondences in (whole, dealt))
@@ -117,7 +121,7 @@ def test_key_frames_are_looked_up_each_in_its_own_likelihood_field():
 
 
 def test_correspondences_end_with_the_wall_of_the_key_frame():
-    """Without this limit the last line of the wall would extend to points beyond its end, and its noise would bias them."""
+    """Without this limit the last line of the wall would extend to points beyond its end, and bias them."""
     short, longer = (extract_features(look(np.array([[(-2.0, -1.0), (end, -1.0)]]))) for end in (1.0, 1.3))
     correspondences = KeyFrameWindow([KeyFrame(short, SE2())]).correspondences(SE2(), longer.oriented_points, DENSITY)
     x, last = longer.oriented_points.points.real, short.oriented_points.points.real.max()
@@ -128,7 +132,8 @@ def test_correspondences_end_with_the_wall_of_the_key_frame():
 
 
 def no_correspondences(pose):
-    return window(SE2()).correspondences(pose, OrientedPoints(np.array([50.0 + 50.0j]), np.array([-1j]), np.array([0])), DENSITY)
+    return window(SE2()).correspondences(pose, OrientedPoints(np.array([50.0 + 50.0j]), np.array([-1j]), np.array([0])),
+                                         DENSITY)
 
 
 def test_without_correspondences_the_pose_is_that_of_the_prior():
@@ -167,7 +172,8 @@ def test_iterations_may_go_on_where_others_ended():
     scales, near = [0.2, 0.1, 0.05, 0.05], END @ SE2(0.04, -0.03, 0.03)
     correspondences = window(START).correspondences(near, features(END).oriented_points, DENSITY)
     half = align(correspondences, near, NO_PRIOR, scales[:2], 1e-6)
-    both, whole = (align(correspondences, start, NO_PRIOR, left, 1e-6) for start, left in ((half, scales[2:]), (near, scales)))
+    both, whole = (align(correspondences, start, NO_PRIOR, left, 1e-6) for start,
+                   left in ((half, scales[2:]), (near, scales)))
     assert both.as_array() == pytest.approx(whole.as_array(), abs=1e-12)
 
 
@@ -176,7 +182,8 @@ def test_points_move_with_the_scan_and_the_more_the_farther_they_are_when_it_tur
     assert correspondences.mean_displacement(END) == 0.0
     assert correspondences.mean_displacement(SE2(END.x + 0.03, END.y - 0.04, END.theta)) == pytest.approx(0.05)
     reach = np.abs(correspondences.rotated_points).mean()
-    assert correspondences.mean_displacement(SE2(END.x, END.y, END.theta + 0.01)) == pytest.approx(0.01 * reach, rel=1e-4)
+    assert correspondences.mean_displacement(SE2(END.x, END.y, END.theta + 0.01)) == pytest.approx(0.01 * reach,
+                                                                                                   rel=1e-4)
     assert no_correspondences(END).mean_displacement(START) == 0.0
 
 

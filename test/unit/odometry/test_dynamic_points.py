@@ -66,7 +66,10 @@ def test_a_person_who_overlaps_their_old_position_is_dynamic_as_a_whole():
 
 
 def test_a_person_by_a_long_wall_is_found_without_the_wall():
-    """Person and wall are one run of points: nearly half of the scan, a good part of it in free space; the person is a sixth."""
+    """Person and wall are one run of points: nearly half of the scan, a good part of it in free space.
+
+    The person is a sixth.
+    """
     walls = [[(1.2, -1.0), (1.2, 1.0)], [(-5.0, 3.0), (5.0, 3.0)], [(5.0, -3.0), (-5.0, -3.0)]]
     room = look(np.array(walls), geometry=HALF)
     scan, hidden = with_person(room, 0.0)
@@ -136,7 +139,8 @@ def test_the_information_ratio_of_points_is_the_greatest_eigenvalue(seed):
     cloud, chosen = OrientedPoints(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
     whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
     assert information_ratio(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
-    assert information_ratio(cloud, np.arange(60)) == pytest.approx(1.0) and information_ratio(cloud, np.arange(0)) == 0.0
+    assert information_ratio(cloud, np.arange(60)) == pytest.approx(1.0) and information_ratio(cloud,
+                                                                                               np.arange(0)) == 0.0
 
 
 def things(*centres, points=4):
@@ -164,7 +168,8 @@ def test_movable_objects_are_weighted_by_the_support_of_others():
     assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.5] * 4
     assert weights(2.0, 2.0 + 3.0j, 2.0 - 3.0j, 5.0, 8.0) == [1.0] * 5
     # Two legs of a person, and three poles.
-    assert weights(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0), pytest.approx(1.0)]
+    assert weights(2.0, 2.5, 2.0 + 3.0j, 2.0 - 3.0j, 5.0) == [0.03, 0.03, pytest.approx(1.0), pytest.approx(1.0),
+                                                              pytest.approx(1.0)]
 
 
 def test_many_movable_objects_take_little_memory():
@@ -187,9 +192,11 @@ def test_downweighted_points_have_little_influence():
     points = np.column_stack((np.linspace(-2.0, 2.0, 90), np.full(90, 2.0)))
     moved = points + np.where(np.arange(90) % 3 > 0, 0.1, 0.0)[:, None] * (0.0, 1.0)
     normals = np.tile((0.0, -1.0), (90, 1))
-    reference, current = (dataclasses.replace(wall, points=each, beams=np.arange(90), normals=normals) for each in (points, moved))
+    reference, current = (dataclasses.replace(wall, points=each, beams=np.arange(90), normals=normals)
+                          for each in (points, moved))
     def shift(features):
-        found, _ = refine(np.zeros((1, 3)), Alignment(features.sampled_points, reference.likelihood_field, 0.5, 0.003), [0.2] * 5)
+        found, _ = refine(np.zeros((1, 3)), Alignment(features.sampled_points, reference.likelihood_field, 0.5, 0.003),
+                          [0.2] * 5)
         return found[0, 1]
     assert shift(current) == pytest.approx(-0.0667, abs=0.005)
     assert shift(current.downweighted(np.arange(90) % 3 > 0, 0.03)) == pytest.approx(0.0, abs=0.01)

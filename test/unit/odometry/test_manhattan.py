@@ -37,7 +37,8 @@ def drive(way, faced, seed=0, frame=None, drift=P.heading_drift, parameters=P):
         off = rng.normal(0.0, drift * math.sqrt(STEP)) if k else 0.0
         raw, corrected = raw + off, corrected + off
         frame.propagate(SE2(STEP))
-        turn, share = frame.observe(walls(*(faced(k * STEP) + rng.normal(0.0, 0.003, len(faced(k * STEP))))), corrected, parameters)
+        turn, share = frame.observe(walls(*(faced(k * STEP) + rng.normal(0.0, 0.003, len(faced(k * STEP))))), corrected,
+                                    parameters)
         assert 0.0 <= share <= 1.0
         corrected += turn
         errors.append((raw, corrected))
@@ -114,7 +115,8 @@ def test_scans_are_registered_as_if_no_heading_was_corrected():
         odometry = Odometry(Parameters().replace({'advanced.manhattan.heading_drift': drift}))
         said[drift] = [odometry.process(scan) for scan in scans]
     for left, corrected in zip(*said.values(), strict=True):
-        assert (left.registration and left.registration.transform) == (corrected.registration and corrected.registration.transform)
+        assert (left.registration and left.registration.transform) == (corrected.registration
+                                                                       and corrected.registration.transform)
         assert left.twist == pytest.approx(corrected.twist)
     off = [wrap(one.pose.theta - other.pose.theta) for one, other in zip(*said.values(), strict=True)]
     assert np.abs(off).max() > 1e-4

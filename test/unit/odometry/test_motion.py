@@ -64,7 +64,8 @@ def test_once_the_direction_is_observable_the_speed_follows_from_the_distance():
     pose = drive(motion, SE2(), 30, SE2(0.05))
     pose = drive(motion, pose, 9, SE2(0.05), free=0.0, share=0.0)
     drive(motion, pose, 1, SE2(0.25))
-    # 0.70 m in a second, not 0.05 m ten times: 0.2 m/s faster, and a speed that wanders has changed by half as much again.
+    # 0.70 m in a second, not 0.05 m ten times: 0.2 m/s faster, and a speed that wanders has changed by half as much
+    # again.
     assert motion.twist[0] == pytest.approx(0.5 + 1.5 * 0.2, abs=1e-9)
 
 
@@ -76,7 +77,8 @@ def test_the_sigma_along_a_degenerate_direction_grows_with_time():
     assert reach[1, 1] == pytest.approx((0.5 * P.prior.acceleration * 0.5 ** 2) ** 2)
     assert abs(reach[0]).max() < 1e-12
     motion.elapse(1000.0)
-    assert motion.gate_covariance(here, SE2(), 0.0, P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
+    assert motion.gate_covariance(here, SE2(), 0.0,
+                                  P)[1, 1] - here.covariance[1, 1] == pytest.approx(P.degeneracy.search_distance ** 2)
 
 
 def test_while_lost_the_sigma_grows_in_every_direction():

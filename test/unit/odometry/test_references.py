@@ -31,7 +31,8 @@ POSES = SE2(-1.2, 0.2, 0.1), SE2(-0.9, 0.1, 0.0), SE2(-0.6, 0.2, 0.2), SE2(-0.3,
 
 @pytest.fixture(scope='module')
 def frames():
-    return [KeyFrame(extract_features(look(ROOM, pose, FULL, noise=0.0)), pose, number=k) for k, pose in enumerate(POSES)]
+    return [KeyFrame(extract_features(look(ROOM, pose, FULL, noise=0.0)), pose, number=k) for k,
+            pose in enumerate(POSES)]
 
 
 def registered(status=Status.FAILED, score=RECOVERABLE, direction=None, transform=SE2()):

@@ -17,7 +17,8 @@ def test_jitter_of_the_stamps_does_not_make_speed():
 
 def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
     intervals = StampFilter()
-    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000)]
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300,
+                                                                             7000)]
     assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
     assert [bool(time.jump) for time in found] == [False] * 8 + [True]
     assert found[6].elapsed == pytest.approx(1.05) and found[7].elapsed == 0.0

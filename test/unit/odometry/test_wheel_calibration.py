@@ -16,9 +16,9 @@ def wheel_prior(*motion):
     return Prior(SE2(*motion), np.diag(SPREAD) ** 2)
 
 
-def calibrated_by(steps, wrong=WRONG, noise=0.0, weights=1.0, memory=300.0, error=None, seed=0):
-    """`WheelCalibration` after so many random steps that were `wrong`."""
-    error, rng = error or WheelCalibration(), np.random.default_rng(seed)
+def calibrated_by(steps, wrong=WRONG, noise=0.0, weights=1.0, memory=300.0, error=None):
+    """`WheelCalibration` after `steps` random steps that were `wrong`."""
+    error, rng = error or WheelCalibration(), np.random.default_rng(0)
     for _ in range(steps):
         step = wheel_prior(*rng.normal(0.0, (0.1, 0.01, 0.1)))
         off = wrong @ step.transform.as_array() + noise * rng.normal(0.0, 1.0, 3)
@@ -55,7 +55,9 @@ def test_scale_curve_and_mounting_are_learned(noise):
 
 def test_motions_without_weight_are_not_learned():
     step = wheel_prior(0.1, 0.0, 0.1)
-    assert calibrated_by(50, weights=0.0).corrected(step).transform.as_array() == pytest.approx(step.transform.as_array(), abs=1e-12)
+    assert calibrated_by(50,
+                         weights=0.0).corrected(step).transform.as_array() == pytest.approx(step.transform.as_array(),
+                                                                                            abs=1e-12)
     assert sigma_ratio(calibrated_by(50, weights=0.0)) == pytest.approx(1.0)
 
 
@@ -65,7 +67,8 @@ def test_motions_of_less_weight_are_learned_more_slowly():
 
 
 def test_a_load_put_down_is_noticed_within_the_memory():
-    short, long = (calibrated_by(900, wrong=-WRONG, memory=memory, error=calibrated_by(900, memory=memory)) for memory in (30.0, 1e6))
+    short, long = (calibrated_by(900, wrong=-WRONG, memory=memory, error=calibrated_by(900, memory=memory))
+                   for memory in (30.0, 1e6))
     assert np.abs(off(short, 1.0, 0.0, 0.0, wrong=-WRONG)).max() < 0.01
     assert np.abs(off(long, 1.0, 0.0, 0.0, wrong=-WRONG)).max() > 0.03
 

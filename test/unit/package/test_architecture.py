@@ -183,7 +183,8 @@ def test_folders_and_modules_are_of_a_size_that_can_be_surveyed(graph, root):
 
 def test_the_whole_core_loads_without_scikit_learn(root):
     code = ('import importlib, pathlib, sys\n'
-            f'for path in pathlib.Path("{PACKAGE}/core").rglob("*.py"): importlib.import_module(".".join(path.with_suffix("").parts))\n'
+            f'for path in pathlib.Path("{PACKAGE}/core").rglob("*.py"): '
+            'importlib.import_module(".".join(path.with_suffix("").parts))\n'
             'print(sorted({"matplotlib", "rclpy", "rosbags", "sklearn", "yaml"} & set(sys.modules)))')
     result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
     assert result.stdout == '[]\n'
@@ -201,7 +202,8 @@ def assigned_fields(tree, owner):
     for node in ast.walk(tree):
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', None)]
         for target in (each for outer in targets if outer is not None for each in ast.walk(outer)):
-            if isinstance(target, ast.Attribute) and isinstance(target.ctx, ast.Store) and ast.unparse(target.value) in owner:
+            if isinstance(target, ast.Attribute) and isinstance(target.ctx,
+                                                                ast.Store) and ast.unparse(target.value) in owner:
                 yield target.attr
 
 

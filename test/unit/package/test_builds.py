@@ -37,7 +37,8 @@ def run(root, cython):
     def run(words, folder, **environment):
         path = [str(root / 'test' / 'without'), str(cython), environment.pop('PYTHONPATH', '')]
         environment = os.environ | {'PYTHONPATH': os.pathsep.join(path), 'CFLAGS': '-O0'} | environment
-        result = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        result = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300,
+                                check=False)
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout
     return run
@@ -48,20 +49,26 @@ def source(root, tmp_path_factory):
     """``source()``: a new copy of the tree, without anything built."""
     def source():
         folder = tmp_path_factory.mktemp('source') / PACKAGE
-        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info', '*.so'))
+        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results',
+                                                                    '*.egg-info', '*.so'))
         return folder
     return source
 
 
 @pytest.fixture(scope='module')
 def installed_backend(run, tmp_path_factory):
-    """``installed_backend(folder, **environment)``: install a source tree with pip; the name of the backend that runs."""
+    """``installed_backend(folder, **environment)``: install a source tree with pip.
+
+    The name of the backend that runs.
+    """
     def installed_backend(folder, **environment):
         target = tmp_path_factory.mktemp('target')
-        run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation', '--target', target, '.'],
+        run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation',
+             '--target', target, '.'],
             folder, **environment)
         code = ('import numpy as np, dbscan_reg_ros as package; from dbscan_reg_ros.backends import choose\n'
-                'angles = np.linspace(-3.0, 3.0, 300); scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), angles)\n'
+                'angles = np.linspace(-3.0, 3.0, 300); scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), '
+                'angles)\n'
                 'print(package.__file__, choose().name, package.register(scan, scan).status.name)')
         file, name, status = run([sys.executable, '-c', code], target, PYTHONPATH=str(target)).split()
         assert file.startswith(str(target)) and status != 'FAILED'
@@ -94,7 +101,8 @@ def test_setup_prints_nothing_of_its_own(source, run):
 
 
 def test_setup_and_package_agree_on_the_hash_of_the_sources(root, source, run):
-    code = "import runpy, sys; sys.argv[1:] = ['-q', '--name']; print(runpy.run_path('setup.py')['extensions']()[0].define_macros)"
+    code = ("import runpy, sys; sys.argv[1:] = ['-q', '--name']; "
+            "print(runpy.run_path('setup.py')['extensions']()[0].define_macros)")
     assert f'"{backends.source_hash()}"' in run([sys.executable, '-c', code], source())
 
 
@@ -118,7 +126,8 @@ def test_steps_of_other_sources_are_not_used(fresh_choice):
         assert backends.choose().name == 'reference'
 
 
-@pytest.mark.parametrize(('value', 'names'), [('1', ['reference']), ('0', ['compiled', 'reference']), ('', ['compiled', 'reference'])])
+@pytest.mark.parametrize(('value', 'names'), [('1', ['reference']), ('0', ['compiled', 'reference']),
+                                              ('', ['compiled', 'reference'])])
 def test_the_environment_chooses_the_reference(fresh_choice, value, names):
     fresh_choice.setenv(backends.PURE, value)
     assert backends.choose().name in names

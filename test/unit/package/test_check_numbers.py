@@ -19,7 +19,8 @@ def count(root):
 
 
 @pytest.mark.parametrize(('source', 'numbers'), [
-    ("class P:\n    a: float = parameter(0.3, 'help', 'm', 0.0, 9.0)\n    b: bool = parameter(True, 'help')", (2, 0, 0)),
+    ("class P:\n    a: float = parameter(0.3, 'help', 'm', 0.0, 9.0)\n    b: bool = parameter(True, 'help')",
+     (2, 0, 0)),
     ("class P:\n    a: tuple = parameter((0.3, 0.2, 0.0), 'help')", (3, 0, 0)),
     ('SIZE = 2\nRATIO = 3 * math.pi / 180\nTABLE = np.array([1.5, 2.5, 3.5])\nNAME = "2"', (0, 5, 0)),
     ('def f(a, b=3, *, c=0.5, d=None, e=True): return a', (0, 2, 0)),
@@ -41,6 +42,7 @@ def test_a_tree_has_all_of_its_own_numbers(root, tmp_path, limit, status):
     for command in (('init', '-q'), ('add', '-A'), ('commit', '-qm', 'One')):
         subprocess.run([*git, *command], check=True)
     script = tmp_path / 'scripts' / 'check_numbers'
-    done = subprocess.run([sys.executable, script, 'core', '--against', 'HEAD', '--at-most', limit], capture_output=True,
+    done = subprocess.run([sys.executable, script, 'core', '--against', 'HEAD', '--at-most', limit],
+                          capture_output=True,
                           text=True, check=False, timeout=60)
     assert done.returncode == status and done.stdout.endswith('1 of 1 numbers: 100.0 %\n')

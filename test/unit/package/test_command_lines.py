@@ -18,7 +18,8 @@ ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines 
 def said(line, folder, **environment):
     """What the line prints in a shell without PYTHONPATH."""
     plain = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
-    return subprocess.run(['bash', '-c', line], cwd=folder, env=plain | environment, capture_output=True, text=True, check=True,
+    return subprocess.run(['bash', '-c', line], cwd=folder, env=plain | environment, capture_output=True, text=True,
+                          check=True,
                           timeout=60).stdout
 
 
@@ -29,7 +30,8 @@ def shown(started, **environment):
 
 
 def test_from_a_clone_it_runs_elsewhere(tmp_path):
-    assert said(command_line('convert', '--version'), tmp_path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
+    assert said(command_line('convert', '--version'),
+                tmp_path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
 
 
 def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
@@ -37,13 +39,15 @@ def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
     clone.mkdir()
     (clone / 'dbscan_reg_ros').symlink_to(root / 'dbscan_reg_ros')
     (clone / 'package.xml').symlink_to(root / 'package.xml')
-    line = subprocess.run([sys.executable, '-c', ASK.format(started='x')], cwd=clone, capture_output=True, text=True, check=True,
+    line = subprocess.run([sys.executable, '-c', ASK.format(started='x')], cwd=clone, capture_output=True, text=True,
+                          check=True,
                           timeout=60).stdout.strip()
     assert said(line, tmp_path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
 
 
 def test_what_ros2_run_has_started_is_named_so():
-    assert shown('/home/me/ws/install/dbscan_reg_ros/lib/dbscan_reg_ros/replay') == 'ros2 run dbscan_reg_ros convert --version'
+    assert (shown('/home/me/ws/install/dbscan_reg_ros/lib/dbscan_reg_ros/replay')
+            == 'ros2 run dbscan_reg_ros convert --version')
 
 
 @pytest.mark.parametrize('on_path', [True, False])

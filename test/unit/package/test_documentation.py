@@ -8,7 +8,8 @@ import pytest
 from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
-DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md', 'doc/method.md',
+DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md',
+             'doc/method.md',
              'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/quickstart.md',
              'doc/reliability.md', 'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
 
@@ -50,7 +51,8 @@ def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
 
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_modules_and_tests_that_are_named_exist(root, name):
-    files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test') for path in (root / folder).rglob('*.py')}
+    files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test')
+             for path in (root / folder).rglob('*.py')}
     named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.py)`', (root / name).read_text())}
     assert named - files <= {'setup.py'}
 

@@ -33,7 +33,8 @@ def source(root, tmp_path_factory):
     """``source(name)``: a new copy of what belongs to the package, in the workspace `name`."""
     def copy(name):
         folder = tmp_path_factory.mktemp(name) / 'src' / PACKAGE
-        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info', '*.so'))
+        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results',
+                                                                    '*.egg-info', '*.so'))
         return folder
     return copy
 
@@ -54,7 +55,8 @@ def colcon_build():
 
 
 def succeed(words, folder, environment=None):
-    result = subprocess.run(words, cwd=folder, env=os.environ | (environment or {}), capture_output=True, text=True, timeout=300,
+    result = subprocess.run(words, cwd=folder, env=os.environ | (environment or {}), capture_output=True, text=True,
+                            timeout=300,
                             check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -146,7 +148,8 @@ def test_colcon_links_every_command_where_ros2_run_looks(source, colcon_build, n
     prefix = colcon_build(folder, '--symlink-install', PYTHONPATH=str(noble_setuptools))
     assert executables(prefix) == (set(), set(COMMANDS))
     assert (prefix / 'share' / PACKAGE / 'package.xml').is_symlink()
-    said = succeed(['bash', '-c', f'source {prefix.parent}/setup.bash && {prefix}/lib/{PACKAGE}/replay --version'], tmp_path)
+    said = succeed(['bash', '-c', f'source {prefix.parent}/setup.bash && {prefix}/lib/{PACKAGE}/replay --version'],
+                   tmp_path)
     assert says_version(said)
 
 
@@ -157,7 +160,8 @@ def test_bloom_installs_every_command_where_ros2_run_looks(source, tmp_path):
     assert executables(tmp_path / 'opt/ros/jazzy') == (set(), set(COMMANDS))
 
 
-@pytest.mark.skipif(not (importlib.util.find_spec('wheel') or importlib.util.find_spec('setuptools.command.bdist_wheel')),
+@pytest.mark.skipif(not (importlib.util.find_spec('wheel')
+                         or importlib.util.find_spec('setuptools.command.bdist_wheel')),
                     reason='needs setuptools 70.1, or the package wheel')
 def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
     succeed([sys.executable, '-m', 'pip', 'install', '-q', '--disable-pip-version-check', '--no-index', '--no-deps',
@@ -167,13 +171,16 @@ def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
     packages, = prefix.glob('lib/python*/site-packages')
     environment = {'PYTHONPATH': str(packages)}
     assert says_version(succeed([prefix / 'bin/dbscan-reg-ros', '--version'], tmp_path, environment))
-    assert succeed([prefix / 'bin/dbscan-reg-ros', 'convert', '--help'], tmp_path, environment).startswith('usage: convert ')
-    assert succeed([prefix / 'bin/dbscan-reg-ros', '--help'], tmp_path, environment).startswith('usage: dbscan-reg-ros ')
+    assert succeed([prefix / 'bin/dbscan-reg-ros', 'convert', '--help'], tmp_path,
+                   environment).startswith('usage: convert ')
+    assert succeed([prefix / 'bin/dbscan-reg-ros', '--help'], tmp_path,
+                   environment).startswith('usage: dbscan-reg-ros ')
 
 
 @pytest.mark.parametrize('command', [None, *COMMANDS])
 def test_every_command_prints_the_version_of_the_manifest(root, manifest, tmp_path, command):
-    said = succeed([sys.executable, '-m', PACKAGE, *filter(None, [command]), '--version'], tmp_path, {'PYTHONPATH': str(root)})
+    said = succeed([sys.executable, '-m', PACKAGE, *filter(None, [command]), '--version'], tmp_path,
+                   {'PYTHONPATH': str(root)})
     assert says_version(said, manifest.findtext('version'))
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tests themselves, with only what the manifest names: all are found, and those that need more are skipped with a reason."""
+"""The tests themselves, with only what the manifest names.
+
+All are found, and those that need more are skipped with a reason.
+"""
 import os
 import re
 import subprocess
@@ -7,7 +10,8 @@ import sys
 
 import pytest
 
-NOT_IN_THE_MANIFEST = ('colcon_core', 'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags', 'shapely',
+NOT_IN_THE_MANIFEST = ('colcon_core', 'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags',
+                       'shapely',
                        'small_gicp', 'xdist')
 
 
@@ -18,7 +22,8 @@ def run_tests(root):
         variables = os.environ | {
             'WITHOUT_PACKAGES': ' '.join(hidden), 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': '',
             'PYTHONPATH': os.pathsep.join(filter(None, [str(root / 'test' / 'without'), os.environ.get('PYTHONPATH')]))}
-        return subprocess.run([sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-q', *words], cwd=root, env=variables,
+        return subprocess.run([sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-q', *words], cwd=root,
+                              env=variables,
                               capture_output=True, text=True, timeout=300, check=False)
     return run_tests
 

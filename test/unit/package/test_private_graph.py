@@ -47,7 +47,8 @@ def test_a_domain_stays_taken_while_a_child_process_runs(next_domain, tmp_path):
 
 
 def test_a_domain_stays_taken_when_its_owner_is_killed_and_a_child_goes_on(next_domain, tmp_path):
-    owner = subprocess.run([sys.executable, '-c', KILLED, tmp_path / 'child.log'], stdout=subprocess.PIPE, text=True, check=False)
+    owner = subprocess.run([sys.executable, '-c', KILLED, tmp_path / 'child.log'], stdout=subprocess.PIPE, text=True,
+                           check=False)
     domain, child = map(int, owner.stdout.split())
     assert owner.returncode == -signal.SIGKILL
     try:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ``from dbscan_reg_ros import ...`` gives: names, scans from arrays, registration of scans, records in one line."""
+"""What ``from dbscan_reg_ros import ...`` gives.
+
+Names, scans from arrays, registration of scans, records in one line.
+"""
 import ast
 import dataclasses
 import math
@@ -16,7 +19,8 @@ import dbscan_reg_ros
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, extract_features, register
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
-PROMISED = {'Scan', 'extract_features', 'register', 'Odometry', 'Parameters', 'SE2', 'Status', 'open_recording', 'DbscanRegError',
+PROMISED = {'Scan', 'extract_features', 'register', 'Odometry', 'Parameters', 'SE2', 'Status', 'open_recording',
+            'DbscanRegError',
             'ParameterError', 'RecordingError', 'ScanError'}
 ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 RANGES = np.linspace(1.0, 5.0, 360)
@@ -104,12 +108,16 @@ def changed(values, place, value):
     (['near'] * 360, ANGLES, 'ranges of type <U4; expected real numbers'),
     (RANGES, None, 'angles of type object; expected real numbers'),
     (RANGES + 1j, ANGLES, 'ranges of type complex128; expected real numbers'),
-    (RANGES, changed(ANGLES, 7, math.nan), r'angles\[7\] = nan; expected finite angles \[rad\], also for beams without a return'),
+    (RANGES, changed(ANGLES, 7, math.nan),
+     r'angles\[7\] = nan; expected finite angles \[rad\], also for beams without a return'),
     (RANGES, changed(ANGLES, 0, -math.inf), r'angles\[0\] = -inf; expected finite'),
-    (RANGES, np.random.default_rng(0).permutation(ANGLES), r'out of order; sort ranges and angles by angle: order = numpy.argsort'),
-    (RANGES, changed(ANGLES, [7, 8], ANGLES[[8, 7]]), r'angles\[7\] = -3\.0\d+ and angles\[8\] = -3\.0\d+ are out of order'),
+    (RANGES, np.random.default_rng(0).permutation(ANGLES),
+     r'out of order; sort ranges and angles by angle: order = numpy.argsort'),
+    (RANGES, changed(ANGLES, [7, 8], ANGLES[[8, 7]]),
+     r'angles\[7\] = -3\.0\d+ and angles\[8\] = -3\.0\d+ are out of order'),
     (RANGES, np.zeros(360), r'angles\[0\] = 0 and angles\[1\] = 0 are out of order'),
-    (np.delete(RANGES, 5), np.delete(ANGLES, 5), r'angles\[4\] and angles\[5\] are 2 times as far apart as most; .* keep the beams '
+    (np.delete(RANGES, 5), np.delete(ANGLES, 5),
+     r'angles\[4\] and angles\[5\] are 2 times as far apart as most; .* keep the beams '
      'without a return, with the range inf'),
     (RANGES, np.degrees(ANGLES), 'angles are in radians'),
 ])
@@ -170,7 +178,8 @@ def test_records_are_shown_in_one_line(pair):
     odometry = Odometry()
     updates = [odometry.process(dataclasses.replace(scan, stamp=k * 10**8)) for k, scan in enumerate(pair)]
     uneven = Scan.from_ranges(RANGES, ANGLES + 0.2 * math.radians(1.0) * np.sin(np.arange(360)))
-    records = [pair[0], uneven, uneven.geometry, features, features.segments, register(*pair), Prior(SE2(), np.eye(3)), *updates]
+    records = [pair[0], uneven, uneven.geometry, features, features.segments, register(*pair), Prior(SE2(), np.eye(3)),
+               *updates]
     for record in records:
         text = repr(record)
         assert text.startswith(f'{type(record).__name__}(') and '\n' not in text
@@ -180,7 +189,8 @@ def test_records_are_shown_in_one_line(pair):
 def test_the_numbers_of_a_record_are_its_own(pair):
     scan = dataclasses.replace(pair[0], stamp=5)
     returns = scan.ranges[scan.valid]
-    assert repr(scan) == (f'Scan(360 beams from {math.degrees(FULL.bearings[0]):.1f} to {math.degrees(FULL.bearings[-1]):.1f} deg, '
+    assert repr(scan) == (f'Scan(360 beams from {math.degrees(FULL.bearings[0]):.1f} to '
+                          f'{math.degrees(FULL.bearings[-1]):.1f} deg, '
                           f'{len(returns)} returns at {returns.min():.2f} to {returns.max():.2f} m, stamp 5 ns)')
     assert repr(Scan(0, np.full(360, math.nan), FULL)).endswith('0 returns, stamp 0 ns)')
     found = register(*pair)

@@ -15,7 +15,8 @@ from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.requirements import NEEDS, ROS, ROS_WHEELS, SOURCES, missing_line
 
 WORDS = {
-    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1'], 'play': ['a.log'],
+    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1'],
+         'play': ['a.log'],
     'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'], 'dump': [],
     'convert': ['a.log', 'b.log'],
 }
@@ -27,14 +28,15 @@ def without(root, tmp_path):
     def without(modules, *words):
         environment = os.environ | {'PYTHONPATH': f'{root / "test" / "without"}{os.pathsep}{root}',
                                     'WITHOUT_PACKAGES': ' '.join(modules)}
-        return subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path, env=environment, check=False,
+        return subprocess.run([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path, env=environment,
+                              check=False,
                               capture_output=True, text=True, timeout=60)
     return without
 
 
 @pytest.fixture
 def machine(monkeypatch):
-    """``machine(prefix, base, apt, ros, managed)``: the Python and the tools of another machine, as far as they are asked for."""
+    """``machine(prefix, base, apt, ros, managed)``: the Python and the tools of another machine."""
     def machine(prefix, base=None, apt=True, ros=False, managed=True):
         monkeypatch.setattr(sys, 'prefix', prefix)
         monkeypatch.setattr(sys, 'base_prefix', base or prefix)
@@ -103,7 +105,8 @@ def test_what_ubuntu_has_no_package_of_goes_into_a_virtual_environment(machine, 
     machine(tmp_path)('/usr')
     assert missing_line(['tqdm', 'rosbags']) == (
         'needs tqdm and rosbags, not installed here: sudo apt install python3-tqdm && /usr/bin/python3 -m venv '
-        '--system-site-packages /home/me/.venvs/dbscan_reg_ros && /home/me/.venvs/dbscan_reg_ros/bin/python -m pip install rosbags')
+        '--system-site-packages /home/me/.venvs/dbscan_reg_ros && /home/me/.venvs/dbscan_reg_ros/bin/python -m pip '
+        'install rosbags')
 
 
 def test_ros_is_sourced_where_it_is_there_and_comes_as_wheels_where_it_is_not(machine, tmp_path):
@@ -119,7 +122,9 @@ def test_every_name_is_one_that_is_installed_by_it(root):
     """The locks and rosdep keys name the same; rclpy and this package are on no registry."""
     locks = ''.join((root / 'scripts' / 'requirements' / f'{name}.txt').read_text() for name in ('wheels', 'test'))
     locked = {name.lower().replace('_', '-') for name in re.findall(r'^([\w-]+)(?:\[\w+\])?==', locks, re.MULTILINE)}
-    names = {source.pypi.lower().replace('_', '-') for source in SOURCES.values()} | {name.split('[')[0].split('=')[0] for name in ROS_WHEELS}
+    names = {source.pypi.lower().replace('_', '-') for source in SOURCES.values()} | {name.split('[')[0].split('=')[0]
+                                                                                      for name in ROS_WHEELS}
     assert names <= locked
     manifest = (root / 'package.xml').read_text()
-    assert all(f'<exec_depend>{source.ubuntu}</exec_depend>' in manifest for source in SOURCES.values() if source.ubuntu)
+    assert all(f'<exec_depend>{source.ubuntu}</exec_depend>' in manifest
+               for source in SOURCES.values() if source.ubuntu)

@@ -17,7 +17,8 @@ LINE = f'FLASER 40 {" ".join(["2.0"] * 40)} 0 0 0 0 0 0 {{}} host 0.1\n'
 
 def calls(root):
     """(place, name, call) of every call in the source."""
-    for path in sorted([*(root / 'dbscan_reg_ros').rglob('*.py'), *(root / 'scripts').rglob('*.py'), *(root / 'launch').glob('*')]):
+    for path in sorted([*(root / 'dbscan_reg_ros').rglob('*.py'), *(root / 'scripts').rglob('*.py'),
+                        *(root / 'launch').glob('*')]):
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
             if isinstance(node, ast.Import | ast.ImportFrom):
@@ -50,7 +51,8 @@ def test_every_package_of_the_set_up_is_pinned_with_its_hashes(root):
         requirements = [line for line in text.splitlines() if line.strip()]
         assert requirements, path
         for requirement in requirements:
-            assert re.match(r'[\w.\[\],-]+==[\w.]+( ; [^#]*?)?(\s+--hash=sha256:[0-9a-f]{64})+\s*$', requirement), requirement
+            assert re.match(r'[\w.\[\],-]+==[\w.]+( ; [^#]*?)?(\s+--hash=sha256:[0-9a-f]{64})+\s*$',
+                            requirement), requirement
 
 
 @pytest.mark.parametrize('name', ['...log', '....log', '.hidden.log', '...'])

@@ -18,7 +18,8 @@ def locked(root):
 def test_the_hook_and_the_tests_run_the_same_versions(root):
     hooks = re.findall(r'additional_dependencies: \[(.*)\]', (root / '.pre-commit-config.yaml').read_text())
     wanted = {word for hook in hooks for word in hook.split(', ')}
-    named = {line for line in (root / 'scripts/requirements/style.in').read_text().splitlines() if not line.startswith('#')}
+    named = {line for line in (root / 'scripts/requirements/style.in').read_text().splitlines()
+             if not line.startswith('#')}
     assert named == wanted and len(wanted) == 4
     pinned = {f'{name}=={version}' for name, version in locked(root).items()}
     assert {word for word in wanted if '==' in word} <= pinned
@@ -26,7 +27,7 @@ def test_the_hook_and_the_tests_run_the_same_versions(root):
 
 @pytest.fixture
 def checks(root, tmp_path):
-    """``checks(*arguments, ruff=status, mypy=status)``: scripts/test with stand-ins for the tools; its status, and what ran."""
+    """``checks(*arguments, ruff=status, mypy=status)``: status of scripts/test with stand-ins, and what ran."""
     shutil.copytree(root / 'scripts', tmp_path / 'scripts')
     with open(tmp_path / 'scripts' / 'setup', 'a') as setup:
         setup.write(f'set_up() {{ python={tmp_path}/python; }}\nset_up_style() {{ style={tmp_path}; }}\n'
@@ -37,7 +38,8 @@ def checks(root, tmp_path):
             (tmp_path / name).write_text(f'#!/bin/sh\necho {name} $* >> {tmp_path}/ran\nexit {status}\n')
             (tmp_path / name).chmod(0o755)
         (tmp_path / 'ran').write_text('')
-        done = subprocess.run(['bash', tmp_path / 'scripts' / 'test', *words], capture_output=True, text=True, timeout=60,
+        done = subprocess.run(['bash', tmp_path / 'scripts' / 'test', *words], capture_output=True, text=True,
+                              timeout=60,
                               check=False)
         return done.returncode, (tmp_path / 'ran').read_text().splitlines()
     return checks
@@ -67,7 +69,9 @@ def sources(root):
     """What the licence stands in: Python, Cython, shell and CMake."""
     for folder in ('.ci', 'dbscan_reg_ros', 'launch', 'scripts', 'test'):
         for path in (root / folder).rglob('*'):
-            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py', '.pyx', '.pxi', '.pyi') or path.name == 'CMakeLists.txt'):
+            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py', '.pyx', '.pxi',
+                                                                                       '.pyi')
+                                                                       or path.name == 'CMakeLists.txt'):
                 yield path
     yield root / 'setup.py'
 

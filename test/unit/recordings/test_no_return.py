@@ -19,10 +19,12 @@ def limit_of(scans):
 @pytest.fixture(scope='module')
 def drive():
     world = rooms(seed=1)
-    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=180, range_max=40.0, dropouts=0.05), seed=1).scans
+    return simulate(world, follow(world.tour[:4], speed=1.0), Lidar(beams=180, range_max=40.0, dropouts=0.05),
+                    seed=1).scans
 
 
-@pytest.mark.parametrize('codes', [(32.767, 32.763, 32.759), (81.83,), (81.83, 81.91), (8.0,), (51.06, 51.07, 51.11), (65.535,)])
+@pytest.mark.parametrize('codes', [(32.767, 32.763, 32.759), (81.83,), (81.83, 81.91), (8.0,), (51.06, 51.07, 51.11),
+                                   (65.535,)])
 def test_a_frequent_isolated_value_beyond_jumps_is_no_return(drive, codes):
     rng, scans, missing = np.random.default_rng(1), [], 0
     for scan in drive:
@@ -44,7 +46,8 @@ def test_walls_are_never_no_return(drive):
 def test_a_sensor_that_saturates_on_walls_keeps_them(longest):
     """A hall without gaps whose walls reach the longest range that the sensor gives."""
     bearings = np.radians(np.arange(-90, 90))
-    walls = [np.minimum(distance / np.maximum(np.cos(bearings), 1e-3), longest) for distance in np.linspace(2.5, 2.9, 30)]
+    walls = [np.minimum(distance / np.maximum(np.cos(bearings), 1e-3), longest) for distance in np.linspace(2.5, 2.9,
+                                                                                                            30)]
     assert limit_of(walls) is None
 
 

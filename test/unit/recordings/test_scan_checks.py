@@ -18,7 +18,10 @@ START = 1_700_000_000 * SECOND
 
 
 def drive(count=30, period=0.1, beams=360, **changes):
-    """Fields of scans in a room of a lidar that looks all round; a change is a value, or a function of the scan's number."""
+    """Fields of scans in a room of a lidar that looks all round.
+
+    A change is a value, or a function of the scan's number.
+    """
     rng = np.random.default_rng(1)
     step = 2.0 * math.pi / beams
     for k in range(count):
@@ -41,7 +44,8 @@ def scaled(factor, beams=360):
 
 def missing(share, value, factor=1.0):
     rng = np.random.default_rng(3)
-    return lambda _k: np.where(rng.uniform(size=360) < share, value, factor * rng.uniform(1.0, 6.0, 360)).astype(np.float32)
+    return lambda _k: np.where(rng.uniform(size=360) < share, value,
+                               factor * rng.uniform(1.0, 6.0, 360)).astype(np.float32)
 
 
 JITTER = np.random.default_rng(4).integers(-60_000_000, 60_000_000, 30)
@@ -64,7 +68,8 @@ JITTER = np.random.default_rng(4).integers(-60_000_000, 60_000_000, 30)
     {'ranges': missing(0.3, 25.0, 2.5)},
     {'range_max': 0.0},
     {'range_max': math.inf, 'ranges': scaled(15.0)},
-    {'ranges': lambda k: np.linspace(1.0, 5.0, 360 + k % 9, dtype=np.float32), 'angle_max': -math.pi + 2.0 * math.pi * 363 / 360,
+    {'ranges': lambda k: np.linspace(1.0, 5.0, 360 + k % 9, dtype=np.float32),
+     'angle_max': -math.pi + 2.0 * math.pi * 363 / 360,
      'angle_min': lambda k: -math.pi - (k % 9 - 4) * math.pi / 180},
 ])
 def test_correct_metadata_cause_no_warning(changes):
@@ -78,14 +83,17 @@ def test_correct_metadata_cause_no_warning(changes):
     ({'angle_increment': -2.0 * math.pi / 360}, Kind.ANGLE_INCREMENT, 30,
      'angle_increment is -0.0174533 rad, but angle_max 3.12414 rad lies above angle_min -3.14159 rad'),
     ({'angle_min': math.pi, 'angle_max': -math.pi + math.pi / 180}, Kind.ANGLE_INCREMENT, 30, 'lies below'),
-    ({'angle_min': 1.5, 'angle_max': -1.2}, Kind.ANGLE_INCREMENT, 30, 'angle_max -1.2 rad lies below angle_min 1.5 rad'),
-    ({'angle_max': 1.0}, Kind.ANGLE_MAX, 30, 'angle_max is 1 rad, but 360 ranges, angle_min and angle_increment end at 3.12414 rad'),
+    ({'angle_min': 1.5, 'angle_max': -1.2}, Kind.ANGLE_INCREMENT, 30,
+     'angle_max -1.2 rad lies below angle_min 1.5 rad'),
+    ({'angle_max': 1.0}, Kind.ANGLE_MAX, 30,
+     'angle_max is 1 rad, but 360 ranges, angle_min and angle_increment end at 3.12414 rad'),
     ({'angle_max': math.nan}, Kind.ANGLE_MAX, 30, 'angle_max is nan'),
     ({'stamp': 0}, Kind.STAMP_ZERO, 30, 'the scans have no stamp'),
     ({'stamp': START}, Kind.STAMP_EQUAL, 27, 'are equal (1700000000.000 s)'),
     ({'stamp': lambda k: START + k // 2 * SECOND // 5}, Kind.STAMP_EQUAL, 13, 'are equal'),
     ({'stamp': lambda k: START - k * SECOND // 10}, Kind.STAMP_BACK, 26, 'go back by 0.100 s, to 1699999999.600 s'),
-    ({'stamp': lambda k: START + k * SECOND // 10 - k % 2 * SECOND}, Kind.STAMP_BACK, 12, 'expected stamps that increase'),
+    ({'stamp': lambda k: START + k * SECOND // 10 - k % 2 * SECOND}, Kind.STAMP_BACK, 12,
+     'expected stamps that increase'),
     ({'stamp': lambda k: START + k % 20 * SECOND, 'time_increment': 0.0}, Kind.STAMP_BACK, 1, 'go back by 19.000 s'),
     ({'time_increment': -1e-4}, Kind.TIME_INCREMENT, 30, 'time_increment is -0.0001 s'),
     ({'time_increment': math.inf}, Kind.TIME_INCREMENT, 30, 'time_increment is inf s'),
@@ -98,7 +106,8 @@ def test_correct_metadata_cause_no_warning(changes):
     ({'range_max': 0.012}, Kind.RANGE_MAX, 30, 'beyond range_max'),
     ({'ranges': scaled(10.0)}, Kind.RANGE_MAX, 30, 'beyond range_max'),
     ({'range_min': 100.0}, Kind.RANGE_MIN, 30, 'below range_min'),
-    ({'ranges': lambda k: np.ones(360 if k < 9 else 250, dtype=np.float32), 'angle_max': lambda k: (-math.pi + 2.0 * math.pi * (
+    ({'ranges': lambda k: np.ones(360 if k < 9 else 250, dtype=np.float32),
+      'angle_max': lambda k: (-math.pi + 2.0 * math.pi * (
         359 if k < 9 else 249) / 360)}, Kind.BEAMS, 1, 'the scans change from 360 to 250 beams'),
 ])
 def test_each_kind_is_reported_once_with_the_value_required(changes, kind, count, says):
@@ -153,7 +162,8 @@ def test_a_scan_costs_little_beside_the_extraction_of_its_features():
         for fields in scans:
             checks.look(fields)
 
-    checked, extracted = zip(*((timeit.timeit(all_scans, number=1) / len(scans), timeit.timeit(lambda: extract_features(scan), number=1))
+    checked, extracted = zip(*((timeit.timeit(all_scans, number=1) / len(scans),
+                                timeit.timeit(lambda: extract_features(scan), number=1))
                                for _ in range(20)), strict=True)
     assert min(checked) < 0.05 * min(extracted)
 
@@ -177,7 +187,8 @@ def test_faulty_recordings_are_reported_by_kind(cases, name, kinds):
     assert kinds_of(cases / name) == kinds
 
 
-@pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static', 'urg04lx/exp1'])
+@pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static',
+                                  'urg04lx/exp1'])
 def test_real_recordings_cause_no_warning(data, path):
     if not (data / path).exists():
         pytest.skip(f'{path} is not there')
@@ -197,7 +208,8 @@ def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_p
 
 
 @needs_rosbags
-@pytest.mark.parametrize('name, limit', [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
+@pytest.mark.parametrize('name, limit',
+                         [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
 def test_millimetres_are_reported_by_replay(cases, tmp_path, capsys, name, limit):
     replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
     captured = capsys.readouterr()
@@ -210,7 +222,8 @@ def test_millimetres_are_reported_by_replay(cases, tmp_path, capsys, name, limit
 def test_compare_and_tune_say_it_before_they_begin(cases, tmp_path, capsys):
     path = cases / 'replay_two_frames'
     compare.main(['--processes', '1', '--out', str(tmp_path), 'defaults', 'identity', str(path)])
-    tune.main(['--processes', '1', '--trials', '1', '--scans', '30', '--search', 'random', '--out', str(tmp_path / 'tune'), str(path)])
+    tune.main(['--processes', '1', '--trials', '1', '--scans', '30', '--search', 'random', '--out',
+               str(tmp_path / 'tune'), str(path)])
     lines = [line for line in capsys.readouterr().err.splitlines() if 'from the frame' in line]
     assert [line.split(': ')[0] for line in lines] == ['compare', 'tune']
     assert '(121 of 122 scans' in lines[0] and '(29 of 30 scans' in lines[1]

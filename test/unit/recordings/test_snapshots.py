@@ -23,7 +23,8 @@ def updates(drive):
 @pytest.fixture
 def written(updates, tmp_path):
     path = tmp_path / 'snapshot.npz'
-    parameters = {name: list(value) if isinstance(value, tuple) else value for name, value in Parameters().flatten().items()}
+    parameters = {name: list(value) if isinstance(value, tuple) else value for name,
+                  value in Parameters().flatten().items()}
     write_snapshot(path, Snapshot(parameters, [SnapshotUpdate.of(*pair) for pair in updates]))
     return path
 
@@ -47,7 +48,8 @@ def test_everything_is_read_back_unchanged(written, updates):
             assert read.registration is read.reference is None
             continue
         assert read.reference.ranges.tobytes() == update.reference.scan.ranges.tobytes()
-        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'degenerate_direction', 'weakest_information'):
+        for name in ('transform', 'status', 'reason', 'overlap', 'score', 'degenerate_direction',
+                     'weakest_information'):
             assert getattr(read.registration, name) == getattr(update.registration, name)
         assert [(h.transform, h.score) for h in read.registration.hypotheses] == [
             (h.transform, h.score) for h in update.registration.hypotheses]
@@ -82,7 +84,8 @@ def test_other_archives_and_missing_files_are_refused(tmp_path):
     np.savez(tmp_path / 'other.npz', a=np.array([math.pi]))
     with pytest.raises(RecordingError, match='no snapshot'):
         read_snapshot(tmp_path / 'other.npz')
-    np.savez(tmp_path / 'newer.npz', snapshot=np.frombuffer(b'{"format": "dbscan_reg_ros snapshot", "version": 9}', np.uint8))
+    np.savez(tmp_path / 'newer.npz', snapshot=np.frombuffer(b'{"format": "dbscan_reg_ros snapshot", "version": 9}',
+                                                            np.uint8))
     with pytest.raises(RecordingError, match='version 9'):
         read_snapshot(tmp_path / 'newer.npz')
     with pytest.raises(RecordingError, match='cannot be read: No such file'):

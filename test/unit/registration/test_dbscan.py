@@ -169,7 +169,8 @@ def test_the_knee_of_a_flat_or_short_graph_is_its_least_distance():
 
 def partition(labels):
     """The clusters as sets of samples, and the noise."""
-    return {frozenset(np.flatnonzero(labels == label)) for label in set(labels) - {-1}}, frozenset(np.flatnonzero(labels == -1))
+    return {frozenset(np.flatnonzero(labels == label))
+            for label in set(labels) - {-1}}, frozenset(np.flatnonzero(labels == -1))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -191,7 +192,8 @@ def test_either_implementation_clusters_across_the_end_of_the_circle_and_equal_a
     chosen = choose_clustering(implementation)
     angles = np.array([3.13, 0.0, -3.13, 3.13, -1e-20, np.pi, 0.0])
     assert chosen.dbscan_line(angles, 0.05, 2, period=2.0 * np.pi).tolist() == [0, 1, 0, 0, 1, 0, 1]
-    assert len(chosen.dbscan_line(np.empty(0), 0.05, 1, period=2.0)) == len(chosen.dbscan_plane(np.empty((0, 2)), 0.05, 1)) == 0
+    assert len(chosen.dbscan_line(np.empty(0), 0.05, 1, period=2.0)) == len(chosen.dbscan_plane(np.empty((0, 2)), 0.05,
+                                                                                                1)) == 0
 
 
 def test_the_built_in_clustering_is_the_default_and_the_papers_is_scikit_learns(root):

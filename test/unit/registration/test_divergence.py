@@ -113,7 +113,7 @@ def test_the_true_motion_diverges_least_of_all_candidates():
     current = look(outline(L_ROOM)).points
     rng = np.random.default_rng(0)
     candidates = motion.as_array() + rng.uniform(-0.3, 0.3, (200, 3)) * (1.0, 1.0, 0.0)
-    candidates = np.concatenate((candidates, candidates + (0.0, 0.0, 0.1), -candidates))
+    candidates = np.concatenate((candidates, candidates + np.array((0.0, 0.0, 0.1)), -candidates))
     candidates[77] = motion.as_array()
     found = divergences(candidates, motion.apply(current), current, PARAMETERS)
     assert np.argmin(found) == 77

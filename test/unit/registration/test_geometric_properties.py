@@ -105,7 +105,8 @@ def test_a_registration_does_not_depend_on_what_was_registered_before(motion, ot
     fresh = register(*map(extract_features, pair(motion, seed)))
     for again in (register(one, two), fresh):
         assert again.transform == first.transform
-        assert (again.covariance == first.covariance).all() and (again.status, again.score) == (first.status, first.score)
+        assert (again.covariance == first.covariance).all() and (again.status, again.score) == (first.status,
+                                                                                                first.score)
 
 
 DIGEST = """
@@ -126,8 +127,10 @@ def test_results_do_not_depend_on_the_run_nor_on_the_number_of_threads(root):
     """To the last bit, in processes of their own."""
     digests = set()
     for threads in ('1', '1', '2', '8'):
-        environment = os.environ | dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), threads)
-        result = subprocess.run([sys.executable, '-c', DIGEST], cwd=root / 'test' / 'unit' / 'registration', env=environment | {'PYTHONPATH': f'{root}:{root / "test"}'},
+        environment = os.environ | dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'),
+                                                 threads)
+        result = subprocess.run([sys.executable, '-c', DIGEST], cwd=root / 'test' / 'unit' / 'registration',
+                                env=environment | {'PYTHONPATH': f'{root}:{root / "test"}'},
                                 capture_output=True, text=True, check=True)
         digests.add(result.stdout)
     assert len(digests) == 1

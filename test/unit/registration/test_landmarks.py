@@ -50,7 +50,8 @@ def test_landmarks_are_small_isolated_objects():
     trunks = np.array([(3.0, 0.0, 0.1), (0.0, 5.0, 0.3), (-4.0, 0.2, 0.3), (-7.5, 0.0, 2.0), (0.0, -3.0, 0.8)])
     things = find_small_objects(seen(trunks, np.zeros(3)), 1.0, PARAMETERS.segments)
     found = things.middle[np.argsort(things.nearest)]
-    assert found == pytest.approx([3.0, -4.0 + 0.2j, 5.0j], abs=0.03), 'in front of a large one, too; a large one is none'
+    assert found == pytest.approx([3.0, -4.0 + 0.2j, 5.0j],
+                                  abs=0.03), 'in front of a large one, too; a large one is none'
 
 
 @pytest.mark.parametrize('seed', range(10))
@@ -58,7 +59,8 @@ def test_the_motion_between_two_scans_of_trunks_is_among_the_hypotheses_however_
     rng = np.random.default_rng(seed)
     trunks = np.column_stack((rng.uniform(-9.0, 9.0, (12, 2)), rng.uniform(0.05, 0.3, 12)))
     trunks = trunks[np.hypot(trunks[:, 0], trunks[:, 1]) > 1.5]
-    start, motion = np.array((0.0, 0.0, rng.uniform(-3.0, 3.0))), np.array((*rng.uniform(-0.7, 0.7, 2), rng.uniform(-3.1, 3.1)))
+    start, motion = np.array((0.0, 0.0, rng.uniform(-3.0, 3.0))), np.array((*rng.uniform(-0.7, 0.7, 2),
+                                                                            rng.uniform(-3.1, 3.1)))
     reference, current = seen(trunks, start), seen(trunks, compose(start[None], motion[None])[0])
     best, *others = landmark_motions(reference, current, PARAMETERS)
     way, turn = apart(best, motion)
@@ -81,7 +83,8 @@ def test_motions_that_a_prior_rules_out_are_none():
 @pytest.mark.parametrize('here', [0, 1], ids=['none', 'one'])
 @pytest.mark.parametrize('turned', [False, True])
 def test_one_landmark_tells_no_motion(here, turned):
-    trunks, wall = np.array([(2.0, 1.0, 0.2), (3.0, -1.0, 0.2), (-2.0, 0.5, 0.3)]), np.array([[(-5.0, 4.0), (5.0, 4.0)]])
+    trunks, wall = np.array([(2.0, 1.0, 0.2), (3.0, -1.0, 0.2),
+                             (-2.0, 0.5, 0.3)]), np.array([[(-5.0, 4.0), (5.0, 4.0)]])
     scans = [seen(circles, np.zeros(3), wall) for circles in (trunks[:here], trunks)]
     assert landmark_motions(*(scans[::-1] if turned else scans), PARAMETERS).shape == (0, 3)
 
@@ -110,4 +113,5 @@ def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive, root):
     draw_overlay(figure, steps)
     shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
     assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
-    assert not len(Steps.of(*pair, read_parameters(root / 'config' / 'paper.yaml')).current.landmarks), 'the paper knows none'
+    assert not len(Steps.of(*pair,
+                            read_parameters(root / 'config' / 'paper.yaml')).current.landmarks), 'the paper knows none'

@@ -44,7 +44,8 @@ def fitted(reference, current, *motions):
 def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
     """A wall at y = 2 m faces the sensor, another at y = -2 m; the point is at y = 1.9 m before it is moved."""
     x = np.arange(-1.0, 1.0, 0.01)
-    surface = build_likelihood_field(OrientedPoints(np.concatenate((x + 2j, x - 2j)), np.repeat((-1j, 1j), 200), np.arange(400)), DENSITY)
+    surface = build_likelihood_field(OrientedPoints(np.concatenate((x + 2j, x - 2j)), np.repeat((-1j, 1j), 200),
+                                                    np.arange(400)), DENSITY)
     point = OrientedPoints(np.array([0.3 + 1.9j]), np.array([-1j]), np.array([0]))
     before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
     found = fit(np.array([before, turned, far]), point, surface, 0.5)
@@ -154,7 +155,8 @@ def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
     both = errors.alike & there.alike
     assert both.mean() > 0.95
     assert np.percentile(np.abs(errors.error - there.error)[both], 95) < 3e-4
-    assert np.median(np.abs(errors.error - fit(near[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine).error)[both]) > 3e-3
+    assert np.median(np.abs(errors.error - fit(near[None], current.oriented_points, reference.likelihood_field,
+                                               DENSITY.min_normal_cosine).error)[both]) > 3e-3
     few = errors.thinned(50)
     assert few.error.shape == (1, len(current.oriented_points.thinned(50)))
     np.testing.assert_array_equal(few.rotated_points[0], errors.rotated_points[0, ::8])

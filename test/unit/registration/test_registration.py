@@ -69,7 +69,8 @@ def test_a_scan_of_noise_is_not_called_ok():
 def test_two_bare_walls_leave_their_direction_free():
     walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
     geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
-    found = register(features(SE2(0.0, 0.0, 0.1), geometry, 0.01, 1, walls), features(SE2(0.3, 0.1, 0.2), geometry, 0.01, 2, walls))
+    found = register(features(SE2(0.0, 0.0, 0.1), geometry, 0.01, 1, walls),
+                     features(SE2(0.3, 0.1, 0.2), geometry, 0.01, 2, walls))
     assert found.status in (Status.DEGENERATE, Status.AMBIGUOUS)
     if found.degenerate_direction is not None:
         assert abs(math.sin(found.degenerate_direction + 0.1)) < 0.05
@@ -102,7 +103,8 @@ def test_the_best_hypothesis_is_the_result():
 def test_a_large_score_gap_skips_the_comparison_and_keeps_the_alternatives():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
     pair = features(start, noise=0.01, seed=1), features(end, noise=0.01, seed=2)
-    alone, compared = (register(*pair, Parameters().replace({'advanced.selection.max_score_gap': clear})) for clear in (0.0, 2.0))
+    alone, compared = (register(*pair, Parameters().replace({'advanced.selection.max_score_gap': clear}))
+                       for clear in (0.0, 2.0))
     for found in (alone, compared):
         distance, angle = off(found, start.inverse() @ end)
         assert distance < 0.005 and angle < 0.002
@@ -190,7 +192,8 @@ def test_matched_segments_are_aligned():
 
 def test_the_covariance_is_positive_and_grows_with_the_noise():
     start, end = SE2(0.2, 0.1, 0.3), SE2(-0.1, 0.3, 0.7)
-    quiet, loud = (register(features(start, HALF, noise, 1), features(end, HALF, noise, 2)).covariance for noise in (0.005, 0.03))
+    quiet, loud = (register(features(start, HALF, noise, 1), features(end, HALF, noise, 2)).covariance
+                   for noise in (0.005, 0.03))
     assert (np.linalg.eigvalsh(quiet) > 0.0).all()
     assert (np.diag(loud) > np.diag(quiet)).all()
 
@@ -211,7 +214,8 @@ def test_a_point_without_a_correspondence_scores_nothing(facing):
     found = []
     for least in (0.0, facing):
         p = Parameters().replace({'advanced.density.min_normal_cosine': least})
-        found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM), other)), p))
+        found.append(register(*(extract_features(look(walls, SE2(), FULL, 0.01, 1), p) for walls in (outline(L_ROOM),
+                                                                                                     other)), p))
     assert found[1].overlap == pytest.approx(found[0].overlap, abs=0.1)
     assert found[1].status is not Status.OK
 
@@ -236,14 +240,16 @@ def test_noise_draws_no_match_to_one_side():
 
 
 def test_a_search_with_a_low_score_is_repeated_with_more_hypotheses():
-    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 1, 'advanced.selection.max_clusters': 1, 'advanced.selection.wide_search_factor': 1})
+    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 1, 'advanced.selection.max_clusters': 1,
+                                   'advanced.selection.wide_search_factor': 1})
     again = narrow.replace({'advanced.selection.wide_search_factor': 60})
     truths = [SE2(0.4 * math.cos(k), 0.4 * math.sin(k), 0.5 * k) for k in range(12)]
     found = {}
     for name, parameters in (('narrow', narrow), ('again', again)):
         pairs = [(extract_features(look(ROOM, SE2()), parameters), extract_features(look(ROOM, truth), parameters))
                  for truth in truths]
-        found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair, truth in zip(pairs, truths, strict=True)]
+        found[name] = [off(register(*pair, parameters), truth)[0] < 0.01 for pair,
+                       truth in zip(pairs, truths, strict=True)]
     assert all(found['again'])
     assert not all(found['narrow'])
 
@@ -257,26 +263,33 @@ def test_a_search_that_finds_nothing_but_violations_ends():
 
 
 def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
-    refinement = Parameters().replace({'advanced.refinement.coarse_scale': 0.8, 'advanced.refinement.fine_scale': 0.1, 'advanced.refinement.coarse_iterations': 4,
-                                       'advanced.refinement.final_scale': 0.02, 'advanced.refinement.fine_iterations': 1, 'advanced.refinement.map_iterations': 3,
-                                       'advanced.refinement.map_first_scale': 0.04, 'advanced.refinement.map_scale': 0.001}).refinement
+    refinement = Parameters().replace({'advanced.refinement.coarse_scale': 0.8, 'advanced.refinement.fine_scale': 0.1,
+                                       'advanced.refinement.coarse_iterations': 4,
+                                       'advanced.refinement.final_scale': 0.02,
+                                       'advanced.refinement.fine_iterations': 1,
+                                       'advanced.refinement.map_iterations': 3,
+                                       'advanced.refinement.map_first_scale': 0.04,
+                                       'advanced.refinement.map_scale': 0.001}).refinement
     assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
     assert refinement.fine_scales() == [0.1]
     assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 
 def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
-    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 3, 'advanced.selection.max_clusters_with_prior': 5, 'advanced.selection.preselected': 2,
+    narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 3,
+                                   'advanced.selection.max_clusters_with_prior': 5, 'advanced.selection.preselected': 2,
                                    'advanced.selection.wide_search_factor': 4})
-    expected = {'advanced.rotation.max_hypotheses': 12, 'advanced.selection.max_clusters': 20, 'advanced.selection.max_clusters_with_prior': 20, 'advanced.selection.preselected': 8,
+    expected = {'advanced.rotation.max_hypotheses': 12, 'advanced.selection.max_clusters': 20,
+                'advanced.selection.max_clusters_with_prior': 20, 'advanced.selection.preselected': 8,
                 'advanced.selection.wide_search_factor': 1}
     assert narrow.widened == narrow.replace(expected)
 
 
 def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
-    """A scan with 30 % outliers, moved: after the coarse refinement the best hypothesis is still 0.2 m away, and was OK there."""
+    """A scan with 30 % outliers, whose best hypothesis is 0.2 m off after the coarse refinement."""
     label, truth = '4740', synthetic.PAPER_MOTION
-    trial, = (each for each in synthetic.trials(Intel(data / 'intel'), seed=5) if (each.group, each.label) == ('paper_30', label))
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel'), seed=5) if (each.group,
+                                                                                   each.label) == ('paper_30', label))
     found = register(extract_features(trial.reference), extract_features(trial.current))
     distance, angle = off(found, truth)
     assert found.status is Status.OK and distance < 0.02 and angle < 0.01
@@ -284,10 +297,12 @@ def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
 
 @pytest.mark.parametrize('label', ['40', '3566'])
 def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
-    """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, and the best of these scores low."""
-    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30', label))
+    """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, whose scores are low."""
+    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30',
+                                                                                                       label))
     pair = extract_features(trial.reference), extract_features(trial.current)
-    narrow, wide = (register(*pair, Parameters().replace({'advanced.selection.wide_search_gain': better})) for better in (2.0, 0.02))
+    narrow, wide = (register(*pair, Parameters().replace({'advanced.selection.wide_search_gain': better}))
+                    for better in (2.0, 0.02))
     assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
     distance, angle = off(wide, trial.truth)
     assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

@@ -71,13 +71,19 @@ def test_preselection_keeps_the_best_first():
     order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
     candidates = rows(*(MOTION @ off for off in order))
     chosen = ALIKE.replace({'advanced.selection.preselected': 3}).selection
-    np.testing.assert_array_equal(preselect(candidates[::-1], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
-    np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen, DENSITY), candidates[:3])
+    np.testing.assert_array_equal(preselect(candidates[::-1], current.sampled_points, reference.free_space, chosen,
+                                            DENSITY), candidates[:3])
+    np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen,
+                                            DENSITY), candidates[:3])
 
 
 def test_preselection_prefers_unseen_space_to_free_space():
-    """Half a scan from the middle of a hall, and a small room: one side of it on a wall of the hall, or all of it behind."""
-    hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])) for half in (3.0, 1.0))
+    """Half a scan from the middle of a hall, and a small room.
+
+    One side of it on a wall of the hall, or all of it behind.
+    """
+    hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
+                   for half in (3.0, 1.0))
     reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
     at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
     one = ALIKE.replace({'advanced.selection.preselected': 1}).selection
@@ -91,7 +97,8 @@ def test_promising_hypotheses_have_enough_of_the_best_support():
     fits = fit(candidates, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
     support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.sampled_points)
     assert support[1] > 0.9 > support[0] > 0.5 > 0.3 > support[2]
-    for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0, [0, 1, 2]):
+    for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0,
+                                                                                                             [0, 1, 2]):
         kept, known = promising(candidates, fits, 0.2, share)
         np.testing.assert_array_equal(kept, candidates[expected])
         for part, whole in zip(known, fits, strict=True):
@@ -127,7 +134,10 @@ def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
 
 
 def test_the_weakest_direction_is_found_with_an_open_rotation():
-    """Points at (0, 2) and (0, -2) that face along x constrain x and the rotation; one alone, only a combination of both."""
+    """Points at (0, 2) and (0, -2) that face along x constrain x and the rotation.
+
+    One alone, only a combination of both.
+    """
     def information(*rows):
         rows = np.array(rows)
         return rows.T @ rows
@@ -154,7 +164,8 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     truth = start.inverse() @ end
     axis = -start.theta
     away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
-    found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]), Problem(reference, current, ALIKE))
+    found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]),
+                                        Problem(reference, current, ALIKE))
     assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.search_scale + 0.005
 
 

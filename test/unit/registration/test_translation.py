@@ -158,7 +158,8 @@ def test_pairs_that_hardly_cross_give_no_sample(form):
     """eps2 as the sine of the angle between them."""
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
-        parameters = TranslationParameters(form=form, min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0, max_width=0.0)
+        parameters = TranslationParameters(form=form, min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0,
+                                           max_width=0.0)
         found = translations(reference, reference, parameters, eps=0.05)
         assert len(found.samples) == count * (1 if form == 'signed' else 4)
 
@@ -229,7 +230,8 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
     phi = np.array([3.1, -1.0])
     rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
     weights = np.arange(1.0, 7.0).reshape(2, 3)
-    rotation, here, there, weight = match_lines(rotations, weights, TranslationParameters(parallel_sigma=0.1, max_pairs=100))
+    rotation, here, there, weight = match_lines(rotations, weights,
+                                                TranslationParameters(parallel_sigma=0.1, max_pairs=100))
     found = {(i, j): w for i, j, w in zip(here, there, weight)}
     assert not rotation.any()
     assert found == pytest.approx({(0, 0): 1.0, (0, 1): 2.0 * math.exp(-0.5), (0, 2): 3.0 * math.exp(-1.125),

@@ -57,7 +57,8 @@ def test_observability_is_that_of_the_shared_information():
 
 def test_a_rotation_that_only_noise_constrains_is_unobservable():
     information = np.diag([80.0, 80.0, 400.0])
-    for shared, points, free in ((300.0, 100.0, False), (300.0, 1.0, True), (100.0, 100.0, True), (100.0, 1000.0, False)):
+    for shared, points, free in ((300.0, 100.0, False), (300.0, 1.0, True), (100.0, 100.0, True),
+                                 (100.0, 1000.0, False)):
         covariance, held = judged(information, np.diag([80.0, 80.0, shared]), points)
         assert (held.rotation < PARAMETERS.min_information) == free
         assert (covariance[2, 2] > 9.0) == free
@@ -82,7 +83,8 @@ def test_in_a_circular_room_the_degenerate_translation_and_rotation_are_coupled(
     rotated_points = 2j + 3.0 * around
     rows = jacobian((-around).conj(), rotated_points)
     information = normal_equations(rows, np.ones(360))
-    along, turn = degenerate_translation(0.0, information, PARAMETERS), degenerate_rotation(information, information, PARAMETERS)
+    along, turn = degenerate_translation(0.0, information, PARAMETERS), degenerate_rotation(information, information,
+                                                                                            PARAMETERS)
     assert along == pytest.approx([1.0, 0.0, 0.5], rel=1e-6, abs=1e-9)
     assert turn == pytest.approx([2.0, 0.0, 1.0], rel=0.02, abs=1e-9)
     assert turn @ information @ turn < 1e-3 * information[2, 2]
@@ -92,5 +94,6 @@ def test_in_a_circular_room_the_degenerate_translation_and_rotation_are_coupled(
 def test_few_points_add_to_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
     plain, _ = judged(information, information)
-    careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0, covariance_scale=1.0))
+    careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0,
+                                                                                covariance_scale=1.0))
     assert careful - plain == pytest.approx(np.diag([VARIANCE / 8.0, 0.0, 0.0]), abs=1e-12)

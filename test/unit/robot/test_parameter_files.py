@@ -34,7 +34,8 @@ def read(tmp_path):
 
 
 def test_the_file_of_defaults_is_current():
-    assert DEFAULTS_FILE.read_text() == format_parameters(), 'run python -m dbscan_reg_ros.robot.parameter_files --write'
+    current = DEFAULTS_FILE.read_text() == format_parameters()
+    assert current, 'run python -m dbscan_reg_ros.robot.parameter_files --write'
     assert read_parameters(DEFAULTS_FILE) == NodeParameters()
 
 
@@ -50,7 +51,8 @@ def test_the_reference_is_current_and_has_a_line_for_every_parameter():
     assert text == format_reference(), 'run python -m dbscan_reg_ros.robot.parameter_files --write'
     rows = [re.split(r' *\| *', line)[1:-1] for line in text.splitlines() if line.startswith('| `')]
     descriptions = {f'`{d.name}`': d for d in NodeParameters.describe()}
-    assert [row[0] for row in rows] == sorted(descriptions, key=lambda name: ('.' in name, name.startswith('`advanced.')))
+    assert [row[0] for row in rows] == sorted(descriptions,
+                                              key=lambda name: ('.' in name, name.startswith('`advanced.')))
     for name, default, limits, help in rows:
         assert yaml.safe_load(default.strip('`')) == _plain(descriptions[name].default), name
         assert (limits, help) == (describe_limits(descriptions[name]), descriptions[name].help)
@@ -61,7 +63,8 @@ def test_every_help_is_whole_sentences_that_can_be_read_alone():
         sentences = re.split(r'(?<=\.) (?=[A-Z])', description.help)
         assert all(re.fullmatch(r'[A-Z].{10,}\.', sentence) for sentence in sentences), description
         if description.type in (int, float):
-            assert re.search(r'(Larger|Smaller|More|Fewer) (values|\w+) ', description.help), f'{description.name} names no effect'
+            assert re.search(r'(Larger|Smaller|More|Fewer) (values|\w+) ',
+                             description.help), f'{description.name} names no effect'
 
 
 def test_no_two_parameters_share_a_help():
@@ -98,7 +101,8 @@ def test_written_parameters_are_read_back_unchanged(tmp_path):
                                          ('advanced.translation', 'eps')])
 def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
     text = '/**: {{ros__parameters: {{{0}.{1}_min: 0.4, {0}.{1}_max: {2}}}}}'.format
-    with pytest.raises(ParameterError, match=rf'{group}\.{name}_min = 0.4: expected at most {group}\.{name}_max, which is 0.3'):
+    with pytest.raises(ParameterError,
+                       match=rf'{group}\.{name}_min = 0.4: expected at most {group}\.{name}_max, which is 0.3'):
         read(text(group, name, 0.3))
     assert read(text(group, name, 0.4)).flatten()[f'{group}.{name}_max'] == 0.4
 
@@ -124,8 +128,10 @@ def test_numbers_may_be_written_as_ros_takes_them(read, number):
 
 
 @pytest.mark.parametrize('text, complaint', [
-    ('/**: {ros__parameters: {scan: {range_mx: 5.0}}}', "unknown parameter 'scan.range_mx'; did you mean 'scan.range_max'?"),
-    ('/**: {ros__parameters: {rotation: {eps_min: 0.1}}}', "unknown parameter 'rotation.eps_min'; did you mean 'advanced.rotation.eps_min'?"),
+    ('/**: {ros__parameters: {scan: {range_mx: 5.0}}}',
+     "unknown parameter 'scan.range_mx'; did you mean 'scan.range_max'?"),
+    ('/**: {ros__parameters: {rotation: {eps_min: 0.1}}}',
+     "unknown parameter 'rotation.eps_min'; did you mean 'advanced.rotation.eps_min'?"),
     ('/**: {ros__parameters: {scan: {range_max: far}}}', "scan.range_max = 'far': expected a number"),
     ('/**: {ros__parameters: {scan: {range_max: -1.0}}}', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
     ('/**: {ros__parameters: {scan: {range_max: .nan}}}', 'scan.range_max = nan: expected a finite number'),
