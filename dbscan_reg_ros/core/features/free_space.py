@@ -58,7 +58,7 @@ def in_front(radius: FloatArray, near: FloatArray, tolerance: float | FloatArray
     return np.minimum(front, 1.0, out=front)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def _edges(size: int) -> FloatArray:
     """Return the bearings [rad] of the edges of `size` bins of the full circle."""
     edges: FloatArray = np.arange(size + 1, dtype=float) * (2.0 * math.pi / size) - math.pi

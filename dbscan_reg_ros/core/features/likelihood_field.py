@@ -122,7 +122,7 @@ def _nearest_points(points: tuple[FloatArray, FloatArray], shape: tuple[int, int
     return index
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def _disc(radius: float) -> tuple[IntArray, IntArray]:
     """Return row and column offsets ``(K, 4)`` of the cells of a disc with a `radius` in cells, from far to near.
 
@@ -136,5 +136,6 @@ def _disc(radius: float) -> tuple[IntArray, IntArray]:
     return row[order, 0], column[order, 0]
 
 
-_QUARTERS = np.array((-0.25 - 0.26j, -0.25 + 0.26j, 0.25 - 0.26j, 0.25 + 0.26j))
+_QUARTER = 0.25 + 0.26j
+_QUARTERS = np.array((-_QUARTER, -_QUARTER.conjugate(), _QUARTER.conjugate(), _QUARTER))
 """Points near the middles of the quarters of a cell, in cells; off the diagonals, where rows and columns would tie."""

@@ -47,7 +47,7 @@ def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentPara
     points, breaks = sequence.points, sequence.breaks
     size, step = len(points), np.abs(points[1:] - points[:-1])
     unbroken = ~(breaks[:-2] | breaks[1:-1] | breaks[2:])
-    step[1:-1][unbroken] = np.abs(points[3:] - points[:-3])[unbroken] / 3.0
+    step[1:-1][unbroken] = np.abs(points[_STEPS:] - points[:-_STEPS])[unbroken] / _STEPS
     path = np.zeros(size)
     step[breaks] = 0.0
     step.cumsum(out=path[1:])
@@ -60,6 +60,8 @@ def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentPara
     return np.maximum(low, first.repeat(length)), np.minimum(high, end.repeat(length))
 
 
+_STEPS = 3
+"""Number of steps between beams over which the distance along a surface is averaged."""
 _MIN_NEIGHBOURS = 3
 """Least number of points for a normal."""
 _MAX_RESIDUAL = 0.25

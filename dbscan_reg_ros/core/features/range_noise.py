@@ -26,7 +26,7 @@ def estimate_noise(ranges: FloatArray, limits: ScanParameters) -> float:
     bend = np.abs(ranges[1:-1] - 0.5 * (ranges[2:] + ranges[:-2]))
     rank = int(_NOISE_QUANTILE * len(bend))
     bend.partition(rank)
-    return min(max(float(bend[rank]) / (_NORMAL * math.sqrt(1.5)), limits.noise_min), limits.noise_max)
+    return min(max(float(bend[rank]) / (_NORMAL * math.sqrt(1.0 + 2.0 * 0.5 ** 2)), limits.noise_min), limits.noise_max)
 
 
 def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanParameters) -> float:
@@ -115,7 +115,7 @@ class NoiseRatioHistory:
     @property
     def value(self) -> float:
         """Noise ratio by the scans so far, at least one."""
-        return sorted(self.ratios)[int(_RATIO_QUANTILE * len(self.ratios))]
+        return sorted(self.ratios)[int(_NOISE_QUANTILE * len(self.ratios))]
 
 
 TYPICAL_NOISE = 0.05
@@ -123,12 +123,10 @@ TYPICAL_NOISE = 0.05
 _MIN_RANGES = 8
 """Least number of ranges for an estimate."""
 _NOISE_QUANTILE = 0.3
-"""Quantile of the errors that gives the noise."""
+"""Quantile of the errors that gives the noise, and of the history that gives the noise ratio of the sensor."""
 _NORMAL = 0.38532
 """That quantile of |N(0, 1)|."""
 _MAX_SPREAD = 4.0
 """Ratio of the quantiles 0.7 and 0.3 above which errors are no noise; it is 2.7 for |N(0, 1)|."""
 _SCANS = 30
 """Number of scans in the history of the noise ratio."""
-_RATIO_QUANTILE = 0.3
-"""Quantile of the history that gives the noise ratio of the sensor."""

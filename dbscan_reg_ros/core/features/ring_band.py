@@ -96,7 +96,7 @@ def ring_band_filter(points: FloatArray, noise: float,
 def _inner_mean(points: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the mean of the inner ring of each beam ``(N, 2)`` [m], and where all of it has a return ``(N,)``."""
     mean = np.full_like(points, np.nan)
-    mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / 3.0
+    mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / (2 * INNER + 1)
     return mean, np.isfinite(mean[:, 0])
 
 
@@ -151,7 +151,8 @@ def _lines(triples: list[tuple[int, int, int]]) -> _Lines:
     return _Lines(table + RING, 1.0 + (np.abs(a - k) + np.abs(b - k)) / (b - a))
 
 
-_BEFORE, _AFTER = tuple(range(-RING, 0)), tuple(range(1, RING + 1))
+_AFTER = tuple(range(1, RING + 1))
+_BEFORE = tuple(-k for k in reversed(_AFTER))
 _ONE_SIDED = [(0, a, b) for side in (_BEFORE, _AFTER) for a in side for b in side if a < b]
 _ACROSS = _lines([(k, a, b) for k in _BEFORE + _AFTER for _, a, b in _ONE_SIDED if a * k < 0])
 _THROUGH = _lines(_ONE_SIDED + [(0, a, b) for a in _BEFORE for b in _AFTER])
@@ -185,9 +186,9 @@ def _outliers_by_lines(points: FloatArray, noise: float, parameters: RingBandPar
     padded[RING:-RING] = as_complex(points)
     deviation, tolerance = _off_lines(padded, np.arange(size), _NEAREST, noise, parameters)
     before, astride, after = deviation <= tolerance
-    straight = np.zeros(size + 4, dtype=bool)
+    straight = np.zeros(size + 2 * 2, dtype=bool)
     straight[2:-2] = astride
-    corner = straight[:-4] & straight[4:]
+    corner = straight[:size] & straight[-size:]
     suspect = (known & ~(before | after | astride & ~corner)).nonzero()[0]
     candidate, deviation = np.zeros(size, dtype=bool), np.zeros(size)
     distance, tolerance = _off_lines(padded, suspect, _THROUGH, noise, parameters)

@@ -7,7 +7,7 @@ import numpy as np
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import Lines, fit_lines, fit_sections
 from ..geometry.se2 import as_complex, as_vectors, unit_complex
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import SIGMAS, TINY
 from ..parameters.features import SegmentParameters
 from .corners import slope_stretches
 from .point_sequence import PointSequence
@@ -213,7 +213,7 @@ def _end_kinds(sequence: PointSequence, found: _Fitted, noise: FloatArray,
     """Return the `EndKind` of start and end of each segment ``(S, 2)``; ends at corners are moved there, in place."""
     first, last, radius = found.first, found.last, sequence.radius
     kinds = np.full((len(first), 2), int(EndKind.OCCLUSION))
-    margin = parameters.depth_margin + 3.0 * noise
+    margin = parameters.depth_margin + SIGMAS * noise
     depth = np.concatenate(([-np.inf], radius, [-np.inf]))
     kinds[depth[first] > (radius + margin)[first], 0] = EndKind.FREE
     kinds[depth[last + 2] > (radius + margin)[last], 1] = EndKind.FREE

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import SIGMAS, TINY
 from ..parameters.features import SegmentParameters
 from .oriented_points import OrientedPoints
 from .point_sequence import find_breaks
@@ -120,7 +120,7 @@ def find_small_objects(features: Features, size: float, parameters: SegmentParam
     inner = np.arange(len(first)) if geometry.closed else np.arange(1, len(first) - 1)
     before, after = last[inner - 1], first[(inner + 1) % len(first)]
     first, last = first[inner], last[inner]
-    margin = parameters.depth_margin + 3.0 * features.noise
+    margin = parameters.depth_margin + SIGMAS * features.noise
     free = (radius[before] > radius[first] + margin) | ((beams[first] - beams[before]) % circle > 1)
     free &= (radius[after] > radius[last] + margin) | ((beams[after] - beams[last]) % circle > 1)
     free &= np.abs(points[last] - points[first]) < size

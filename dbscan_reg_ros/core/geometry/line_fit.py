@@ -39,8 +39,9 @@ def summed_moments(points: ComplexArray) -> FloatArray:
     (5, P + 1) float
         Sums of the `point_moments` before each point: those of a range of points are the difference of two columns.
     """
-    total = np.zeros((5, len(points) + 1))
-    point_moments(points.real, points.imag).cumsum(axis=1, out=total[:, 1:])
+    moments = point_moments(points.real, points.imag)
+    total = np.zeros((len(moments), len(points) + 1))
+    moments.cumsum(axis=1, out=total[:, 1:])
     return total
 
 

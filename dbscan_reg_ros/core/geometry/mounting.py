@@ -62,4 +62,4 @@ class Mounting:
                 f'the base; expected at most {math.degrees(MAX_TILT):.0f} deg, upright or upside down; correct the '
                 'transform or the mounting')
         yaw = math.atan2(matrix[1, 0], matrix[0, 0])
-        return cls(SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw), z_axis_up < 0.0)
+        return cls(SE2(float(matrix[0, -1]), float(matrix[1, -1]), yaw), z_axis_up < 0.0)

@@ -12,6 +12,7 @@ from .array_types import ComplexArray, FloatArray, IntArray
 
 Angle = TypeVar('Angle', float, FloatArray)
 
+RIGHT_ANGLE = 0.5 * math.pi
 DOF = 3
 """Degrees of freedom of a motion of the plane: x, y and theta."""
 

@@ -5,3 +5,5 @@ TINY = 1e-9
 """Sums, lengths and ratios below this are rounding errors; divisors are at least this."""
 RESOLUTION = 0.001
 """Length [m] and angle [rad] that no lidar resolves: the smallest scale and standard deviation of an alignment."""
+SIGMAS = 3.0
+"""Number of standard deviations that noise rarely exceeds."""

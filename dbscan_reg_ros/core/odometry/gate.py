@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
-import math
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se2 import DOF, SE2
+from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
 from ..geometry.symmetric_matrix import inverse, mahalanobis
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
@@ -72,7 +71,7 @@ class Gate:
         self.predictions, self._tracking, self._parameters = predictions, tracking, parameters
         best, motion, p = predictions.best, predictions.motion, parameters
         self._weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
-                            or p.prior.gate * best.prior.rotation_sigma > _QUARTER_TURN)
+                            or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
         self._wheels_slip = (predictions.external is not None
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
@@ -185,7 +184,6 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
     return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
-_QUARTER_TURN = 0.5 * math.pi
 """A prior is weak if its gate allows this rotation [rad]."""
 _WEAK_PRIOR_RATIO = 0.7
 """Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior."""

@@ -40,7 +40,7 @@ class Odometry:
     def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None):
         self.parameters = parameters
         self._backend = backend or default_backend()
-        self._state = update.initial_state(SE2())
+        self._state = update.initial_state(SE2(), number=0)
 
     @property
     def backend(self) -> Backend:

@@ -41,7 +41,7 @@ from .report import ReportedStep, report
 from .state import Mode, Tracking, TrackState
 
 
-def initial_state(pose: SE2, number: int = 0) -> TrackState:
+def initial_state(pose: SE2, number: int) -> TrackState:
     """Create the state before the first scan, which will be at `pose` and have this `number`."""
     return TrackState(pose, ConstantVelocityModel(pose), PoseOutput(pose, number))
 
@@ -58,7 +58,7 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
     state.window = KeyFrameWindow((KeyFrame(features, state.pose, number=state.output.number),))
     status = Status.FAILED if reason else Status.OK
     return report(state, features, ReportedStep(
-        pose=state.pose, interval=ScanInterval(reason=reason), status=status, is_key_frame=True))
+        pose=state.pose, interval=ScanInterval(0.0, 0.0, 0.0, reason=reason), status=status, is_key_frame=True))
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], middle_offset: float) -> None:

@@ -418,7 +418,3 @@ class DecisionParameters(ParameterGroup):
         0.1, unit='m', bounds=(0.0, 10.0),
         help='Two segments match after the registration when one lies closer than this to the line of the other. '
              'Larger values report more matches; smaller values report fewer.')
-
-    def prior_information(self) -> tuple[float, float, float]:
-        """Diagonal of the information that is known before any scan [1/m^2, 1/m^2, 1/rad^2]: 10 m and pi."""
-        return 0.01, 0.01, 0.1

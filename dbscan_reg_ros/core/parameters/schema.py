@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a parameter is: default, unit, bounds, choices and help, and how values are checked."""
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,8 +16,6 @@ Tree = TypeVar('Tree', bound='ParameterTree')
 
 ADVANCED = 'advanced.'
 """Prefix of the full names of parameters that are seldom changed."""
-_LARGEST_EXPONENT = 1024
-"""Whole numbers of more bits than this have no `float`."""
 
 
 def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float, float] | None = None,
@@ -168,8 +167,9 @@ def check(description: Description, value: object) -> Any:
     d = description
     if d.type is tuple:
         return _check_list(d, value)
-    if d.type is float and type(value) is int and value.bit_length() < _LARGEST_EXPONENT:
-        value = float(value)
+    if d.type is float and type(value) is int:
+        with contextlib.suppress(OverflowError):
+            value = float(value)
     if type(value) is not d.type:
         raise ParameterError(f'{d.name} = {_shown(value)}: expected {_article(d.type)}')
     if isinstance(value, float) and not math.isfinite(value):

@@ -15,7 +15,7 @@ from .records import Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
 from .search import Problem, Ranking
-from .uncertainty import Observability, uncertainty
+from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
 
 
 def decide(problem: Problem, fine: Ranking, coarse: Ranking) -> Registration:
@@ -88,7 +88,7 @@ def scatter(best: FloatArray, rivals: FloatArray) -> FloatArray:
 
 def failed(reason: str) -> Registration:
     """Return a registration that found nothing."""
-    return Registration(SE2(), np.diag([100.0, 100.0, 10.0]), Status.FAILED, reason=reason)
+    return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, reason=reason)
 
 
 def judge(score: float, margin: float, observed: Observability, parameters: DecisionParameters) -> tuple[Status, str]:

@@ -95,7 +95,7 @@ def signed_form(reference: Segments, current: Segments, rotations: Rotations, we
     pairs = match_lines(rotations, weights, parameters)
     equations = signed_equations(reference, current, rotations, pairs)
     parts = line_samples(pairs, equations, parameters), end_samples(reference, current, rotations, pairs, parameters)
-    translation, weight, rotation = (np.concatenate(part) for part in zip(*(each[:3] for each in parts), strict=True))
+    translation, weight, rotation = (np.concatenate(part) for part in zip(*(each[:-1] for each in parts), strict=True))
     shortest = partial(shortest_translations, pairs, equations, rotations.phi[:parameters.shortest_rotations])
     return TranslationSamples(translation, weight, rotation, shortest)
 
@@ -222,7 +222,7 @@ def knee_eps(samples: ComplexArray, rotation: IntArray, parameters: TranslationP
 def _separated(samples: ComplexArray, rotation: IntArray, max_eps: float) -> ComplexArray:
     """Move the samples of each rotation along x, so that those of different rotations are no neighbours."""
     x = samples.real
-    separated: ComplexArray = samples + (10.0 * max_eps + x.max() - x.min()) * rotation
+    separated: ComplexArray = samples + (2.0 * max_eps + x.max() - x.min()) * rotation
     return separated
 
 

@@ -10,6 +10,7 @@ from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import DOF, turned
 from ..geometry.symmetric_matrix import inverse
+from ..geometry.tolerance import SIGMAS
 from ..parameters.registration import DecisionParameters
 from ..parameters.tree import Parameters
 from .degeneracy import is_corridor_like, weakest_direction, without_near_parallel
@@ -127,7 +128,7 @@ def observability(information: FloatArray, shared: FloatArray, count: float,
 
 def _chance_ratio(count: float) -> float:
     """Return the ratio of noise information in which `count` points of two scans may agree by chance."""
-    return _CHANCE * math.sqrt(_DEPENDENT / max(count, 1.0))
+    return SIGMAS * math.sqrt(_DEPENDENT / max(count, 1.0))
 
 
 def _rotation_information(shared: FloatArray, information: FloatArray,
@@ -176,22 +177,21 @@ def calibrated_covariance(information: FloatArray, shared: FloatArray, variance:
     parameters : DecisionParameters
     """
     variance = variance * parameters.covariance_scale
-    known, _, known_rotation = parameters.prior_information()
     posterior = information / variance
-    posterior.flat[::DOF + 1] += parameters.prior_information()
+    posterior.flat[::DOF + 1] += PRIOR_INFORMATION
     covariance: FloatArray = inverse(posterior)
-    along, unknown = degenerate_translation(observed.angle, shared, parameters), 1.0 / known
+    along, unknown = degenerate_translation(observed.angle, shared, parameters), 1.0 / PRIOR_INFORMATION[0]
     extra = unknown
     if observed.weak >= parameters.min_information:
         extra = min(variance * parameters.few_points_scale / observed.weak ** 2, unknown)
     covariance += extra * along[:, None] * along
     if observed.rotation < parameters.min_information:
         rotation = degenerate_rotation(information, shared, parameters)
-        covariance += rotation[:, None] * rotation / known_rotation
+        covariance += rotation[:, None] * rotation / PRIOR_INFORMATION[-1]
     return covariance
 
 
-_CHANCE = 3.0
-"""Noise may agree by chance up to this many standard deviations."""
+PRIOR_INFORMATION = np.array((0.01, 0.01, 0.1))
+"""Information about a motion before any scan [1/m^2, 1/m^2, 1/rad^2]: 10 m and pi."""
 _DEPENDENT = 5.0
 """Number of neighbouring points whose normals are correlated."""

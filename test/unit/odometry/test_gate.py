@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
 
 P = Parameters()
-TICK = ScanInterval(0.1, 0.1, steady=True)
+TICK = ScanInterval(0.1, 0.1, 0.0, steady=True)
 SIGMA = np.diag((0.01, 0.01, 0.01)) ** 2
 """Covariance of a precise prior: the gate is 4 cm, 0.04 rad."""
 MANY, FEW = 10.0 * P.decision.weak_prior_information, 0.5 * P.decision.weak_prior_information
@@ -174,7 +174,7 @@ def test_errors_of_wheels_are_learned_where_they_agree_and_the_time_is_known():
 
 @pytest.mark.parametrize(('x', 'status', 'interval', 'moves'), [
     (0.051, Status.OK, TICK, True), (0.049, Status.OK, TICK, False), (0.051, Status.DEGENERATE, TICK, False),
-    (0.051, Status.OK, ScanInterval(), False), (0.051, Status.OK, ScanInterval(0.1, 3.0), False)])
+    (0.051, Status.OK, ScanInterval(0.0, 0.0, 0.0), False), (0.051, Status.OK, ScanInterval(0.1, 3.0, 0.0), False)])
 def test_a_start_in_motion_is_proved_beyond_the_zero_velocity_gate(x, status, interval, moves):
     """Five standard deviations of 1 cm."""
     assert gate(interval=interval).starts_in_motion(SE2(x), result(status), SE2()) is moves

@@ -13,7 +13,7 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
-TICK = ScanInterval(0.1, 0.1, steady=True)
+TICK = ScanInterval(0.1, 0.1, 0.0, steady=True)
 STEP = SE2(0.05, 0.0, 0.02)
 WHEELS = Prior(SE2(0.06, 0.0, 0.01), np.diag((0.02, 0.02, 0.03)) ** 2)
 
@@ -21,7 +21,7 @@ WHEELS = Prior(SE2(0.06, 0.0, 0.01), np.diag((0.02, 0.02, 0.03)) ** 2)
 @pytest.fixture
 def state():
     """After a second at a constant velocity."""
-    state = initial_state(SE2(1.0, 2.0, 0.5))
+    state = initial_state(SE2(1.0, 2.0, 0.5), number=0)
     for _ in range(10):
         state.motion.elapse(TICK.length)
         state.pose = state.motion.update(state.pose @ STEP, TICK, MotionConstraints(), P)

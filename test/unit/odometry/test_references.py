@@ -40,7 +40,7 @@ def registered(status=Status.FAILED, score=RECOVERABLE, direction=None, transfor
 
 
 def after(frames, last_scan=None):
-    state = initial_state(frames[-1].pose)
+    state = initial_state(frames[-1].pose, number=0)
     state.window, state.tracking = KeyFrameWindow(frames), Tracking(last_scan=last_scan)
     return state
 

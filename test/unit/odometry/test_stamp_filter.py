@@ -9,7 +9,7 @@ from dbscan_reg_ros.core.parameters.odometry import TimeParameters
 def test_jitter_of_the_stamps_does_not_make_speed():
     intervals = StampFilter()
     stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]
-    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.0) for s in stamps]
     assert not any(time.jump for time in found)
     assert [round(time.length, 3) for time in found[2:]] == pytest.approx(
         [0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
@@ -17,8 +17,8 @@ def test_jitter_of_the_stamps_does_not_make_speed():
 
 def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
     intervals = StampFilter()
-    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters()) for s in (-1, 0, 100, 200, 1150, 1250, 2300, 2300,
-                                                                             7000)]
+    stamps = -1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(), 0.0) for s in stamps]
     assert [time.gap for time in found[3:]] == [False, False, False, True, False, True]
     assert [bool(time.jump) for time in found] == [False] * 8 + [True]
     assert found[6].elapsed == pytest.approx(1.05) and found[7].elapsed == 0.0
@@ -28,7 +28,7 @@ def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
 def test_even_stamps_are_believed_and_scans_between_them_were_lost():
     intervals = StampFilter()
     stamps = (0, 100, 400, 500, 1900, 2600, 2700, 2702, 3000, 3100)
-    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters()) for s in stamps]
+    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.0) for s in stamps]
     assert [time.length for time in found[1:7]] == pytest.approx([0.1, 0.3, 0.1, 1.4, 0.7, 0.1])
     assert not any(time.gap for time in found)
     assert [time.steady for time in found[1:]] == [True] * 6 + [False] * 3
@@ -49,14 +49,14 @@ def test_where_scans_would_overlap_intervals_are_whole():
 def test_between_uneven_stamps_an_interval_counts_from_half_to_about_twice_the_median(elapsed, taken):
     intervals = StampFilter()
     for stamp in (-1, *range(0, 1100, 100)):
-        intervals.next(stamp * 1_000_000, 0.0, TimeParameters())
-    found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters())
+        intervals.next(stamp * 1_000_000, 0.0, TimeParameters(), 0.0)
+    found = intervals.next((1000 + elapsed) * 1_000_000, 0.0, TimeParameters(), 0.0)
     assert (found.length, found.elapsed) == pytest.approx((taken * 1e-3, elapsed * 1e-3))
 
 
 def test_stamps_that_go_back_took_no_time_and_keep_the_median():
     intervals = StampFilter()
-    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(max_jump=2.0)) for s in (9000, 9100, 9150, 1000)]
+    found = [intervals.next(s * 1_000_000, 0.05, TimeParameters(max_jump=2.0), 0.0) for s in (9000, 9100, 9150, 1000)]
     assert (found[0].length, found[0].elapsed, found[0].middle_offset) == (0.0, 0.0, 0.05)
     assert (found[3].length, found[3].elapsed, found[3].middle_offset) == (pytest.approx(0.075), 0.0, 0.05)
     assert found[3].gap and found[3].reason == 'stamps went back by 8.150 s'

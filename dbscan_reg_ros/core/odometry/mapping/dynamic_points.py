@@ -196,9 +196,9 @@ def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float
     """
     (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(points.normals), _information(points.normals.take(chosen))
     determinant = max(xx * yy - xy * xy, TINY)
-    trace = (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
+    half_trace = 0.5 * (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
     product = (part_xx * part_yy - part_xy * part_xy) / determinant
-    return 0.5 * (trace + math.sqrt(max(trace * trace - 4.0 * product, 0.0)))
+    return half_trace + math.sqrt(max(half_trace * half_trace - product, 0.0))
 
 
 def _information(normals: NDArray[np.complex128]) -> tuple[float, float, float]:

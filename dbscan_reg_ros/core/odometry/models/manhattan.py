@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...features.records import Segments
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import DOF, SE2
+from ...geometry.se2 import DOF, RIGHT_ANGLE, SE2
 from ...geometry.tolerance import TINY
 from ...parameters.odometry import ManhattanParameters
 from ...registration.rotation import wrap_period
@@ -66,7 +66,7 @@ class ManhattanHeading:
             self._direction = _densest_direction(directions, length, p.direction_sigma)
             drift = self._covariance[0, 0]
             self._covariance = np.diag((drift, p.wall_sigma ** 2, _UNKNOWN_SIGMA ** 2))
-        offsets = wrap_period(directions - self._direction - self._deviation, _RIGHT_ANGLE)
+        offsets = wrap_period(directions - self._direction - self._deviation, RIGHT_ANGLE)
         innovation, aligned_length = _mean_shift(offsets, length, p.direction_sigma)
         common = self._covariance.sum(0)
         variance = common.sum() + _OBSERVATION_SIGMA ** 2 * max(_REFERENCE_LENGTH / aligned_length, 1.0)
@@ -104,7 +104,7 @@ class ManhattanHeading:
 
 def _densest_direction(directions: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> float:
     """Return the one of the `directions` [rad] with the greatest length [m] of walls within about `sigma` [rad]."""
-    density = kernel(wrap_period(directions[:, None] - directions, _RIGHT_ANGLE), sigma) @ length
+    density = kernel(wrap_period(directions[:, None] - directions, RIGHT_ANGLE), sigma) @ length
     return float(directions[density.argmax()])
 
 
@@ -118,7 +118,6 @@ def _mean_shift(offsets: NDArray[np.float64], length: NDArray[np.float64], sigma
     return mean, aligned_length
 
 
-_RIGHT_ANGLE = 0.5 * math.pi
 _MIN_WALL_LENGTH = 0.7
 """Shorter segments [m] are furniture."""
 _OBSERVATION_SIGMA = 0.009

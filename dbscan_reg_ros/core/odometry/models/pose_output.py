@@ -25,7 +25,7 @@ class PoseOutput:
         Number of the next scan: how many were published before it, resets included.
     """
 
-    def __init__(self, pose: SE2, number: int = 0):
+    def __init__(self, pose: SE2, number: int):
         self._correction, self._published, self.number = SE2(), pose, number
         self.restart(pose)
 

@@ -62,9 +62,9 @@ class ScanInterval:
         Whether the stamps are regular: then a long interval means dropped scans.
     """
 
-    length: float = 0.0
-    elapsed: float = 0.0
-    middle_offset: float = 0.0
+    length: float
+    elapsed: float
+    middle_offset: float
     jump: Jump | None = None
     reason: str = ''
     steady: bool = False
@@ -97,7 +97,7 @@ class StampFilter:
         return ScanTiming(self.duration, self.ratio(self.duration), deskews)
 
     def next(self, stamp: int, middle_offset: float, parameters: TimeParameters,
-             scan_duration: float = 0.0) -> ScanInterval:
+             scan_duration: float) -> ScanInterval:
         """Add a stamp and determine the interval since the last one.
 
         A scan does not begin before the last one ends. Stamps that contradict this jitter: intervals are then rounded
@@ -114,7 +114,7 @@ class StampFilter:
         """
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
-            return ScanInterval(middle_offset=middle_offset)
+            return ScanInterval(0.0, 0.0, middle_offset)
         elapsed = _seconds(stamp - last)
         if jumps:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
