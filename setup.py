@@ -65,7 +65,7 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'replays/*.html', 'core/accelerated/*.pyi', 'core/accelerated/*.pyx',
-                            'core/accelerated/*/*.pxi']},
+                            'core/accelerated/*.pxi', 'core/accelerated/*/*.pxi']},
     ext_modules=extensions(),
     cmdclass={'build_ext': BuildExtensions, 'sdist': SourceDistribution},
     python_requires='>=3.10',

@@ -34,3 +34,21 @@ def assert_same(one, other):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
     elif not callable(one):
         assert one == other
+
+
+def ranges(rng, size):
+    """Ranges [m] of a scan in a room with clutter, outliers and missing returns, and their bearings [rad]."""
+    bearings = np.linspace(-np.pi, np.pi, size, endpoint=False)
+    distance = 3.0 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings))) + rng.normal(0.0, 0.01, size)
+    kind = rng.uniform(size=size)
+    distance[kind < rng.uniform(0.0, 0.2)] *= rng.uniform(0.2, 1.2)
+    distance[rng.uniform(size=size) < rng.choice([0.0, 0.1, 0.6])] = np.nan
+    if size and rng.uniform() < 0.3:
+        distance[rng.integers(size):] += 1.0
+    return distance, bearings
+
+
+def scan_points(rng, size):
+    """Points ``(N, 2)`` [m] of such a scan; nan without a return."""
+    distance, bearings = ranges(rng, size)
+    return np.stack((distance * np.cos(bearings), distance * np.sin(bearings)), axis=1)

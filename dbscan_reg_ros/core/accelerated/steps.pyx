@@ -4,10 +4,20 @@
 
 Arrays come in and go out; loops run over typed views, without the interpreter. Every index is checked.
 """
+import math
+
 import numpy as np
 
-from libc.math cimport atan2, cos, exp, fabs, hypot, sin, sqrt
+from libc.math cimport INFINITY, NAN, atan2, copysign, cos, exp, fabs, hypot, isfinite, isnan, rint, sin, sqrt
+from libc.stdlib cimport free, labs, malloc
 
+from ..features import likelihood_field as likelihood_field_steps
+from ..features import range_noise as range_noise_steps
+from ..features import ring_band as ring_band_steps
+from ..features import segments as segment_steps
+from ..features.likelihood_field import LikelihoodField
+from ..features.point_sequence import PointSequence
+from ..features.records import Segments
 from ..registration.point_to_line import Fit
 
 cdef extern from *:
@@ -21,8 +31,19 @@ cdef extern from *:
 SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
 """Hash of the sources that this was built from."""
 
+include "geometry.pxi"
+include "features/ordering.pxi"
+include "features/range_noise.pxi"
+include "features/ring_band.pxi"
+include "features/surfaces.pxi"
+include "features/segments.pxi"
+include "features/likelihood_field.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
 
-STEPS = ('fit', 'refine')
+STEPS = (
+    'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
+    'extract_segments', 'build_likelihood_field',
+    'fit', 'refine',
+)
 """Names of the steps."""

@@ -169,7 +169,8 @@ class Features:
     def likelihood_field(self) -> LikelihoodField:
         """The density of this scan as a reference."""
         cloud = self.oriented_points
-        return build_likelihood_field(cloud.joined(self.map_points) if self.map_points else cloud, self.density)
+        cloud = cloud.joined(self.map_points) if self.map_points else cloud
+        return self.backend.step(build_likelihood_field)(cloud, self.density)
 
     @cached_property
     def free_space(self) -> FreeSpaceProfile:

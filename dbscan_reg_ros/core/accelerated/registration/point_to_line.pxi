@@ -123,6 +123,7 @@ def refine(candidates, alignment, scales, known=None):
     cdef Equations sums
     with nogil:
         for h in range(poses.shape[0]):
+            sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             for level in range(kernels.shape[0]):
                 c, s = cos(poses[h, 2]), sin(poses[h, 2])
                 factor = -0.5 / (kernels[level] * kernels[level])

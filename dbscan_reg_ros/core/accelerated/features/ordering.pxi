@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Order statistics and stable sorting."""
+
+
+cdef double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize_t rank) except? -1.0 nogil:
+    """Return the value with a `rank` among the first `size` values, which are reordered (Hoare's selection)."""
+    cdef Py_ssize_t low = 0, high = size - 1, i, j
+    cdef double pivot
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            break
+    return values[rank]
+
+
+cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
+    """Write the stable ascending order of the `keys` to `order` (merge sort, bottom up)."""
+    cdef Py_ssize_t size = keys.shape[0], width = 1, k, i, j, middle, end, start
+    for k in range(size):
+        order[k] = k
+    while width < size:
+        start = 0
+        while start < size:
+            middle, end = min(start + width, size), min(start + 2 * width, size)
+            i, j = start, middle
+            for k in range(start, end):
+                if i < middle and (j >= end or keys[order[i]] <= keys[order[j]]):
+                    scratch[k] = order[i]
+                    i += 1
+                else:
+                    scratch[k] = order[j]
+                    j += 1
+            start += 2 * width
+        order[:size] = scratch[:size]
+        width *= 2
+    return 0
+
+
+cdef inline Py_ssize_t bisect_left(const double[::1] values, Py_ssize_t size, double value) except -1 nogil:
+    """Return the number of ascending values below `value`."""
+    cdef Py_ssize_t low = 0, high = size, middle
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+cdef inline Py_ssize_t bisect_right(const double[::1] values, Py_ssize_t size, double value) except -1 nogil:
+    """Return the number of ascending values up to `value`."""
+    cdef Py_ssize_t low = 0, high = size, middle
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] <= value:
+            low = middle + 1
+        else:
+            high = middle
+    return low

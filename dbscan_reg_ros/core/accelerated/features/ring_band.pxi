@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ring band filter (section 2.1, Eq. 3-4), as `core.features.ring_band`."""
+
+cdef enum:
+    # Beams of the outer and of the inner ring on each side; flags; outcomes.
+    RING = 3
+    INNER = 1
+    ASTRIDE = 1
+    CANDIDATE = 2
+    SMOOTHED = 1
+    CORNER = 2
+    REMOVED = 3
+
+
+cdef struct Ring:
+    # Tolerance as a fraction of the range, and that by noise [m].
+    double relative_tolerance
+    double noise_tolerance
+
+
+def ring_band_filter(points, double noise, parameters):
+    """Filter the points of a scan by Eq. 4; the test of the paper is the reference's.
+
+    Parameters
+    ----------
+    points : (N, 2) float
+        Points in beam order [m]; not finite where a beam has no return.
+    noise : float
+        Standard deviation of a range [m].
+    parameters : RingBandParameters
+
+    Returns
+    -------
+    filtered : (N, 2) float
+        Removed points are ``nan``.
+    outcome : (N,) int
+        `Outcome` of each beam.
+    """
+    if parameters.test != 'consensus' or len(points) <= 2 * INNER:
+        return ring_band_steps.ring_band_filter(points, noise, parameters)
+    outcome = np.zeros(len(points), dtype=int)
+    cdef const double[:, ::1] place = np.ascontiguousarray(points)
+    cdef Ring ring = Ring(parameters.relative_tolerance, parameters.noise_factor * noise)
+    cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold
+    cdef double gross = parameters.gross_error or np.inf
+    padded, beams = ring_points(place)
+    cdef const double complex[::1] beam = padded
+    cdef const Py_ssize_t[::1] of = beams
+    cdef signed char[::1] flags = np.zeros(len(padded), np.int8)
+    cdef double[::1] deviation = np.zeros(len(padded))
+    if not find_candidates(beam, &ring, flags, deviation):
+        return points, outcome
+    filtered = points.copy()
+    cdef double[:, ::1] kept = filtered
+    cdef Py_ssize_t[::1] kind = outcome
+    cdef Py_ssize_t k, i
+    cdef Py_ssize_t[2] counts
+    with nogil:
+        for k in range(RING, beam.shape[0] - RING):
+            if not flags[k] & CANDIDATE:
+                continue
+            # C1 and C2 count the outliers in the inner and the outer ring, the candidate included.
+            i, counts[0], counts[1] = of[k - RING], 1, 1
+            if deviation[k] <= gross:
+                count_outliers(beam, k, &ring, counts)
+            if counts[0] >= inner_threshold or deviation[k] > gross:
+                kept[i, 0] = kept[i, 1] = NAN
+                kind[i] = REMOVED
+            elif counts[1] >= outer_threshold:
+                kind[i] = CORNER
+            elif 0 < i < place.shape[0] - 1 and isfinite(place[i - 1, 0] + place[i + 1, 0]):
+                kept[i, 0] = (place[i - 1, 0] + place[i, 0] + place[i + 1, 0]) / 3.0
+                kept[i, 1] = (place[i - 1, 1] + place[i, 1] + place[i + 1, 1]) / 3.0
+                kind[i] = SMOOTHED
+    return filtered, outcome
+
+
+cdef tuple ring_points(const double[:, ::1] place):
+    """Return the points as complex numbers, with `RING` times nan on either side, and the beam of each.
+
+    Where most returns have no neighbour, beams without a return are left out.
+    """
+    cdef Py_ssize_t size = place.shape[0], known = 0, adjacent = 0, k, count = 0
+    for k in range(size):
+        if isfinite(place[k, 0]):
+            known += 1
+            adjacent += k > 0 and isfinite(place[k - 1, 0])
+    cdef bint dense = 2 * adjacent >= known - 1
+    padded = np.full((size if dense else known) + 2 * RING, complex(NAN, NAN))
+    beams = np.empty(len(padded) - 2 * RING, np.intp)
+    cdef double complex[::1] beam = padded
+    cdef Py_ssize_t[::1] of = beams
+    for k in range(size):
+        if dense or isfinite(place[k, 0]):
+            beam[RING + count] = place[k, 0] + 1j * place[k, 1]
+            of[count] = k
+            count += 1
+    return padded, beams
+
+
+cdef inline bint on_line(const double complex[::1] beam, Py_ssize_t third, Py_ssize_t first, Py_ssize_t second,
+                         Ring *ring, double *distance) except -1 nogil:
+    """Return whether the third beam lies on the line through two others; `distance` is that along the beam [m].
+
+    The line through p and q meets the beam b s at s = cross(p, q) / cross(b, q - p). The distance is infinite where one
+    of the beams has no return.
+    """
+    cdef double complex p = beam[first], q = beam[second], b = beam[third]
+    cdef double radius = modulus(b), meeting = cross(p, q) / cross(b, q - p)
+    cdef double growth = 1.0 + (<double> (labs(first - third) + labs(second - third))) / (<double> (second - first))
+    distance[0] = fabs(meeting - 1.0) * radius
+    if isnan(distance[0]):
+        distance[0] = INFINITY
+    return distance[0] <= ring.relative_tolerance * radius + ring.noise_tolerance * growth
+
+
+cdef bint find_candidates(const double complex[::1] beam, Ring *ring, signed char[::1] flags,
+                          double[::1] deviation) except -1:
+    """Flag beams that lie on no line through two other beams of their ring; return whether there are any.
+
+    A corner lies on the lines of both its walls. Where the beams before and those after are straight, a pair with one
+    beam on each side is no evidence: its line would cut the corner off.
+    """
+    cdef Py_ssize_t k, end = beam.shape[0] - RING
+    cdef double off
+    cdef bint corner, found = False
+    with nogil:
+        for k in range(RING, end):
+            if on_line(beam, k, k - 1, k + 1, ring, &off):
+                flags[k] |= ASTRIDE
+        for k in range(RING, end):
+            if not isfinite(beam[k].real):
+                continue
+            corner = flags[k - 2] & ASTRIDE and flags[k + 2] & ASTRIDE
+            if flags[k] & ASTRIDE and not corner:
+                continue
+            if on_line(beam, k, k - 2, k - 1, ring, &off) or on_line(beam, k, k + 1, k + 2, ring, &off):
+                continue
+            if not on_some_line(beam, k, corner, ring, &deviation[k]):
+                flags[k] |= CANDIDATE
+                found = True
+    return found
+
+
+cdef bint on_some_line(const double complex[::1] beam, Py_ssize_t k, bint corner, Ring *ring,
+                       double *least) except -1 nogil:
+    """Return whether a beam lies on a line through two others of its ring; `least` is the least distance [m]."""
+    cdef Py_ssize_t first, second
+    cdef double off
+    cdef bint on, found = False
+    least[0] = INFINITY
+    for first in range(k - RING, k + RING):
+        for second in range(first + 1, k + RING + 1):
+            if first == k or second == k:
+                continue
+            on = on_line(beam, k, first, second, ring, &off)
+            found |= on and not (corner and first < k < second)
+            least[0] = min(least[0], off)
+    return found
+
+
+cdef int count_outliers(const double complex[::1] beam, Py_ssize_t k, Ring *ring, Py_ssize_t *counts) except -1 nogil:
+    """Add the outliers of the inner and of the outer ring: beams on no line through two beams across from `k`."""
+    cdef Py_ssize_t other, first, second, start
+    cdef double off
+    cdef bint tested, on
+    for other in range(k - RING, k + RING + 1):
+        if other == k:
+            continue
+        start, tested, on = k + 1 if other < k else k - RING, False, False
+        for first in range(start, start + RING - 1):
+            for second in range(first + 1, start + RING):
+                on |= on_line(beam, other, first, second, ring, &off)
+                tested |= isfinite(off)
+        if tested and not on:
+            counts[1] += 1
+            counts[0] += labs(other - k) <= INNER
+    return 0

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vectors of the plane as complex numbers; lines by total least squares."""
+
+
+cdef inline double cross(double complex a, double complex b) noexcept nogil:
+    """Return the cross product of two vectors."""
+    return a.real * b.imag - a.imag * b.real
+
+
+cdef inline double dot(double complex a, double complex b) noexcept nogil:
+    """Return the scalar product of two vectors."""
+    return a.real * b.real + a.imag * b.imag
+
+
+cdef inline double modulus(double complex a) noexcept nogil:
+    """Return the length of a vector."""
+    return hypot(a.real, a.imag)
+
+
+cdef inline double distance(double complex a, double complex b) noexcept nogil:
+    """Return the distance of two points."""
+    return hypot(a.real - b.real, a.imag - b.imag)
+
+
+cdef inline double wrapped(double angle, double period) noexcept nogil:
+    """Subtract whole periods from an angle [rad], as `rotation.wrap_period`."""
+    return angle - period * rint(angle * (1.0 / period))
+
+
+cdef struct Line:
+    # Centre [m], unit direction with a component along x that is not negative, spread and residual [m^2].
+    double x, y, c, s, spread, residual
+
+
+cdef inline Line fit_line(double x, double y, double xx, double xy, double yy, double count) noexcept nogil:
+    """Fit a total least squares line to points with these summed moments (Eq. 7), as `line_fit.fit_lines`."""
+    cdef Line line
+    cdef double half, apart, root
+    line.x, line.y = x / count, y / count
+    xx, xy, yy = xx / count - line.x * line.x, xy / count - line.x * line.y, yy / count - line.y * line.y
+    half, apart = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    root = hypot(apart, xy)
+    # The direction is half the angle of (apart, xy); of both its components the larger is computed first.
+    line.c, line.s = 1.0, 0.0
+    if root > 0.0 and apart >= 0.0:
+        line.c = sqrt(0.5 * (1.0 + apart / root))
+        line.s = 0.5 * xy / (root * line.c)
+    elif root > 0.0:
+        line.s = copysign(sqrt(0.5 * (1.0 - apart / root)), xy)
+        line.c = 0.5 * xy / (root * line.s)
+    line.spread, line.residual = half + root, max(half - root, 0.0)
+    return line
+
+
+cdef inline Line fit_range(const double[:, ::1] moments, Py_ssize_t first, Py_ssize_t end) noexcept nogil:
+    """Fit a line to the points from `first` to before `end`, from the `summed_moments` of a scan; indices are valid."""
+    return fit_line(moments[0, end] - moments[0, first], moments[1, end] - moments[1, first],
+                    moments[2, end] - moments[2, first], moments[3, end] - moments[3, first],
+                    moments[4, end] - moments[4, first], <double> (end - first))

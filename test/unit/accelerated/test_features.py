@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled steps of the feature extraction against the reference."""
+import dataclasses
+
+import numpy as np
+import pytest
+from accelerated_inputs import SIZES, assert_same, oriented_points, scan_points
+
+from dbscan_reg_ros import Parameters
+from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.features.normals import estimate_normals
+from dbscan_reg_ros.core.features.point_sequence import point_sequence
+from dbscan_reg_ros.core.features.range_noise import estimate_noise, estimate_noise_ratio
+from dbscan_reg_ros.core.features.ring_band import ring_band_filter
+from dbscan_reg_ros.core.features.segments import extract_segments
+from dbscan_reg_ros.core.geometry.se2 import as_complex
+
+P = Parameters()
+NO_LIMITS = dataclasses.replace(P.scan, noise_min=1e-4, noise_max=1.0)
+
+
+@pytest.fixture
+def both(compiled):
+    """``both(step, ...)``: assert that both backends give the same, and return it."""
+    def both(step, *arguments):
+        assert compiled.step(step) is not step
+        expected = step(*arguments)
+        assert_same(expected, compiled.step(step)(*arguments))
+        return expected
+    return both
+
+
+def returns(rng, size):
+    points = scan_points(rng, size)
+    beams = np.isfinite(points[:, 0]).nonzero()[0]
+    return as_complex(points[beams]), beams
+
+
+@pytest.mark.parametrize('size', [*SIZES, 9, 1081])
+def test_range_noise(both, rng, size):
+    points, beams = returns(rng, size)
+    for limits in (P.scan, NO_LIMITS):
+        both(estimate_noise, np.abs(points), limits)
+        both(estimate_noise_ratio, points, beams, limits)
+    both(estimate_noise, np.zeros(size), NO_LIMITS)
+
+
+@pytest.mark.parametrize('size', [*SIZES, 3, 1081])
+def test_ring_band_filter(both, rng, size):
+    """With and without a limit of gross errors; with every second beam missing; the test of the paper."""
+    for gross, noise in (0.05, 0.01), (0.0, 0.03), (0.5, 0.0):
+        points = scan_points(rng, size)
+        both(ring_band_filter, points, noise, dataclasses.replace(P.filter, gross_error=gross))
+        points[::2] = np.nan
+        both(ring_band_filter, points, noise, dataclasses.replace(P.filter, gross_error=gross))
+    for test in ('anchor', 'off'):
+        both(ring_band_filter, points, 0.01, dataclasses.replace(P.filter, test=test))
+
+
+@pytest.mark.parametrize('size', [*SIZES, 3, 1081])
+@pytest.mark.parametrize('increment', [1.0, -1.0])
+def test_surfaces_and_segments(both, rng, size, increment):
+    points, beams = returns(rng, size)
+    noise = rng.uniform(0.0, 0.05, len(points))
+    sequence = both(point_sequence, points, beams, increment * 2.0 * np.pi / max(size, 1), 0.01, P.segments)
+    both(estimate_normals, sequence, noise, P.segments)
+    if not len(points):
+        return  # a scan without a return has no features
+    for changes in ({}, {'max_segments': 3}, {'sections': 5}, {'corners': 'slope'}, {'split_levels': 1}):
+        both(extract_segments, sequence, noise, dataclasses.replace(P.segments, **changes))
+
+
+def test_segments_of_equal_points(both):
+    """Of no extent, and on a lattice, where many points are equally far from a chord."""
+    for points in (np.ones(50, complex), np.repeat(np.arange(40.0), 2) + 1j * np.tile([1.0, 1.2], 40)):
+        sequence = both(point_sequence, points, np.arange(len(points)), 0.02, 0.01, P.segments)
+        both(estimate_normals, sequence, np.full(len(points), 0.01), P.segments)
+        both(extract_segments, sequence, np.full(len(points), 0.01), P.segments)
+
+
+@pytest.mark.parametrize('size', [*SIZES, 300, 70_000])
+def test_likelihood_field(both, rng, size):
+    points = oriented_points(rng, size)
+    both(build_likelihood_field, points, P.density)
+    both(build_likelihood_field, dataclasses.replace(points, points=np.round(points.points, 1)), P.density)
+    both(build_likelihood_field, dataclasses.replace(points, points=1e3 * points.points), P.density)
