@@ -19,6 +19,7 @@ from ..version import add_version
 
 BAD_INPUT = 2
 FAILED = 1
+INCOMPLETE = 3
 INTERRUPTED = 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
@@ -141,7 +142,8 @@ def run(parser, work, argv=None) -> int:
     Returns
     -------
     int
-        What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
+        What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure. `work` returns 3 if it
+        ran to its end and could not write all of its results.
     """
     args = parser.parse_args(argv)
     keep_freed_memory()

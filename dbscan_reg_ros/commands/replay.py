@@ -7,7 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..command_lines import command_line
-from .command_line import add_recordings, add_workers, complain, explain, make_parser, note_unused, run, shortened
+from ..requirements import is_there, missing_line
+from .command_line import (
+    INCOMPLETE,
+    add_recordings,
+    add_workers,
+    complain,
+    explain,
+    make_parser,
+    note_unused,
+    run,
+    shortened,
+)
+
+BAG_LIBRARIES = 'rosbags', 'rosbag2_py'
+"""Python packages that write bags; one is enough, and without both a replay writes no bag."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -15,7 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser('replay', 'Run the odometry over recordings, offline and as fast as possible. Each recording '
                          'gets a dated folder with report.html (a page with map, errors and scans to review), '
                          'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
-                         'parameters used.')
+                         'parameters used. Exit status 0: all results are written; 3: some are not, for example '
+                         'because the disk is full, and standard error names them; 2: an argument or a recording '
+                         'cannot be used; 130: interrupted; 1: any other failure.')
     add_recordings(parser)
     parser.add_argument('--params-file', metavar='YAML',
                         help='parameter file as for ROS 2 nodes (default: the defaults)')
@@ -29,7 +45,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def replay(args):
-    """Replay every recording and print its summary; return the exit status of the first that failed, else 0."""
+    """Replay every recording and print its summary; return the exit status.
+
+    It is that of the first recording that failed, else `INCOMPLETE` if results of any could not be written, else 0.
+    """
     from ..recordings import find_recording
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
@@ -41,20 +60,19 @@ def replay(args):
     jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops,
                 args.verbose)
             for file in args.files]
-    code = 0
+    codes = []
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         for future in [executor.submit(replay_one, job) for job in jobs]:
             try:
                 replayed = future.result()
             except Exception as error:  # noqa: BLE001 - the other recordings continue
-                failed = complain('replay', error, args.verbose)
-                code = code or failed
+                codes.append(complain('replay', error, args.verbose))
             else:
                 print('\n'.join(replayed.lines), flush=True)
                 for fault in replayed.faults:
                     print(f'replay: {fault}', file=sys.stderr)
-                code = code or replayed.code
-    return code
+                codes.append(replayed.code)
+    return next((code for code in codes if code not in (0, INCOMPLETE)), max(codes))
 
 
 @dataclass(frozen=True)
@@ -138,11 +156,18 @@ def replay_one(job) -> Replayed:
         raise broken or _too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
-    code, reason = explain(broken) if broken else (0, '')
+    code, reason = explain(broken) if broken else (INCOMPLETE if faults.lines else 0, '')
     lines = [f'results     {folder}', *shortened(recording.problems), *shortened(trajectory.problems),
              *(f'{name:11} {value}' for name, value in summary)]
-    ends = [f'the results end before scan {len(trajectory.used)}: {reason}'] if broken else []
-    return Replayed(lines, [f'{recording.path}: {line}' for line in (*ends, *faults.lines)], code)
+    missing = [f'the results end before scan {len(trajectory.used)}: {reason}'] if broken else []
+    if not _writes_bags():
+        missing.append(f'bag not written: {missing_line(BAG_LIBRARIES[:1])}')
+    return Replayed(lines, [f'{recording.path}: {line}' for line in (*missing, *faults.lines)], code)
+
+
+def _writes_bags() -> bool:
+    """Whether one of the `BAG_LIBRARIES` is installed."""
+    return any(map(is_there, BAG_LIBRARIES))
 
 
 def _follow(results, mounting):
@@ -155,9 +180,10 @@ def _follow(results, mounting):
     recording, parameters = results.recording, results.parameters
     trajectory, faults = results.trajectory, results.faults
     stack = ExitStack()
-    bag = odometry_bag(results.folder / 'bag', parameters, mounting)
-    reports = {'bag': faults.attempt('bag', stack.enter_context, bag), 'pairs to review': results.to_review.add,
-               'closed.tum': results.loops and results.loops.add}
+    reports = {'pairs to review': results.to_review.add, 'closed.tum': results.loops and results.loops.add}
+    if _writes_bags():
+        bag = odometry_bag(results.folder / 'bag', parameters, mounting)
+        reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
         scans = turned(watched(recording.scans(), recording.name, recording.count), trajectory.yaw)
         for update in trajectory.follow(scans, Odometry(parameters.for_odometry())):

@@ -123,7 +123,7 @@ def test_a_fault_of_the_reporting_is_one_line_and_costs_no_result(replay, rotati
     code, _ = replay(rotating[:20], *(['--close-loops'] if part == 'closed.tum' else []))
     said = capsys.readouterr()
     folder, = (path for path in (tmp_path / 'out' / 'drive').iterdir() if not path.is_symlink())
-    assert code == 0
+    assert code == 3
     assert whole(folder, 20)['ok'] >= 18
     assert others <= {path.name for path in folder.iterdir()}
     assert said.err == f"replay: {tmp_path}/drive: {part} not written: internal error: 'a thing' (-v shows where)\n"
@@ -135,16 +135,25 @@ def test_a_damaged_truth_costs_the_errors_against_it_not_the_result(data, tmp_pa
     with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as log:
         (tmp_path / 'a.log').write_text(''.join(line for line, _ in zip(log, range(40))))
     (tmp_path / 'a.relations').write_text('1 2 three\n')
-    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 0
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path)]) == 3
     assert 'relations_all_mean_m' not in whole(tmp_path / 'a' / 'latest', json.loads(
         (tmp_path / 'a' / 'latest' / 'metrics.json').read_text())['scans'])
     assert (f'errors against the truth not written: {tmp_path}/a.relations:1: expected t1 t2 x y z roll pitch yaw'
             in capsys.readouterr().err)
 
 
+def test_a_recording_that_failed_decides_the_status_before_one_in_part(rotating, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('dbscan_reg_ros.replays.results.draw_map', broken)
+    bags = [str(scan_bag(tmp_path / name, rotating[:count])) for name, count in (('a', 5), ('b', 1))]
+    out = ['--out', str(tmp_path / 'out'), '--processes', '1']
+    assert main([bags[0], *out]) == 3
+    assert main([*bags, *out]) == 2
+    assert main([*reversed(bags), *out]) == 2
+
+
 def test_v_shows_where_a_fault_of_the_reporting_comes_from(replay, rotating, capsys, monkeypatch):
     monkeypatch.setattr('dbscan_reg_ros.replays.results.draw_map', broken)
-    assert replay(rotating[:5], '-v')[0] == 0
+    assert replay(rotating[:5], '-v')[0] == 3
     said = capsys.readouterr().err
     assert said.startswith('Traceback') and said.count('Traceback') == 1 and 'in broken' in said
 
