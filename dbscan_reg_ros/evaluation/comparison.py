@@ -77,7 +77,7 @@ def known_motion(recording) -> KnownMotion:
     return known
 
 
-def paired(known, trajectory_a, trajectory_b) -> Paired:
+def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     """Compute the errors of two trajectories of a recording: over 1 m of the truth, else between related scans.
 
     Raises

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..recordings.truth import Relations, find_relations, interpolate, load_relations, true_poses
 from .metrics import evaluate, final_error
@@ -20,9 +21,9 @@ class KnownMotion(NamedTuple):
         As from `Recording.wheel_odometry`.
     """
 
-    truth: tuple | None
+    truth: tuple[NDArray[np.int64], NDArray[np.float64]] | None
     relations: Relations | None
-    wheels: tuple | None
+    wheels: tuple[NDArray[np.int64], NDArray[np.float64]] | None
 
     @classmethod
     def of(cls, recording) -> 'KnownMotion':

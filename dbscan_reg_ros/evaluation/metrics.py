@@ -25,9 +25,9 @@ def errors(estimate, truth):
     return np.hypot(difference[:, 0], difference[:, 1]), np.degrees(np.abs(difference[:, 2]))
 
 
-def summarize(name, estimate, truth) -> dict:
+def summarize(name, estimate, truth) -> dict[str, float]:
     """Mean, standard deviation, median and 95th percentile of the `errors`, ``NAME_STATISTIC_UNIT`` -> value."""
-    summary = {}
+    summary: dict[str, float] = {}
     for unit, values in zip(('m', 'deg'), errors(estimate, truth), strict=True):
         if len(values):
             summary |= {f'{name}_mean_{unit}': float(values.mean()), f'{name}_std_{unit}': float(values.std()),
@@ -157,7 +157,7 @@ def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
     dict
         Measure -> value, as in `relation_errors`, `step_errors`, `distance_errors` and ``ate_m``.
     """
-    measures = {}
+    measures: dict[str, float] = {}
     if relations is not None:
         measures |= relation_errors(stamps, poses, relations)
     if reference is not None:

@@ -7,6 +7,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ..core.errors import RecordingError
@@ -16,6 +17,7 @@ from .bags.bag_library import bag_library, is_ros1
 from .carmen.lines import SETTINGS, format_line, settings_of
 from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording
+from .recording import Record
 
 SECOND = 1_000_000_000
 LONGEST = 4e9
@@ -90,17 +92,21 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     if to_log and kept.topics:
         raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans '
                              'of one topic')
+    open_target = partial(bag_writer, target, storage)
     if from_bag and not to_log:
         if kept.topic:
             raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a '
                                  'bag')
-        return _bag_to_bag(source, target, kept, storage, progress)
+        return _bag_to_bag(source, open_target, kept, progress)
     recording = open_recording(source, kept.topic)
     records = _timed(progress(recording.records(), recording.count), kept.start, kept.end)
     if to_log:
         counts = write_log(target, (record for _, record in records))
     else:
-        counts = _log_to_bag(records, target, kept.topics, storage, _topics_of(recording))
+        topics = _topics_of(recording)
+        _check_topics(kept.topics, topics, 'the bag of this log')
+        chosen = {name: kind for name, kind in topics.items() if not kept.topics or name in kept.topics}
+        counts = _log_to_bag(records, open_target, chosen)
     return counts, [*recording.notes, *recording.problems]
 
 
@@ -140,9 +146,10 @@ def _nothing(start, end, length):
     return RecordingError(f'from {start:g} to {end:g} s: no message to keep; the recording goes on for {length:.3f} s')
 
 
-def write_log(target, records) -> Counter:
-    """Write a CARMEN log of an iterable of `Record`; how many of which message."""
-    counts, settings = Counter(), dict(SETTINGS)
+def write_log(target: Path, records: Iterable[Record]) -> Counter[str]:
+    """Write a CARMEN log of `records`; return name of the message -> number of lines."""
+    counts: Counter[str] = Counter()
+    settings = dict(SETTINGS)
     open_log = gzip.open if target.suffix == '.gz' else open
     with _none_when_failed(target), open_log(target, 'wt', encoding='utf-8') as log:
         log.write('# CARMEN log\n')
@@ -157,29 +164,26 @@ def write_log(target, records) -> Counter:
     return counts
 
 
-def _log_to_bag(records, target, topics, storage, held):
-    _check_topics(topics, held, 'the bag of this log')
-    kept = {name: kind for name, kind in held.items() if not topics or name in topics}
+def _log_to_bag(records, open_target, topics):
+    """Write (record time [ns], `Record`) as messages on the `topics`, name -> type; return name -> messages."""
     counts = Counter()
-    with bag_writer(target, storage) as (writer, serialize):
-        added = {name: writer.add_topic(name, kind) for name, kind in kept.items()}
+    with open_target() as (writer, serialize):
+        added = {name: writer.add_topic(name, kind) for name, kind in topics.items()}
         for time, record in records:
             messages = _messages(record)
-            for name, kind in kept.items():
+            for name, kind in topics.items():
                 writer.write(added[name], time, serialize(kind, messages[name]))
                 counts[name] += 1
     return counts
 
 
-def _bag_to_bag(source, target, kept, storage, progress):
+def _bag_to_bag(source, open_target, kept, progress):
+    """Write what is `kept` of the bag `source`; return topic -> messages, and the damaged parts that were skipped."""
     counts, problems = Counter(), []
     with open_reader(source) as reader:
-        _check_topics(kept.topics, {connection.topic for connection in reader.connections}, source)
-        if not reader.message_count:
-            raise RecordingError(f'{source}: holds no message')
-        connections = [c for c in reader.connections if not kept.topics or c.topic in kept.topics]
+        connections = _connections(reader, source, kept.topics)
         messages = safely(reader, connections, problems.append, **_window(reader, kept))
-        with bag_writer(target, storage, source) as (writer, _):
+        with open_target(source) as (writer, _):
             convert_message = writer.add_topics_of(reader, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
                 try:
@@ -193,6 +197,14 @@ def _bag_to_bag(source, target, kept, storage, progress):
                 raise (RecordingError(problems[0]) if problems
                        else _nothing(kept.start, kept.end, reader.duration / SECOND))
     return counts, problems
+
+
+def _connections(reader, source, topics):
+    """Return the connections of the bag `source` on the `topics`, all if there are none."""
+    _check_topics(topics, {connection.topic for connection in reader.connections}, source)
+    if not reader.message_count:
+        raise RecordingError(f'{source}: holds no message')
+    return [connection for connection in reader.connections if not topics or connection.topic in topics]
 
 
 def _window(reader, kept):

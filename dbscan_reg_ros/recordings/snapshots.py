@@ -32,11 +32,9 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
 """
 import json
 import math
-import os
 import zipfile
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -46,6 +44,7 @@ from ..core.registration.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan
 from ..core.scan_geometry import ScanGeometry
 from ..paths import check_file
+from .files import replacing
 from .trajectories import finite_numbers
 
 FORMAT = 'dbscan_reg_ros snapshot'
@@ -110,7 +109,9 @@ def write_snapshot(path, snapshot: Snapshot):
         package = metadata.version('dbscan_reg_ros')
     except metadata.PackageNotFoundError:
         package = ''
-    arrays, scans, indices = {}, [], {}
+    arrays: dict[str, np.ndarray] = {}
+    scans: list[dict[str, object]] = []
+    indices: dict[int, int] = {}
     for update in snapshot.updates:
         for scan in filter(None, (update.reference, update.scan)):
             if id(scan) not in indices:
@@ -123,13 +124,8 @@ def write_snapshot(path, snapshot: Snapshot):
     text = json.dumps({'format': FORMAT, 'version': VERSION, 'package': package, 'parameters': snapshot.parameters,
                        'scans': scans, 'updates': updates}, allow_nan=False)
     arrays['snapshot'] = np.frombuffer(text.encode(), dtype=np.uint8)
-    unfinished = Path(f'{path}.part')
-    try:
-        with open(unfinished, 'wb') as file:
-            np.savez_compressed(file, **arrays)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with replacing(path, binary=True) as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # no array is named as an option of the function
 
 
 def read_snapshot(path) -> Snapshot:

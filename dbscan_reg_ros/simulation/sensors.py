@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..core.geometry.se2 import SE2
 from ..recordings import interpolate
 from ..recordings.conversion import bag_writer, check_target, write_log
 from ..recordings.message_fields import header_fields, pose_fields, pose_only_fields, scan_fields
@@ -55,7 +54,7 @@ class RobotRecording:
         check_simulated(target)
         if target.name.endswith(('.log', '.log.gz')):
             return write_log(target, self._records())
-        counts = Counter()
+        counts: Counter[str] = Counter()
         with bag_writer(target) as (writer, serialize):
             added = {topic: writer.add_topic(topic, kind, latched=topic == '/tf_static')
                      for topic, kind in TOPICS.items()}
@@ -101,7 +100,6 @@ def _turning(stamp, rate):
 
 
 def _mounting(stamp, lidar):
-    pose: SE2 = lidar.mounting
-    place = pose_fields(pose.as_array())
+    place = pose_fields(lidar.mounting.as_array())
     return {'header': header_fields(stamp, 'base_link'), 'child_frame_id': lidar.frame_id,
             'transform': {'translation': place['position'], 'rotation': place['orientation']}}

@@ -102,7 +102,7 @@ def format_line(record: Record) -> str:
     """Return a `Record` as a line of a log: ``FLASER`` if its angles fit that message, else ``ROBOTLASER1``."""
     scan, geometry = record.scan, record.scan.geometry
     n = geometry.size
-    is_flaser = n > 1 and geometry == ScanGeometry(*_flaser_angles(n), n, geometry.range_min, FLASER_RANGE_MAX)
+    is_flaser = n > 1 and geometry == _flaser_geometry(n, geometry.range_min)
     limit = _after(geometry.range_max) if math.isfinite(geometry.range_max) else UNLIMITED
     missing = np.isnan(scan.ranges) | (scan.ranges == np.inf)
     ranges = np.where(missing, np.float32(FLASER_NO_RETURN if is_flaser else limit), scan.ranges)
@@ -153,9 +153,15 @@ FRONT = ('FLASER', 'ROBOTLASER1')
 """The scanner that is meant where a log has several."""
 
 
-def _flaser_angles(n):
+def _flaser_angles(n: int) -> tuple[float, float]:
     """First bearing and step [rad] of a ``FLASER`` with n beams."""
     return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
+
+
+def _flaser_geometry(n: int, range_min: float) -> ScanGeometry:
+    """Return the geometry of a ``FLASER`` with n beams and the smallest range `range_min` [m]."""
+    start, step = _flaser_angles(n)
+    return ScanGeometry(start, step, n, range_min, FLASER_RANGE_MAX)
 
 
 def _before(limit):
