@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex, wrap
+from ..geometry.tolerance import SIGMAS
 from ..parameters.features import RingBandParameters
 
 RING = 3
@@ -237,5 +238,5 @@ def _off_lines(padded: ComplexArray, centre: IntArray, lines: _Lines, noise: flo
         distance = np.abs(meeting - 1.0) * radius
     distance[np.isnan(distance)] = np.inf
     tolerance = parameters.relative_tolerance * radius
-    tolerance += parameters.noise_factor * noise * lines.growth
+    tolerance += SIGMAS * noise * lines.growth
     return distance, tolerance

@@ -125,7 +125,7 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
         First and last point of each piece.
     """
     points = sequence.points
-    split_distance = np.maximum(parameters.split_noise * noise + parameters.split_distance, TINY)
+    split_distance = np.maximum(SIGMAS * noise + parameters.split_distance, TINY)
     edges = np.concatenate(([True], sequence.breaks, [True]))
     edge = edges.nonzero()[0]
     for _ in range(parameters.split_levels):

@@ -65,15 +65,10 @@ class RingBandParameters(ParameterGroup):
         0.5, unit='m', bounds=(0.01, 100.0),
         help='The anchor test skips rings in which two neighbours lie farther apart than this. Larger values also test '
              'beams beside range jumps; smaller values test fewer beams.')
-    noise_factor: float = parameter(
-        3.0, bounds=(0.0, 100.0),
-        help='Tolerance of the consensus test in multiples of the range noise, to which '
-             'advanced.filter.relative_tolerance adds. Larger values find fewer outliers; smaller values take noise '
-             'for outliers.')
     relative_tolerance: float = parameter(
         0.01, bounds=(0.0, 1.0),
-        help='Tolerance of the consensus test as a fraction of the range, to which advanced.filter.noise_factor '
-             'adds. Larger values find fewer outliers far away; smaller values find more.')
+        help='Tolerance of the consensus test as a fraction of the range, to which three standard deviations of the '
+             'noise are added. Larger values find fewer outliers far away; smaller values find more.')
 
 
 @dataclass(frozen=True)
@@ -113,12 +108,8 @@ class SegmentParameters(ParameterGroup):
     split_distance: float = parameter(
         0.03, unit='m', bounds=(0.0, 10.0),
         help='A surface is split at its farthest point from the chord when that distance exceeds this plus '
-             'advanced.segments.split_noise times the noise. Larger values give fewer and longer segments; smaller '
+             'three standard deviations of the noise. Larger values give fewer and longer segments; smaller '
              'values split at small bends.')
-    split_noise: float = parameter(
-        3.0, bounds=(0.0, 100.0),
-        help='Multiple of the range noise that is added to advanced.segments.split_distance. Larger values split '
-             'noisy surfaces less often; smaller values split them more often.')
     split_levels: int = parameter(
         6, bounds=(1, 16),
         help='Number of times that all pieces of a surface are split in two, so that at most 2 to this power remain. '

@@ -38,12 +38,9 @@ class PriorParameters(ParameterGroup):
              'jitter. Larger values widen the gate for fast motions; smaller values suit sensors with exact stamps.')
     min_sigma: float = parameter(
         0.01, unit='m', bounds=(0.0001, 10.0),
-        help='Lower limit of the standard deviation of the predicted translation. Larger values widen the gate at '
-             'rest; smaller values tie slow motions closer to the prediction.')
-    min_rotation_sigma: float = parameter(
-        0.01, unit='rad', bounds=(0.0001, 3.2),
-        help='Lower limit of the standard deviation of the predicted rotation. Larger values widen the gate at rest; '
-             'smaller values tie slow rotations closer to the prediction.')
+        help='Lower limit of the standard deviation of the predicted translation, and [rad] of the predicted '
+             'rotation. Larger values widen the gate at rest; smaller values tie slow motions closer to the '
+             'prediction.')
     point_sigma: float = parameter(
         0.01, unit='m', bounds=(0.0, 10.0),
         help='Standard deviation of a point when points are weighed against the prediction, at least the range noise. '
@@ -56,12 +53,9 @@ class PriorParameters(ParameterGroup):
              'the calibration.')
     unknown_sigma: float = parameter(
         0.25, unit='m', bounds=(0.001, 1000.0),
-        help='Standard deviation of the translation while no velocity is known, as after a start. Larger values search '
-             'a wider area; smaller values assume a sensor that starts at rest.')
-    unknown_rotation_sigma: float = parameter(
-        0.25, unit='rad', bounds=(0.001, 6.4),
-        help='Standard deviation of the rotation while no velocity is known, as after a start. Larger values search '
-             'more headings; smaller values assume a sensor that starts at rest.')
+        help='Standard deviation of the translation, and [rad] of the rotation, while no velocity is known, as after '
+             'a start. Larger values search a wider area and more headings; smaller values assume a sensor that '
+             'starts at rest.')
 
     @property
     def max_score_outside_gate(self) -> float:

@@ -46,10 +46,6 @@ class RotationParameters(ParameterGroup):
         0.1, unit='rad', bounds=(0.0, 6.4),
         help='A rotation cluster wider than this is clustered again with half the neighbourhood. Larger values accept '
              'wider clusters; smaller values split more; 0 never clusters again.')
-    recluster_levels: int = parameter(
-        1, bounds=(0, 10),
-        help='Number of times that a wide rotation cluster is clustered again, with half the neighbourhood each time. '
-             'Larger values split wide clusters further; 0 leaves them as they are.')
     median_scale: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
         help='Distance from the median of a rotation cluster at which a sample has half its weight in the mean. '
@@ -70,18 +66,15 @@ class TranslationParameters(ParameterGroup):
         'signed', choices=('signed', 'squared'),
         help='Equation of a pair of lines: signed (directed lines give one translation) or squared (Eq. 15 of the '
              'paper, which leaves the sign open: four translations for two pairs).')
-    key_clusters: int = parameter(
-        2, bounds=(1, 1000),
-        help='Number of largest translation clusters whose samples the divergence selection compares. Larger values '
-             'compare more samples and take longer; smaller values are faster.')
     parallel_sigma: float = parameter(
         0.06, unit='rad', bounds=(0.0001, 1.6),
         help='Standard deviation of the angle by which two matched lines may differ from parallel (eps1 of Eq. 12). '
              'Larger values match more lines, wrong ones among them; smaller values match fewer.')
     min_crossing_sine: float = parameter(
         0.35, bounds=(0.0001, 1.0),
-        help='Least sine of the angle between two pairs of lines that give a translation (eps2 of Eq. 13). Larger '
-             'values use fewer and better conditioned pairs; smaller values use more.')
+        help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13), and of a wall '
+             'with a degenerate direction for its points to take part in the search along it. Larger values use fewer '
+             'and better conditioned lines; smaller values use more.')
     max_pairs: int = parameter(
         14, bounds=(2, 10000),
         help='Number of line pairs that are used for each rotation, the heaviest first. Larger values give more '
@@ -95,17 +88,9 @@ class TranslationParameters(ParameterGroup):
         help='Implementation of DBSCAN over translations: built_in (fast) or scikit_learn (sklearn.cluster.DBSCAN). '
              'Both give the same clusters.')
     eps: float = parameter(
-        0.06, unit='m', bounds=(0.0, 100.0),
+        0.06, unit='m', bounds=(0.0001, 100.0),
         help='Neighbourhood radius of DBSCAN over translations. Larger values merge clusters; smaller values split '
-             'them; 0 takes it from the k-dist graph of each pair of scans.')
-    eps_min: float = parameter(
-        0.02, unit='m', bounds=(0.0001, 100.0),
-        help='Lower limit of the neighbourhood radius from the k-dist graph of translations. Larger values merge more '
-             'clusters; smaller values allow finer ones.')
-    eps_max: float = parameter(
-        0.2, unit='m', bounds=(0.0001, 100.0),
-        help='Upper limit of the neighbourhood radius from the k-dist graph of translations. Larger values allow wider '
-             'clusters; smaller values keep clusters apart.')
+             'them.')
     min_samples: int = parameter(
         1, bounds=(1, 1000),
         help='MinPts of DBSCAN over translations. Larger values drop small clusters as noise; 1 keeps every '
@@ -114,10 +99,6 @@ class TranslationParameters(ParameterGroup):
         0.15, unit='m', bounds=(0.0, 100.0),
         help='A translation cluster with a larger spread than this is clustered again with half the neighbourhood. '
              'Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
-    recluster_levels: int = parameter(
-        1, bounds=(0, 10),
-        help='Number of times that a wide translation cluster is clustered again, with half the neighbourhood each '
-             'time. Larger values split wide clusters further; 0 leaves them as they are.')
     shortest_rotations: int = parameter(
         2, bounds=(0, 1000),
         help='Number of rotations, the heaviest first, whose shortest translation is a hypothesis as well, because no '
@@ -249,10 +230,6 @@ class DivergenceParameters(ParameterGroup):
         200, bounds=(2, 100000),
         help='Number of positions along each axis at which the densities are compared. More positions approximate the '
              'integral better and take longer; fewer are faster.')
-    margin: float = parameter(
-        3.0, bounds=(0.0, 100.0),
-        help='Number of bandwidths by which the compared positions extend beyond both scans. Larger values cover the '
-             'tails of the densities; smaller values cut them off.')
 
 
 @dataclass(frozen=True)
@@ -301,8 +278,9 @@ class RefinementParameters(ParameterGroup):
              'use more points; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
-        help='Kernel scale of the score and of the covariance. Larger values give higher scores to inexact matches; '
-             'smaller values ask for a closer fit.')
+        help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '
+             'direction. Larger values give higher scores to inexact matches; smaller values ask for a closer fit and '
+             'search in finer steps.')
     damping: float = parameter(
         0.003, bounds=(1e-6, 1.0),
         help='Damping of an iteration as a fraction of the translational information. Larger values move less along '
@@ -342,14 +320,6 @@ class DegeneracyParameters(ParameterGroup):
         1.0, unit='m', bounds=(0.0, 100.0),
         help='Distance to both sides that is searched along a degenerate direction. Larger values correct larger '
              'errors, may find a repeated structure instead, and take longer; smaller values stay near the hypothesis.')
-    search_scale: float = parameter(
-        0.05, unit='m', bounds=(0.005, 1.0),
-        help='Kernel scale of the last pass of the search along a degenerate direction. Larger values tolerate larger '
-             'errors; smaller values search in finer steps and take longer.')
-    min_facing: float = parameter(
-        0.35, bounds=(0.0, 1.0),
-        help='Least component of a normal along the degenerate direction for its point to take part in the search. '
-             'Larger values use fewer and more informative points; smaller values use more.')
     min_points: int = parameter(
         2, bounds=(1, 1000),
         help='Least number of points that face along a degenerate direction for it to be searched. Larger values '

@@ -20,7 +20,7 @@ from .registration import (
 )
 from .schema import ADVANCED, ParameterTree
 
-_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps'), ('translation', 'eps')
+_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps')
 """Group and name of quantities with a lower and an upper limit, each a parameter; an upper limit of 0 is none."""
 
 

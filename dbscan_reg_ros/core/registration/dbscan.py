@@ -180,39 +180,32 @@ def _renumber(component: IntArray, index: IntArray) -> IntArray:
     return renumbered
 
 
-def recluster(size: int, levels: int, cluster: Callable[[IntArray, float], IntArray],
-              is_chain: Callable[[IntArray, IntArray], BoolArray]) -> IntArray:
-    """Cluster samples, and the chains among the clusters again with half the neighbourhood, up to `levels` times.
+def recluster(size: int, cluster: Callable[[IntArray, float], IntArray],
+              is_chain: Callable[[IntArray, IntArray], BoolArray] | None) -> IntArray:
+    """Cluster samples, and the chains among the clusters once more with half the neighbourhood.
 
     Parameters
     ----------
     size : int
         Number of samples.
-    levels : int
     cluster : callable
         Labels of chosen samples (indices), with a ratio of the first neighbourhood.
-    is_chain : callable
-        Which of chosen samples belong to a cluster that is a chain, from their indices and labels.
+    is_chain : callable or None
+        Which samples belong to a cluster that is a chain, from their indices and labels; None if no cluster is one.
 
     Returns
     -------
     (size,) int array
         Cluster of each sample, or `NOISE`. Numbers of clusters that were clustered again are unused.
     """
-    labels, chosen, offset = unlabelled(size), np.arange(size), 0
-    for level in range(levels + 1):
-        found = cluster(chosen, 0.5 ** level)
-        clustered = found != NOISE
-        chosen, found = chosen[clustered], found[clustered]
-        if not len(chosen):
-            break
-        labels[chosen] = found + offset
-        if level == levels:
-            break
-        chain = is_chain(chosen, found)
-        if not chain.any():
-            break
-        chosen, offset = chosen[chain], offset + int(found.max()) + 1
+    labels = cluster(np.arange(size), 1.0)
+    chosen = (labels != NOISE).nonzero()[0]
+    if is_chain is None or not len(chosen):
+        return labels
+    chain = chosen[is_chain(chosen, labels[chosen])]
+    if len(chain):
+        found = cluster(chain, 0.5)
+        labels[chain] = np.where(found == NOISE, NOISE, found + labels.max() + 1)
     return labels
 
 

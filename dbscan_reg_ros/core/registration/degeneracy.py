@@ -88,12 +88,12 @@ def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, prob
     """
     p, density, points = problem.parameters.degeneracy, problem.parameters.density, problem.current.sampled_points
     facing = np.abs((unit_complex(candidates[:, 2] - angles)[:, None] * points.normals).real).max(axis=0)
-    points = points.select(facing > p.min_facing)
+    points = points.select(facing > problem.parameters.translation.min_crossing_sine)
     if len(points) < p.min_points:
         return candidates
     along = np.array((np.cos(angles), np.sin(angles), np.zeros(len(angles)))).T
-    for reach, step, scale in ((p.search_distance, 2.0 * p.search_scale, 3.0 * p.search_scale),
-                               (2.5 * p.search_scale, 0.4 * p.search_scale, p.search_scale)):
+    last = problem.parameters.refinement.score_scale
+    for reach, step, scale in (p.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last):
         count = math.floor(reach / step)
         shift = np.arange(-count, count + 1) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, DOF)

@@ -91,7 +91,7 @@ def cluster_angles(samples: FloatArray, eps: float, period: float, parameters: R
         chain: BoolArray = (high - low > parameters.max_width)[found]
         return chain
 
-    return recluster(len(samples), parameters.recluster_levels if parameters.max_width > 0.0 else 0, cluster, is_chain)
+    return recluster(len(samples), cluster, is_chain if parameters.max_width > 0.0 else None)
 
 
 def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray:

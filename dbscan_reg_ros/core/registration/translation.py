@@ -12,7 +12,7 @@ from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, as_complex, as_vectors, grouped_sum, unit_complex
 from ..geometry.symmetric_matrix import solve
 from ..parameters.registration import TranslationParameters
-from .dbscan import NOISE, k_distances, knee, pairs_before, recluster, unlabelled, without_gaps
+from .dbscan import NOISE, pairs_before, recluster, unlabelled, without_gaps
 from .paper.clustering import choose_clustering
 from .point_to_line import NO_STEP, normal_equations
 from .records import TranslationSamples
@@ -84,7 +84,7 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
     samples = choose_translation_form(parameters.form)(reference, current, rotations, weights, parameters)
     eps = 0.0
     if len(samples.translation):
-        eps = parameters.eps or knee_eps(samples.translation, samples.rotation, parameters)
+        eps = parameters.eps
     labels = cluster(samples.translation, samples.rotation, eps, parameters)
     return rank_clusters(samples, labels, eps, rotations.phi)
 
@@ -212,17 +212,10 @@ _END_WEIGHT[EndKind.CORNER, EndKind.FREE] = _END_WEIGHT[EndKind.FREE, EndKind.CO
 _END_WEIGHT[EndKind.OCCLUSION, :] = _END_WEIGHT[:, EndKind.OCCLUSION] = 0.1
 
 
-def knee_eps(samples: ComplexArray, rotation: IntArray, parameters: TranslationParameters) -> float:
-    """Return the neighbourhood [m] at the knee of the k-dist graph of all samples, within its bounds."""
-    apart = _separated(samples, rotation, parameters.eps_max)
-    bend = knee(k_distances(as_vectors(apart), max(parameters.min_samples - 1, 1)))
-    return min(max(bend, parameters.eps_min), parameters.eps_max)
-
-
-def _separated(samples: ComplexArray, rotation: IntArray, max_eps: float) -> ComplexArray:
+def _separated(samples: ComplexArray, rotation: IntArray, eps: float) -> ComplexArray:
     """Move the samples of each rotation along x, so that those of different rotations are no neighbours."""
     x = samples.real
-    separated: ComplexArray = samples + (2.0 * max_eps + x.max() - x.min()) * rotation
+    separated: ComplexArray = samples + (2.0 * eps + x.max() - x.min()) * rotation
     return separated
 
 
@@ -231,7 +224,7 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
     if not len(samples):
         return unlabelled(0)
     clustering, max_width = choose_clustering(parameters.clustering), parameters.max_width
-    apart = as_vectors(_separated(samples, rotation, max(eps, parameters.eps_max)))
+    apart = as_vectors(_separated(samples, rotation, eps))
 
     def cluster_chosen(chosen: IntArray, ratio: float) -> IntArray:
         return clustering.dbscan_plane(apart[chosen], ratio * eps, parameters.min_samples)
@@ -242,7 +235,7 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
         chain: BoolArray = (np.bincount(found, off * off) > max_width ** 2 * weight)[found]
         return chain
 
-    return recluster(len(samples), parameters.recluster_levels if max_width > 0.0 else 0, cluster_chosen, is_chain)
+    return recluster(len(samples), cluster_chosen, is_chain if max_width > 0.0 else None)
 
 
 def _means(group: IntArray, values: ComplexArray, weight: FloatArray | IntArray,

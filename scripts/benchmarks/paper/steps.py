@@ -7,7 +7,7 @@ import numpy as np
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.paper.divergence import divergences
+from dbscan_reg_ros.core.registration.paper.divergence import KEY_CLUSTERS, divergences
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.translation import estimate_translations
 from dbscan_reg_ros.evaluation.methods import paper_parameters
@@ -45,7 +45,7 @@ def found(trial, p) -> dict:
     rotations = estimate_rotations(reference.segments, current.segments, weights, p.rotation)
     translations = estimate_translations(reference.segments, current.segments, rotations, weights, p.translation)
     phi, (x, y, theta) = rotations.phi[0], trial.truth.as_array()
-    key = translations.transform[:p.translation.key_clusters, :2]
+    key = translations.transform[:KEY_CLUSTERS, :2]
     poses = np.array([SE2().as_array(), (0.0, 0.0, phi), (-x, -y, phi), (x, y, phi)])
     names = 'before_kl', 'turned_kl', 'opposite_kl', 'true_kl'
     return {

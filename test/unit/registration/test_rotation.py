@@ -142,17 +142,15 @@ def test_a_chain_is_cut_where_a_width_is_given_and_never_without():
     values = [0.0, 0.001, 0.002, 0.003, 0.035, 0.068, 0.1, 0.101, 0.102, 0.103]
     whole = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.0))
     assert len(whole.phi) == 1
-    parts = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.05,
-                                                               recluster_levels=3))
+    parts = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.05))
     np.testing.assert_allclose(np.sort(parts.phi[:2]), [0.0015, 0.1015], atol=1e-9)
 
 
-def test_a_chain_is_cut_no_more_often_than_asked_for():
+def test_a_chain_is_clustered_again_with_half_the_neighbourhood():
     """Gaps of 0.03 rad hold against 0.04 rad, and no more against half of that."""
     values = [0.0, 0.001, 0.031, 0.032, 0.0625, 0.063]
-    for recuts, count in ((0, 1), (1, 3)):
-        found = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=0.0004,
-                                                                   recluster_levels=recuts))
+    for width, count in ((0.0, 1), (0.0004, 3)):
+        found = rotations(*differences(values), RotationParameters(weighted=False, eps=0.04, max_width=width))
         assert len(found.phi) == count
 
 

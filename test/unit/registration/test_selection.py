@@ -166,7 +166,7 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
     found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]),
                                         Problem(reference, current, ALIKE))
-    assert np.abs(found - truth.as_array()).max() <= 0.2 * FREE.search_scale + 0.005
+    assert np.abs(found - truth.as_array()).max() <= 0.2 * ALIKE.refinement.score_scale + 0.005
 
 
 def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searched():

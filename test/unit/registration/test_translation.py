@@ -13,7 +13,6 @@ from dbscan_reg_ros.core.features.records import EndKind, Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.dbscan import k_distances, knee
 from dbscan_reg_ros.core.registration.paper.squared_translation import line_equations, squared_samples
 from dbscan_reg_ros.core.registration.rotation import Rotations, estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.translation import cluster, estimate_translations, match_lines
@@ -212,18 +211,6 @@ def test_occluded_ends_have_little_weight():
     assert weights[EndKind.OCCLUSION] == pytest.approx(0.1 * weights[EndKind.CORNER])
 
 
-def test_wide_clusters_are_cut_and_the_papers_are_not():
-    """A chain of samples 0.04 m apart."""
-    rng = np.random.default_rng(0)
-    noisy = dataclasses.replace(ROOM, start=ROOM.start + rng.normal(0.0, 0.06, (4, 2)),
-                                end=ROOM.end + rng.normal(0.0, 0.06, (4, 2)))
-    counts = {}
-    for width in (0.0, 0.02):
-        parameters = TranslationParameters(eps=0.3, eps_max=0.3, max_width=width, recluster_levels=4, end_weight=0.0)
-        counts[width] = len(translations(ROOM, noisy, parameters, eps=0.1).weight)
-    assert counts[0.02] > counts[0.0]
-
-
 def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
     """Two lines here, three there, of weights 1 to 6; off by multiples of `parallel_sigma` = 0.1 rad."""
     off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
@@ -240,22 +227,11 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
     assert sorted(zip(here, there)) == [(1, 0), (1, 2)]
 
 
-def test_sigma_is_that_given_or_the_knee_of_the_k_dist_graph_within_its_bounds():
-    noisy = dataclasses.replace(ROOM, start=ROOM.start + np.random.default_rng(0).normal(0.0, 0.06, (4, 2)))
-    assert translations(ROOM, noisy, TranslationParameters(eps=0.07)).eps == 0.07
-    for min_points in (1, 2, 4):
-        parameters = TranslationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=5.0)
-        found = translations(ROOM, noisy, parameters)
-        assert found.eps == pytest.approx(knee(k_distances(found.samples, max(min_points - 1, 1))))
-    limits = TranslationParameters(eps=0.0, eps_min=3.0, eps_max=4.0)
-    assert translations(ROOM, noisy, limits).eps == 3.0
-
-
-@pytest.mark.parametrize('recuts, labels', [(0, [0, 0, 0, 0]), (1, [1, 1, 2, 2]), (2, [3, 4, 5, 6])])
-def test_wide_clusters_are_cut_no_more_often_than_asked_for(recuts, labels):
-    """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m, 0.05 m and 0.025 m."""
+@pytest.mark.parametrize('width, labels', [(0.0, [0, 0, 0, 0]), (0.001, [1, 1, 2, 2])])
+def test_wide_clusters_are_clustered_once_more_with_half_the_neighbourhood(width, labels):
+    """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m and 0.05 m."""
     samples = 1j * np.array([0.0, 0.04, 0.13, 0.17])
-    parameters = TranslationParameters(min_samples=1, max_width=0.001, recluster_levels=recuts)
+    parameters = TranslationParameters(min_samples=1, max_width=width)
     assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
 
 

@@ -97,8 +97,7 @@ def test_written_parameters_are_read_back_unchanged(tmp_path):
     assert read_parameters(tmp_path / 'changed.yaml') == changed
 
 
-@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('advanced.rotation', 'eps'),
-                                         ('advanced.translation', 'eps')])
+@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('advanced.rotation', 'eps')])
 def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
     text = '/**: {{ros__parameters: {{{0}.{1}_min: 0.4, {0}.{1}_max: {2}}}}}'.format
     with pytest.raises(ParameterError,

@@ -146,7 +146,7 @@ def information_along(features: Features, pose: SE2, angle: float, p: Parameters
     """
     points = features.oriented_points
     cosine = (points.normals * cmath.rect(1.0, pose.theta - angle)).real
-    information = np.where(np.abs(cosine) < p.degeneracy.min_facing, 0.0, points.sharpened(cosine) ** 2)
+    information = np.where(np.abs(cosine) < p.translation.min_crossing_sine, 0.0, points.sharpened(cosine) ** 2)
     return np.asarray(points.weighted(information))
 
 

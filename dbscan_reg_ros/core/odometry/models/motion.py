@@ -107,7 +107,7 @@ class ConstantVelocityModel:
         change, rotation_change = p.acceleration * interval.length ** 2, p.angular_acceleration * interval.length ** 2
         rotation_change = min(rotation_change, max_sigma)
         sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
-        rotation_sigma = math.hypot(p.min_rotation_sigma, rotation_change, p.stamp_jitter * increment.theta)
+        rotation_sigma = math.hypot(p.min_sigma, rotation_change, p.stamp_jitter * increment.theta)
         rotation_sigma = min(rotation_sigma, max_sigma)
         return Prior(increment, np.diag((sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma)),
                      np.diag((change, change, rotation_change)) ** 2)
@@ -219,7 +219,7 @@ def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) ->
     """Return the covariance ``(3, 3)`` [m, m, rad] of an unknown motion in an `interval`."""
     p, time = parameters.prior, interval.elapsed if interval.gap else interval.length
     distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
-    sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_rotation_sigma, rotation)
+    sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_sigma, rotation)
     return np.diag([sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)]) ** 2
 
 

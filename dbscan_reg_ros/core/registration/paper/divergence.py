@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import DOF, SE2
-from ...geometry.tolerance import RESOLUTION
+from ...geometry.tolerance import RESOLUTION, SIGMAS
 from ...parameters.registration import DivergenceParameters
 from ..records import Hypothesis, Registration, Status
 from ..rotation import Rotations, wrap_period
@@ -17,6 +17,8 @@ from ..search import Problem
 from ..status import failed, match_segments
 from ..translation import Translations
 
+KEY_CLUSTERS = 2
+"""Number of largest translation clusters whose samples are compared: those of the two signs of Eq. 15."""
 _NODES = 8
 """Nodes of the interpolated density for each bandwidth."""
 _MIN_VARIANCE = RESOLUTION ** 2
@@ -33,7 +35,7 @@ def select_by_divergence(problem: Problem) -> Registration:
     rotations = problem.rotations
     translations = problem.translations(rotations)
     labels = translations.labels
-    key = np.flatnonzero((labels >= 0) & (labels < p.translation.key_clusters))
+    key = np.flatnonzero((labels >= 0) & (labels < KEY_CLUSTERS))
     if not len(key):
         return failed('no two pairs of lines cross')
     candidates = np.column_stack((translations.samples[key], rotations.phi[translations.rotation[key]]))
@@ -107,7 +109,7 @@ def shifted_divergences(reference: FloatArray, current: FloatArray, shifts: Floa
     (C,) array
     """
     from scipy.interpolate import CubicSpline
-    margin = parameters.margin * bandwidth
+    margin = SIGMAS * bandwidth
     low = min(reference.min(), current.min() + shifts.min()) - margin
     high = max(reference.max(), current.max() + shifts.max()) + margin
     grid = np.linspace(low, high, parameters.grid)
