@@ -46,7 +46,8 @@ def solve(equations: FloatArray, damping: float) -> FloatArray:
     The upper left 3 x 3 of each is the left side, the last column the right side. The damping is relative to the trace
     of the translational part.
     """
-    return np.array([_step(each, damping) for each in equations.reshape(len(equations), -1).tolist()]).reshape(-1, DOF)
+    rows = equations.reshape(len(equations), equations.shape[-1] ** 2).tolist()
+    return np.array([_step(each, damping) for each in rows]).reshape(-1, DOF)
 
 
 def solve_one(equations: FloatArray, damping: float) -> FloatArray:

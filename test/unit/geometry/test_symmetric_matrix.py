@@ -49,3 +49,7 @@ def test_steps_are_those_of_the_damped_equations(damping):
     lift = damping * (information[:, 0, 0] + information[:, 1, 1] + 1e-6)
     information += lift[:, None, None] * np.eye(3)
     np.testing.assert_allclose(solve(equations, damping), np.linalg.solve(information, gradient)[:, :, 0], atol=1e-12)
+
+
+def test_no_equations_have_no_steps():
+    assert solve(np.zeros((0, 4, 4)), 0.1).shape == (0, 3)
