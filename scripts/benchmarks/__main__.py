@@ -26,6 +26,7 @@ BENCHMARKS = {
     'passers': 'odometry while people cross close in front of the lidar',
     'spinup': 'odometry that begins while the lidar spins up',
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
+    'ablation': 'the odometry without one feature at a time, on the courses that should need it',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
@@ -34,11 +35,11 @@ MODULES = {
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
     'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
-    'node': 'node.running_node', 'soak': 'node.soak',
+    'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
-OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'fingerprint')
+OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'ablation', 'fingerprint')
 """No other method has what they measure."""
 SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
 """They need no recordings."""
@@ -88,6 +89,8 @@ def make_parser():
                                  help='the first N of the ten seeds (default: 10)')
         elif name == 'overlap':
             add_overlap(command)
+        elif name == 'ablation':
+            add_ablation(command)
         elif name == 'fingerprint':
             add_fingerprint(command)
     return parser
@@ -109,6 +112,20 @@ def add_overlap(command):
     command.add_argument('--motion', nargs='+', metavar='NAME',
                          help='only these, of any and near (within 1.5 m and 0.6 rad)')
     command.add_argument('--noise', nargs='+', metavar='NAME', help='only these, of low and high')
+    add_processes(command)
+
+
+def add_ablation(command):
+    """Add the options of ``bench ablation``."""
+    command.add_argument('--feature', nargs='+', metavar='NAME', help='only these; a wrong name lists all')
+    command.add_argument('--course', nargs='+', metavar='NAME',
+                         help='on these courses instead of those named for each feature')
+    command.add_argument('--copies', type=positive, metavar='N', help='of each course with 2 mm of noise on the ranges '
+                         '(default: 4; 2 with --quick)')
+    command.add_argument('--quick', action='store_true', help='only the first 150 scans of one drive of each course, '
+                         'and only the courses named for a feature')
+    command.add_argument('--cache', type=Path, metavar='DIR', default=Path('results/ablation'),
+                         help='keep the results in this folder: an interrupted run continues (default: %(default)s)')
     add_processes(command)
 
 

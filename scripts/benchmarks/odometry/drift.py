@@ -78,8 +78,13 @@ class Drive:
 
 def drive(name, course, title, prior='none') -> Drive:
     """Run a new tracker over a course; `prior` names the source of the external prior, one of `PRIORS`."""
+    return follow(tracker(name), course, title, prior)
+
+
+def follow(track, course, title, prior='none') -> Drive:
+    """Run a tracker over a course; `prior` names the source of the external prior, one of `PRIORS`."""
     from tqdm import tqdm
-    track, result = tracker(name), Drive(course)
+    result = Drive(course)
     scans = tqdm(course.scans, title, unit=' scans', leave=False, disable=None)
     for scan, told in zip(scans, PRIORS[prior](course), strict=True):
         begin = time.perf_counter()
@@ -162,12 +167,12 @@ def measure(args) -> Report:
             continue
         for method in methods:
             drives = [drive(method, course, f'{name} {method}', args.prior) for course in courses]
-            rows[method] = _mean([judge(result) for result in drives])
+            rows[method] = mean_of([judge(result) for result in drives])
             if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
                 drives[0].write(args.poses)
         bounds = dict(BOUNDS.get(name, {}))
         if args.prior == 'wheel' and OURS in rows and name == 'intel':
-            rows[LASER_ONLY] = _mean([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
+            rows[LASER_ONLY] = mean_of([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
             bounds |= _no_worse(rows[LASER_ONLY])
         report.add(name, rows, bounds, SHOWN, prefix='' if name == 'intel' else f'{name}_')
     return report
@@ -181,7 +186,7 @@ def in_copies(courses, methods, args) -> dict:
         for method in methods:
             jobs = [[executor.submit(judged_copy, method, course, seed, args.prior) for course in courses]
                     for seed in range(args.copies)]
-            mean, spread = scatter([_mean([job.result() for job in copy]) for copy in jobs])
+            mean, spread = scatter([mean_of([job.result() for job in copy]) for copy in jobs])
             rows |= {method: mean, f'{method}, +-': spread}
     return rows
 
@@ -197,7 +202,7 @@ def _no_worse(laser_only):
     return bounds | {'step_p95_m': at_most(np.nextafter(laser_only['step_p95_m'], 0.0))}
 
 
-def _mean(rows):
+def mean_of(rows):
     """Means of what all courses have; of several smooth corridors the worst."""
     shared = [name for name in rows[0] if all(name in row for row in rows)]
     worst = {'named': min, 'across_m': max}
