@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.records import Segments
 
 SIZES = 0, 1, 2, 7, 180, 3000
 """Numbers of points: none, one, a few, those of a scan, thousands."""
@@ -52,3 +53,14 @@ def scan_points(rng, size):
     """Points ``(N, 2)`` [m] of such a scan; nan without a return."""
     distance, bearings = ranges(rng, size)
     return np.stack((distance * np.cos(bearings), distance * np.sin(bearings)), axis=1)
+
+
+def segments(rng, size, parallel=False):
+    """Line segments anywhere; or parallel and perpendicular ones."""
+    start = rng.uniform(-5.0, 5.0, (size, 2))
+    direction = rng.integers(-2, 2, size) * np.pi / 2 if parallel else rng.uniform(-np.pi, np.pi, size)
+    length = rng.uniform(0.2, 4.0, size)
+    end = start + length[:, None] * np.stack((np.cos(direction), np.sin(direction)), axis=1)
+    return Segments(start=start, end=end, direction=direction, length=length,
+                    sigma_direction=rng.uniform(0.0, 0.1, size), sigma_offset=rng.uniform(0.0, 0.1, size),
+                    kinds=rng.integers(0, 3, (size, 2)), beams=rng.integers(0, 100, (size, 2)))

@@ -27,6 +27,12 @@ cdef inline double wrapped(double angle, double period) noexcept nogil:
     return angle - period * rint(angle * (1.0 / period))
 
 
+cdef inline double wrap(double angle) noexcept nogil:
+    """Wrap an angle [rad] to [-pi, pi)."""
+    cdef double rest = fmod(angle + M_PI, 2.0 * M_PI)
+    return (rest + 2.0 * M_PI if rest < 0.0 else rest) - M_PI
+
+
 cdef struct Line:
     # Centre [m], unit direction with a component along x that is not negative, spread and residual [m^2].
     double x, y, c, s, spread, residual

@@ -5,20 +5,27 @@
 Arrays come in and go out; loops run over typed views, without the interpreter. Every index is checked.
 """
 import math
+from functools import partial
 
 import numpy as np
 
-from libc.math cimport INFINITY, NAN, atan2, copysign, cos, exp, fabs, hypot, isfinite, isnan, rint, sin, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, fmod, hypot, isfinite, isnan, rint, sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
 from ..features import likelihood_field as likelihood_field_steps
+from ..features import normals as normal_steps
 from ..features import range_noise as range_noise_steps
 from ..features import ring_band as ring_band_steps
 from ..features import segments as segment_steps
 from ..features.likelihood_field import LikelihoodField
 from ..features.point_sequence import PointSequence
 from ..features.records import Segments
+from ..geometry import tolerance
+from ..registration import rotation as rotation_steps
+from ..registration import translation as translation_steps
 from ..registration.point_to_line import Fit
+from ..registration.rotation import Rotations
+from ..registration.translation import Translations
 
 cdef extern from *:
     """
@@ -31,6 +38,8 @@ cdef extern from *:
 SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
 """Hash of the sources that this was built from."""
 
+cdef double TINY = tolerance.TINY, SIGMAS = tolerance.SIGMAS
+
 include "geometry.pxi"
 include "features/ordering.pxi"
 include "features/range_noise.pxi"
@@ -40,10 +49,14 @@ include "features/segments.pxi"
 include "features/likelihood_field.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
+include "registration/rotation.pxi"
+include "registration/clusters.pxi"
+include "registration/translation.pxi"
+include "registration/scoring.pxi"
 
 STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
     'extract_segments', 'build_likelihood_field',
-    'fit', 'refine',
+    'fit', 'refine', 'next_step', 'polish', 'estimate_rotations', 'estimate_translations', 'score', 'reverse_violation',
 )
 """Names of the steps."""

@@ -118,13 +118,13 @@ class Problem:
     @cached_property
     def rotations(self) -> Rotations:
         """Rotation hypotheses from all pairs of segments (Eq. 9)."""
-        return estimate_rotations(self.reference.segments, self.current.segments, self.weights,
-                                  self.parameters.rotation)
+        return self.current.backend.step(estimate_rotations)(
+            self.reference.segments, self.current.segments, self.weights, self.parameters.rotation)
 
     def translations(self, rotations: Rotations) -> Translations:
         """Cluster translation hypotheses for the `rotations` (Eq. 10-15)."""
-        return estimate_translations(self.reference.segments, self.current.segments, rotations, self.weights,
-                                     self.parameters.translation)
+        return self.current.backend.step(estimate_translations)(
+            self.reference.segments, self.current.segments, rotations, self.weights, self.parameters.translation)
 
     def alignment(self, points: OrientedPoints) -> Alignment:
         """Return the alignment of `points` of the current scan with the reference."""

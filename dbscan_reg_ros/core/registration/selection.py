@@ -62,7 +62,8 @@ def refine_coarsely(problem: Problem, candidates: Candidates) -> Ranking:
     start = candidates.joined()
     start, fits = promising(start, problem.fit(start, some), p.refinement.coarse_scale, p.selection.min_support_ratio)
     coarse = improve(problem, start, some, scales, fits)
-    step = next_step(coarse.best, points, p.refinement.fine_scale, p.refinement.damping)
+    step = problem.current.backend.step(next_step)(
+        coarse.best, points, p.refinement.fine_scale, p.refinement.damping)
     if math.hypot(step[0], step[1]) < p.refinement.final_scale:
         return coarse
     return coarse.joined(improve(problem, coarse.candidates, points, scales))
@@ -95,7 +96,8 @@ def polish_best(problem: Problem, fine: Ranking) -> Ranking:
         points = problem.current.oriented_points
     if points is not problem.current.sampled_points:
         best = problem.fit(fine.candidates[:1], points)
-    candidate, best = polish(fine.candidates[0], best, points, p.refinement)
+    candidate, best = problem.current.backend.step(polish)(
+        fine.candidates[0], best, points, p.refinement)
     return fine.with_best(candidate, best.thinned(p.density.max_points))
 
 
@@ -118,9 +120,10 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
     p, current = problem.parameters, problem.current
     candidates, equations = problem.refine(candidates, points, scales, fits)
     found = problem.fit(candidates, current.sampled_points)
-    value, overlap = score(found, problem.reference, current, p.refinement.score_scale, p.density)
+    value, overlap = current.backend.step(score)(
+        found, problem.reference, current, p.refinement.score_scale, p.density)
     if both_ways:
-        reverse = reverse_violation(candidates, problem.reference, current, p.density)
+        reverse = current.backend.step(reverse_violation)(candidates, problem.reference, current, p.density)
         value = value - p.density.violation_weight * reverse
     if problem.prior is not None:
         distance = squared_mahalanobis(candidates, problem.prior) / p.prior.gate ** 2

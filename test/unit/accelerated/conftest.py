@@ -2,6 +2,7 @@
 """The compiled steps, where they are built."""
 import numpy as np
 import pytest
+from accelerated_inputs import assert_same
 
 from dbscan_reg_ros.backends import compiled_backend
 
@@ -18,3 +19,15 @@ def compiled():
 @pytest.fixture(params=range(5))
 def rng(request):
     return np.random.default_rng(request.param)
+
+
+@pytest.fixture
+def both(compiled):
+    """``both(step, ...)``: assert that both backends give the same, and return it."""
+    def both(step, *arguments):
+        assert compiled.step(step) is not step
+        expected = step(*arguments)
+        assert_same(expected, compiled.step(step)(*arguments))
+        return expected
+    both.compiled = compiled
+    return both

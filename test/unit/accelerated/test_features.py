@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from accelerated_inputs import SIZES, assert_same, oriented_points, scan_points
+from accelerated_inputs import SIZES, oriented_points, scan_points
 
 from dbscan_reg_ros import Parameters
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
@@ -17,17 +17,6 @@ from dbscan_reg_ros.core.geometry.se2 import as_complex
 
 P = Parameters()
 NO_LIMITS = dataclasses.replace(P.scan, noise_min=1e-4, noise_max=1.0)
-
-
-@pytest.fixture
-def both(compiled):
-    """``both(step, ...)``: assert that both backends give the same, and return it."""
-    def both(step, *arguments):
-        assert compiled.step(step) is not step
-        expected = step(*arguments)
-        assert_same(expected, compiled.step(step)(*arguments))
-        return expected
-    return both
 
 
 def returns(rng, size):

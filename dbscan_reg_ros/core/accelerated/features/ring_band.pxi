@@ -40,7 +40,7 @@ def ring_band_filter(points, double noise, parameters):
         return ring_band_steps.ring_band_filter(points, noise, parameters)
     outcome = np.zeros(len(points), dtype=int)
     cdef const double[:, ::1] place = np.ascontiguousarray(points)
-    cdef Ring ring = Ring(parameters.relative_tolerance, parameters.noise_factor * noise)
+    cdef Ring ring = Ring(parameters.relative_tolerance, SIGMAS * noise)
     cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold
     cdef double gross = parameters.gross_error or np.inf
     padded, beams = ring_points(place)

@@ -2,12 +2,16 @@
 """Line segments of a scan (section 2.2), as `core.features.segments`."""
 
 cdef enum:
-    MIN_STEPS = 2
-    JOINS = 2
-    MAX_CORNER_POINTS = 3
     KIND_CORNER = 0
     KIND_FREE = 1
     KIND_OCCLUSION = 2
+
+
+cdef Py_ssize_t MIN_STEPS = segment_steps._MIN_STEPS, JOINS = segment_steps._JOINS
+cdef Py_ssize_t MAX_CORNER_POINTS = segment_steps._MAX_CORNER_POINTS
+cdef double MAX_BEND = segment_steps._MAX_BEND, MIN_CORNER_SINE = segment_steps._MIN_CORNER_SINE
+cdef double JOIN_ANGLE = segment_steps._JOIN_ANGLE, JOIN_ANGLE_NOISE = segment_steps._JOIN_ANGLE_NOISE
+cdef double MAX_JOIN_ANGLE = segment_steps._MAX_JOIN_ANGLE
 
 
 cdef struct Piece:
@@ -26,13 +30,13 @@ cdef struct Piece:
 
 
 cdef struct SegmentLimits:
-    double split_noise, split_distance, join_noise, join_gap, depth_margin, corner_reach, min_points, min_length
+    double split_distance, join_noise, join_gap, depth_margin, corner_reach, min_points, min_length
     Py_ssize_t split_levels
 
 
 cdef SegmentLimits segment_limits(p) except *:
     """Return the `SegmentParameters` as numbers."""
-    return SegmentLimits(p.split_noise, p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.corner_reach,
+    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.corner_reach,
                          p.min_points, p.min_length, p.split_levels)
 
 
@@ -112,7 +116,7 @@ cdef int split(const double complex[::1] points, const unsigned char[::1] breaks
 
 cdef inline double split_distance(double noise, SegmentLimits *limits) noexcept nogil:
     """Return the distance from the chord [m] beyond which a point becomes a corner."""
-    return max(limits.split_noise * noise + limits.split_distance, 1e-9)
+    return max(SIGMAS * noise + limits.split_distance, TINY)
 
 
 cdef inline double beyond_chord(double complex offset, double complex chord, double length, double limit) noexcept nogil:
@@ -176,14 +180,14 @@ cdef bint on_one_line(const double complex[::1] points, const double[::1] noise,
     cdef double complex reach_a = points[a.last] - points[a.first], reach_b = points[b.last] - points[b.first]
     cdef double shorter = min(modulus(reach_a), modulus(reach_b)), sigma = max(noise[a.last], noise[b.first])
     cdef double sine = a.line.c * b.line.s - a.line.s * b.line.c, cosine = a.line.c * b.line.c + a.line.s * b.line.s
-    cdef double tolerance = 0.05 + 6.0 * sigma / max(shorter, 1e-3)
+    cdef double tolerance = JOIN_ANGLE + JOIN_ANGLE_NOISE * sigma / max(shorter, TINY)
     cdef Piece both = a[0]
     append(&both, b)
     fit_piece(&both)
     return (both.line.residual < (limits.join_noise * sigma) * (limits.join_noise * sigma)
             and distance(points[b.first], points[a.last]) < limits.join_gap
             and dot(reach_b, reach_a) > 0.0
-            and atan2(fabs(sine), fabs(cosine)) < min(0.25, tolerance))
+            and atan2(fabs(sine), fabs(cosine)) < min(MAX_JOIN_ANGLE, tolerance))
 
 
 cdef Py_ssize_t place_ends(const double complex[::1] points, SegmentLimits *limits, Piece *pieces,
@@ -202,7 +206,7 @@ cdef Py_ssize_t place_ends(const double complex[::1] points, SegmentLimits *limi
         pieces[k].end = centre + along * dot(points[pieces[k].last] - centre, along)
         length = distance(pieces[k].end, pieces[k].start)
         if (pieces[k].size >= limits.min_points and length >= limits.min_length
-                and pieces[k].line.residual < (0.15 * length) * (0.15 * length)):
+                and pieces[k].line.residual < (MAX_BEND * length) * (MAX_BEND * length)):
             pieces[kept] = pieces[k]
             kept += 1
     return kept
@@ -227,7 +231,7 @@ cdef int find_corners(const double complex[::1] points, const unsigned char[::1]
     for k in range(count - 1):
         pieces[k].joined = False
         sine = cross(pieces[k].along, pieces[k + 1].along)
-        if fabs(sine) < 0.3 or pieces[k + 1].first - pieces[k].last > MAX_CORNER_POINTS:
+        if fabs(sine) < MIN_CORNER_SINE or pieces[k + 1].first - pieces[k].last > MAX_CORNER_POINTS:
             continue
         beyond = cross(pieces[k + 1].start - pieces[k].end, pieces[k + 1].along) / sine
         pieces[k].meeting = pieces[k].end + beyond * pieces[k].along
@@ -259,9 +263,9 @@ cdef make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, co
         end[k, 0], end[k, 1] = pieces[k].end.real, pieces[k].end.imag
         beam[k, 0], beam[k, 1] = beams[first], beams[last]
         kind[k, 0] = kind[k, 1] = KIND_OCCLUSION
-        if first and radius[first - 1] > radius[first] + (depth_margin + 3.0 * noise[first]):
+        if first and radius[first - 1] > radius[first] + (depth_margin + SIGMAS * noise[first]):
             kind[k, 0] = KIND_FREE
-        if last + 1 < radius.shape[0] and radius[last + 1] > radius[last] + (depth_margin + 3.0 * noise[last]):
+        if last + 1 < radius.shape[0] and radius[last + 1] > radius[last] + (depth_margin + SIGMAS * noise[last]):
             kind[k, 1] = KIND_FREE
         if k and pieces[k - 1].joined:
             kind[k, 0] = KIND_CORNER
@@ -271,7 +275,7 @@ cdef make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, co
         sigma = sqrt(sigma * sigma + pieces[k].line.residual)
         number[0, k] = atan2(pieces[k].along.imag, pieces[k].along.real)
         number[1, k] = distance(pieces[k].end, pieces[k].start)
-        number[2, k] = sigma / sqrt(max(pieces[k].size * pieces[k].line.spread, 1e-12))
+        number[2, k] = sigma / sqrt(max(pieces[k].size * pieces[k].line.spread, TINY))
         number[3, k] = sigma / sqrt(pieces[k].size)
     return Segments(start=starts, end=ends, direction=numbers[0], length=numbers[1], sigma_direction=numbers[2],
                     sigma_offset=numbers[3], kinds=end_kinds, beams=end_beams)

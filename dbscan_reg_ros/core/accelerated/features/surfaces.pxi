@@ -2,6 +2,10 @@
 """Points in beam order, and their normals, as `core.features.point_sequence` and `core.features.normals`."""
 
 
+cdef Py_ssize_t MIN_NEIGHBOURS = normal_steps._MIN_NEIGHBOURS
+cdef double MAX_RESIDUAL = normal_steps._MAX_RESIDUAL
+
+
 def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
                    parameters):
     """Make the `PointSequence` of a scan: ranges, breaks (Eq. 5) and summed moments.
@@ -84,12 +88,6 @@ def estimate_normals(sequence, const double[::1] noise, parameters):
             if cross(points[high - 1] - points[low], normals[k]) * increment < 0.0:
                 normals[k] = line.s - 1j * line.c
     return found
-
-
-cdef enum:
-    MIN_NEIGHBOURS = 3
-
-cdef double MAX_RESIDUAL = 0.25
 
 
 cdef int measure_path(const double complex[::1] points, const unsigned char[::1] breaks, double[::1] path) except -1 nogil:

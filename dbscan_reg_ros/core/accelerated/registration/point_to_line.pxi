@@ -146,3 +146,73 @@ def refine(candidates, alignment, scales, known=None):
                     poses[h, k] -= step[k]
             write_equations(&sums, tables[h])
     return refined, equations
+
+
+def next_step(found, points, double scale, double damping):
+    """Return the step ``(3,)`` of one more iteration with a kernel of `scale` [m], from the `Fit` of one candidate."""
+    cdef const double[:, ::1] error = found.error
+    cdef const unsigned char[:, ::1] alike = found.alike
+    cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
+    cdef const double[::1] weights = points.weighted(np.ones(error.shape[1]))
+    cdef double factor = -0.5 / (scale * scale), e
+    cdef Py_ssize_t k
+    cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    cdef double[3] step
+    with nogil:
+        for k in range(error.shape[1]):
+            if alike[0, k]:
+                e = error[0, k]
+                add_row(&sums, exp(factor * e * e) * weights[k], normal[0, k].real, -normal[0, k].imag,
+                        -product_imag(normal[0, k], rotated[0, k]), e)
+        solve_step(&sums, damping, step)
+    return np.array((-step[0], -step[1], -step[2]))
+
+
+cdef inline double product_imag(double complex a, double complex b) noexcept nogil:
+    """Return the imaginary part of a product."""
+    return a.real * b.imag + a.imag * b.real
+
+
+def polish(candidate, found, points, refinement):
+    """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
+
+    The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
+    that moves farther than the first kernel, as it may along a corridor, is returned unchanged.
+
+    Returns
+    -------
+    candidate : (3,) array
+    found : Fit
+        Of it, H = 1.
+    """
+    if not refinement.polish_iterations:
+        return candidate, found
+    errors = found.error.copy()
+    cdef double[:, ::1] error = errors
+    cdef const unsigned char[:, ::1] alike = found.alike
+    cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
+    cdef const double[::1] weights = points.weighted(np.ones(error.shape[1]))
+    cdef double scale = refinement.final_scale, damping = refinement.damping, factor, weight, sum_weight, e
+    cdef Py_ssize_t k
+    cdef Equations sums
+    cdef double[3] step
+    cdef double[3] total = [0.0, 0.0, 0.0]
+    for _ in range(refinement.polish_iterations):
+        sums, sum_weight = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+        factor = -0.5 / (scale * scale)
+        for k in range(error.shape[1]):
+            if alike[0, k]:
+                e = error[0, k]
+                weight = exp(factor * e * e) * weights[k]
+                sum_weight += weight
+                add_row(&sums, weight, normal[0, k].real, -normal[0, k].imag, -product_imag(normal[0, k], rotated[0, k]), e)
+        solve_step(&sums, damping, step)
+        scale = refinement.narrowed(scale, sqrt(sums.e / max(sum_weight, 1e-9)))
+        for k in range(3):
+            total[k] += step[k]
+        for k in range(error.shape[1]):
+            error[0, k] -= (step[0] * normal[0, k].real - step[1] * normal[0, k].imag
+                            - step[2] * product_imag(normal[0, k], rotated[0, k]))
+    if hypot(total[0], total[1]) >= refinement.final_scale:
+        return candidate, found
+    return candidate - np.array((total[0], total[1], total[2])), found._replace(error=errors)

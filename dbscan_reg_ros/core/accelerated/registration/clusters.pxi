@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clusters of translations: connected components, as DBSCAN finds them where every sample is a core sample."""
+
+
+cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
+                          double max_width):
+    """Return the cluster of each sample; clusters wider than `max_width` are clustered again with half the neighbourhood.
+
+    Samples of each rotation are moved along x, so that those of different rotations are no neighbours.
+    """
+    cdef Py_ssize_t size = samples.shape[0], level, k, label, count, offset = 0
+    cdef double low = samples[0].real, high = samples[0].real, squared = max_width * max_width
+    found = np.empty(size, np.intp)
+    cdef Py_ssize_t[::1] labels = found, order = np.empty(size, np.intp), parent = np.empty(size, np.intp)
+    cdef Py_ssize_t[::1] rank = np.empty(size, np.intp)
+    cdef unsigned char[::1] chosen = np.ones(size, np.uint8)
+    cdef double[::1] x = np.empty(size)
+    cdef double[:, ::1] sums = np.empty((3, size))
+    with nogil:
+        for k in range(1, size):
+            low, high = min(low, samples[k].real), max(high, samples[k].real)
+        for k in range(size):
+            x[k] = samples[k].real + (2.0 * eps + high - low) * rotation[k]
+        sort_stably(x, order, parent)
+        for level in range(2):
+            connect(samples, x, order, chosen, parent, eps * 0.5 ** level)
+            # Numbered by their first samples, which are the roots.
+            count = 0
+            for k in range(size):
+                if chosen[k]:
+                    if root_of(parent, k) == k:
+                        rank[k] = count
+                        count += 1
+                    labels[k] = offset + rank[root_of(parent, k)]
+            if level or max_width <= 0.0:
+                break
+            flag_chains(samples, labels, offset, count, squared, chosen, sums)
+            offset += count
+    return found
+
+
+cdef inline Py_ssize_t root_of(Py_ssize_t[::1] parent, Py_ssize_t k) except -1 nogil:
+    """Return the first sample of the component of a sample, and shorten the way to it."""
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+cdef int connect(const double complex[::1] samples, const double[::1] x, const Py_ssize_t[::1] order,
+                 const unsigned char[::1] chosen, Py_ssize_t[::1] parent, double eps) except -1 nogil:
+    """Connect the chosen samples at most `eps` [m] apart: along x in ascending order."""
+    cdef Py_ssize_t size = samples.shape[0], i, j, one, two
+    cdef double dx, dy
+    for i in range(size):
+        parent[i] = i
+    for i in range(size):
+        if not chosen[order[i]]:
+            continue
+        for j in range(i + 1, size):
+            if x[order[j]] > x[order[i]] + eps:
+                break
+            if not chosen[order[j]]:
+                continue
+            dx, dy = x[order[i]] - x[order[j]], samples[order[i]].imag - samples[order[j]].imag
+            if dx * dx + dy * dy <= eps * eps:
+                one, two = root_of(parent, order[i]), root_of(parent, order[j])
+                parent[max(one, two)] = min(one, two)
+    return 0
+
+
+cdef int flag_chains(const double complex[::1] samples, const Py_ssize_t[::1] labels, Py_ssize_t offset,
+                     Py_ssize_t count, double max_variance, unsigned char[::1] chosen, double[:, ::1] sums) except -1 nogil:
+    """Keep those samples chosen whose cluster has a variance above `max_variance` [m^2]."""
+    cdef Py_ssize_t k, at
+    cdef double off
+    for at in range(count):
+        sums[0, at] = sums[1, at] = sums[2, at] = 0.0
+    for k in range(samples.shape[0]):
+        if chosen[k]:
+            at = labels[k] - offset
+            sums[0, at] += samples[k].real
+            sums[1, at] += samples[k].imag
+            sums[2, at] += 1.0
+    for at in range(count):
+        sums[0, at], sums[1, at] = sums[0, at] / sums[2, at], sums[1, at] / sums[2, at]
+        sums[2, at] *= -max_variance
+    for k in range(samples.shape[0]):
+        if chosen[k]:
+            at = labels[k] - offset
+            off = hypot(samples[k].real - sums[0, at], samples[k].imag - sums[1, at])
+            sums[2, at] += off * off
+    for k in range(samples.shape[0]):
+        chosen[k] = chosen[k] and sums[2, labels[k] - offset] > 0.0
+    return 0
+
+
+cdef rank_translations(const double complex[::1] samples, const double[::1] sample_weight,
+                       const Py_ssize_t[::1] rotation, const Py_ssize_t[::1] labels, const double[::1] phi):
+    """Return weighted mean and weight of each cluster, heaviest first, and the rank of each sample's cluster."""
+    cdef Py_ssize_t size = samples.shape[0], clusters = 0, k, at
+    for k in range(size):
+        clusters = max(clusters, labels[k] + 1)
+    sums, angles, members = np.zeros((3, clusters)), np.zeros(clusters), np.zeros(clusters, np.intp)
+    cdef double[:, ::1] total = sums
+    cdef double[::1] angle = angles
+    cdef Py_ssize_t[::1] used = members
+    for k in range(size):
+        at = labels[k]
+        used[at] = 1
+        total[0, at] += sample_weight[k]
+        total[1, at] += sample_weight[k] * samples[k].real
+        total[2, at] += sample_weight[k] * samples[k].imag
+        angle[at] = phi[rotation[k]]
+    # Numbers of clusters that were clustered again are unused.
+    index = members.nonzero()[0]
+    order = index[(-sums[0, index]).argsort(kind='stable')]
+    rank = np.empty(clusters, np.intp)
+    rank[order] = np.arange(len(order))
+    weight = sums[0, order]
+    transform = np.stack((sums[1, order] / weight, sums[2, order] / weight, angles[order]), axis=1)
+    return transform, weight, rank[np.asarray(labels)]

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rotation hypotheses (section 2.2.1, Eq. 9), as `core.registration.rotation`."""
+
+
+def estimate_rotations(reference, current, weights, parameters):
+    """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
+
+    Core samples by more than one neighbour, scikit-learn and means around medians are the reference's.
+
+    Parameters
+    ----------
+    reference, current : Segments
+        n and m of them.
+    weights : (n, m) array
+        From `pair_weights`.
+    parameters : RotationParameters
+    """
+    if parameters.clustering != 'built_in' or parameters.min_samples > 1 or parameters.median_scale > 0.0:
+        return rotation_steps.estimate_rotations(reference, current, weights, parameters)
+    cdef double period = 2.0 * M_PI if parameters.directed else M_PI, eps = parameters.eps
+    cdef const double[::1] ours = np.ascontiguousarray(reference.direction), theirs = np.ascontiguousarray(current.direction)
+    cdef Py_ssize_t n = ours.shape[0], m = theirs.shape[0], size = n * m, i, j
+    differences = np.empty((n, m))
+    cdef double[::1] samples = differences.reshape(-1)
+    cdef Py_ssize_t[::1] order = np.empty(size, np.intp), labels = np.zeros(size, np.intp)
+    for i in range(n):
+        for j in range(m):
+            samples[i * m + j] = wrapped(ours[i] - theirs[j], period)
+    sort_stably(samples, order, np.empty(size, np.intp))
+    if eps == 0.0 and size:
+        eps = min(max(nearest_knee(samples, order), <double> parameters.eps_min), <double> parameters.eps_max)
+    cdef double max_width = parameters.max_width
+    cluster_angles(samples, order, labels, period, eps, max_width)
+    phi, weight, ranked = rank_rotations(samples, np.ascontiguousarray(weights).reshape(-1), labels, period,
+                                         parameters.max_hypotheses)
+    return Rotations(phi, weight, differences, ranked.reshape(n, m), eps)
+
+
+cdef double nearest_knee(const double[::1] samples, const Py_ssize_t[::1] order) except? -1.0:
+    """Return the knee of the sorted distances to the nearest neighbours: farthest below the chord of their ends."""
+    cdef Py_ssize_t size = samples.shape[0], k, best = 0
+    cdef double before, after, off, farthest = -INFINITY
+    if size == 1:
+        return 0.0
+    nearest_distance = np.empty(size)
+    cdef double[::1] graph = nearest_distance
+    for k in range(size):
+        before = samples[order[k]] - samples[order[k - 1]] if k else INFINITY
+        after = samples[order[k + 1]] - samples[order[k]] if k + 1 < size else INFINITY
+        graph[k] = min(before, after)
+    nearest_distance.sort()
+    # In ascending order here, in descending order in the reference.
+    if size < 3 or graph[size - 1] <= graph[0]:
+        return graph[0]
+    cdef double slope = (graph[0] - graph[size - 1]) / <double> (size - 1)
+    for k in range(size):
+        off = graph[size - 1] + k * slope - graph[size - 1 - k]
+        if off > farthest:
+            farthest, best = off, k
+    return graph[size - 1 - best]
+
+
+cdef int cluster_angles(const double[::1] samples, const Py_ssize_t[::1] order, Py_ssize_t[::1] labels, double period,
+                        double eps, double max_width) except -1:
+    """Cut the sorted angles at the gaps, and clusters wider than `max_width` again with half the neighbourhood."""
+    cdef Py_ssize_t size = samples.shape[0], level, k, at, count, chains, offset = 0, last, number
+    cdef Py_ssize_t[::1] chain = np.empty(size, np.intp), rank = np.empty(size, np.intp)
+    cdef unsigned char[::1] chosen = np.ones(size, np.uint8)
+    cdef double[::1] first = np.empty(size), low = np.empty(size), high = np.empty(size)
+    cdef double value
+    with nogil:
+        for level in range(2):
+            chains = cut_at_gaps(samples, order, chosen, chain, period, eps * 0.5 ** level)
+            if not chains:
+                break
+            # Clusters are numbered by their first samples.
+            for number in range(chains):
+                rank[number], low[number], high[number] = -1, 0.0, 0.0
+            count = 0
+            for at in range(size):
+                if chosen[at]:
+                    if rank[chain[at]] < 0:
+                        rank[chain[at]] = count
+                        count += 1
+                    labels[at] = offset + rank[chain[at]]
+                    first[chain[at]] = samples[at]
+            if level or max_width <= 0.0:
+                break
+            for at in range(size):
+                if chosen[at]:
+                    value = wrapped(samples[at] - first[chain[at]], period)
+                    low[chain[at]], high[chain[at]] = min(low[chain[at]], value), max(high[chain[at]], value)
+            for at in range(size):
+                chosen[at] = chosen[at] and high[chain[at]] - low[chain[at]] > max_width
+            offset += count
+    return 0
+
+
+cdef Py_ssize_t cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] order, const unsigned char[::1] chosen,
+                            Py_ssize_t[::1] chain, double period, double eps) except -1 nogil:
+    """Write the chain of each chosen sample; return their number."""
+    cdef Py_ssize_t k, at, count = 0, first = -1, last = -1
+    for k in range(samples.shape[0]):
+        at = order[k]
+        if not chosen[at]:
+            continue
+        if last < 0 or samples[at] - samples[last] > eps:
+            count += 1
+        if first < 0:
+            first = at
+        chain[at], last = count - 1, at
+    if count > 1 and samples[first] + period - samples[last] <= eps:
+        for at in range(samples.shape[0]):
+            if chosen[at] and chain[at] == count - 1:
+                chain[at] = 0
+        count -= 1
+    return count
+
+
+cdef rank_rotations(const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
+                    double period, Py_ssize_t most):
+    """Return the weighted mean and the weight of the heaviest clusters, and the rank of each sample's cluster."""
+    cdef Py_ssize_t size = samples.shape[0], k, clusters = 0
+    for k in range(size):
+        clusters = max(clusters, labels[k] + 1)
+    sums = np.zeros((2, clusters))
+    cdef double[:, ::1] total = sums
+    cdef double[::1] first = np.zeros(clusters)
+    cdef Py_ssize_t[::1] used = np.zeros(clusters, np.intp)
+    for k in range(size):
+        first[labels[k]] = samples[k]
+        used[labels[k]] = 1
+        total[0, labels[k]] += sample_weight[k]
+    for k in range(size):
+        total[1, labels[k]] += sample_weight[k] * wrapped(samples[k] - first[labels[k]], period)
+    # Numbers of clusters that were clustered again are unused.
+    index = np.flatnonzero(used)
+    order = index[(-sums[0, index]).argsort(kind='stable')[:most]]
+    ranks = np.full(clusters, -1, np.intp)
+    ranks[order] = np.arange(len(order))
+    phi = np.empty(len(order))
+    cdef double[::1] mean = phi
+    cdef Py_ssize_t[::1] chosen = order
+    for k in range(chosen.shape[0]):
+        mean[k] = wrap(first[chosen[k]] + total[1, chosen[k]] / total[0, chosen[k]])
+    return phi, sums[0, order], ranks[np.asarray(labels)]

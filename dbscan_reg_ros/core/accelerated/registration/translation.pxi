@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Translation hypotheses (section 2.2.2, Eq. 10-15), as `core.registration.translation`."""
+
+
+def estimate_translations(reference, current, rotations, weights, parameters):
+    """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
+
+    Squared equations, core samples by more than one neighbour and scikit-learn are the reference's.
+
+    Parameters
+    ----------
+    reference, current : Segments
+        n and m of them.
+    rotations : Rotations
+    weights : (n, m) array
+        Weight of each pair of segments.
+    parameters : TranslationParameters
+    """
+    p = parameters
+    if p.form != 'signed' or p.clustering != 'built_in' or p.min_samples > 1:
+        return translation_steps.estimate_translations(reference, current, rotations, weights, p)
+    pairs, offs = match_lines(rotations.difference, rotations.phi, np.ascontiguousarray(weights), p.parallel_sigma,
+                              p.max_pairs)
+    equations = signed_equations(reference, current, rotations.phi, pairs, offs)
+    samples = line_samples(pairs, equations, p.min_crossing_sine)
+    samples = end_samples(reference, current, rotations.phi, pairs, p.end_weight * translation_steps._END_WEIGHT, samples)
+    translation, weight, rotation = samples
+    find_shortest = partial(translation_steps.shortest_translations, pairs, equations,
+                            rotations.phi[:p.shortest_rotations])
+    if not len(translation):
+        return Translations(np.empty((0, 3)), np.empty(0), np.empty((0, 2)), weight, rotation, np.empty(0, int), 0.0,
+                            find_shortest)
+    labels = cluster_translations(translation, rotation, p.eps, p.max_width)
+    transform, total, ranked = rank_translations(translation, weight, rotation, labels, rotations.phi)
+    return Translations(transform, total, translation.view(float).reshape(-1, 2), weight, rotation, ranked, p.eps,
+                        find_shortest)
+
+
+cdef match_lines(const double[:, ::1] difference, const double[::1] phi, const double[:, ::1] weights, double sigma,
+                 Py_ssize_t max_pairs):
+    """Return the heaviest pairs of lines that each rotation makes parallel (Eq. 12), and the angles between them."""
+    cdef Py_ssize_t m = difference.shape[1], size = difference.shape[0] * m, k, i, count, total = 0, kept
+    cdef Py_ssize_t most = phi.shape[0] * min(max_pairs, size)
+    indices, numbers = np.empty((3, most), np.intp), np.empty((2, most))
+    cdef Py_ssize_t[:, ::1] index = indices
+    cdef double[:, ::1] number = numbers
+    cdef double[::1] heavy = np.empty(size), off = np.empty(size)
+    cdef Py_ssize_t[::1] pair = np.empty(size, np.intp), order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
+    cdef double angle
+    with nogil:
+        for k in range(phi.shape[0]):
+            count = 0
+            for i in range(size):
+                angle = wrapped(difference[i // m, i % m] - phi[k], 2.0 * M_PI)
+                if fabs(angle) < 2.0 * sigma:
+                    # Negative: the heaviest come first.
+                    heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
+                    off[count], pair[count] = angle, i
+                    count += 1
+            sort_stably(heavy[:count], order, scratch)
+            for i in range(min(count, max_pairs)):
+                index[0, total], index[1, total], index[2, total] = k, pair[order[i]] // m, pair[order[i]] % m
+                number[0, total], number[1, total] = -heavy[order[i]], off[order[i]]
+                total += 1
+    kept = total
+    return translation_steps.LinePairs(*[row[:kept] for row in indices], numbers[0, :kept]), numbers[1, :kept]
+
+
+cdef signed_equations(reference, current, const double[::1] phi, pairs, const double[::1] off):
+    """Return the equation ``n . t = n . (m_R - Rot(phi) m_O)`` of each pair of lines (Eq. 13)."""
+    cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
+    cdef const double[:, :] a = reference.midpoint, b = current.midpoint
+    cdef const double[:] direction = reference.direction
+    cdef Py_ssize_t size = rotation.shape[0], k
+    alongs, distances = np.empty(size, complex), np.empty(size)
+    cdef double complex[::1] along = alongs
+    cdef double[::1] distance = distances
+    cdef double angle, c, s, x, y
+    with nogil:
+        for k in range(size):
+            angle = direction[ours[k]] - 0.5 * off[k]
+            along[k] = cos(angle) + 1j * sin(angle)
+            c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
+            x = a[ours[k], 0] - (c * b[theirs[k], 0] - s * b[theirs[k], 1])
+            y = a[ours[k], 1] - (s * b[theirs[k], 0] + c * b[theirs[k], 1])
+            distance[k] = cross(along[k], x + 1j * y)
+    return translation_steps.LineEquations(alongs, distances)
+
+
+cdef line_samples(pairs, equations, double min_crossing_sine):
+    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15)."""
+    cdef const Py_ssize_t[::1] rotation = pairs.rotation
+    cdef const double[::1] weight = pairs.weight, distance = equations.distance
+    cdef const double complex[::1] along = equations.along
+    cdef Py_ssize_t size = rotation.shape[0], first, second, count = 0, most = 0, run = 0
+    for first in range(size):
+        run = run + 1 if first and rotation[first] == rotation[first - 1] else 0
+        most += run
+    found, sums, groups = np.empty(most, complex), np.empty(most), np.empty(most, np.intp)
+    cdef double complex[::1] translation = found
+    cdef double[::1] sample_weight = sums
+    cdef Py_ssize_t[::1] group = groups
+    cdef double determinant
+    with nogil:
+        for first in range(size):
+            for second in range(first + 1, size):
+                if rotation[second] != rotation[first]:
+                    break
+                determinant = cross(along[first], along[second])
+                if fabs(determinant) > min_crossing_sine:
+                    translation[count] = (distance[first] * along[second] - distance[second] * along[first]) / determinant
+                    sample_weight[count] = min(weight[first], weight[second]) * fabs(determinant)
+                    group[count] = rotation[first]
+                    count += 1
+    return found[:count], sums[:count], groups[:count]
+
+
+cdef end_samples(reference, current, const double[::1] phi, pairs, const double[:, ::1] end_weight, samples):
+    """Append translations that match start points with start points and end points with end points to the `samples`."""
+    cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
+    cdef const double[::1] weight = pairs.weight
+    cdef const Py_ssize_t[:, :] kind_r = reference.kinds, kind_o = current.kinds
+    cdef const double[:, :] a, b
+    cdef Py_ssize_t size = rotation.shape[0], side, k, count = 0
+    found, sums, groups = np.empty(2 * size, complex), np.empty(2 * size), np.empty(2 * size, np.intp)
+    cdef double complex[::1] translation = found
+    cdef double[::1] sample_weight = sums
+    cdef Py_ssize_t[::1] group = groups
+    cdef double c, s, x, y, share
+    for side in range(2):
+        a, b = (reference.end, current.end) if side else (reference.start, current.start)
+        for k in range(size):
+            share = end_weight[kind_r[ours[k], side], kind_o[theirs[k], side]]
+            if share == 0.0:
+                continue
+            c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
+            x = a[ours[k], 0] - (c * b[theirs[k], 0] - s * b[theirs[k], 1])
+            y = a[ours[k], 1] - (s * b[theirs[k], 0] + c * b[theirs[k], 1])
+            translation[count], sample_weight[count], group[count] = x + 1j * y, weight[k] * share, rotation[k]
+            count += 1
+    return tuple([np.concatenate((one, other[:count])) for one, other in zip(samples, (found, sums, groups))])
