@@ -96,7 +96,7 @@ class Runner:
         self._limit = args.limit or settings['limit']
         self._drives, self._copies = settings['drives'], args.copies or settings['copies']
         self._processes = args.processes or os.cpu_count()
-        self._data = data_folder(args.data)
+        self._data, self._built = data_folder(args.data), {}
         self._folder = args.cache / source_id() / f'{self._limit or "all"}_{self._drives or "all"}_{self._copies}'
 
     def rows(self, feature, courses) -> dict:
@@ -117,11 +117,16 @@ class Runner:
             part.replace(path)
         return json.loads(path.read_text())
 
+    def _courses(self, name):
+        if name not in self._built:
+            courses, first = COURSES[name](self._data)[:self._drives], slice(self._limit)
+            self._built[name] = [course.take(first) for course in courses]
+        return self._built[name]
+
     def _run(self, name, changes):
         """Return the means, and two standard errors of them, of the measures over noisy copies of a course."""
         from dbscan_reg_ros.commands.workers import workers
-        courses = COURSES[name](self._data)[:self._drives]
-        courses = [course if self._limit is None else course.take(slice(self._limit)) for course in courses]
+        courses = self._courses(name)
         with workers(self._processes) as executor:
             jobs = [[executor.submit(judged_copy, changes, course, seed) for course in courses]
                     for seed in range(self._copies)]
