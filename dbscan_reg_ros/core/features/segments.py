@@ -7,7 +7,7 @@ import numpy as np
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import Lines, fit_lines, fit_sections
 from ..geometry.se2 import as_complex, as_vectors, unit_complex
-from ..geometry.tolerance import SIGMAS, TINY
+from ..geometry.tolerance import SAME, SIGMAS, TINY
 from ..parameters.features import SegmentParameters
 from .corners import slope_stretches
 from .point_sequence import PointSequence
@@ -232,7 +232,7 @@ def _corners(sequence: PointSequence, found: _Fitted, parameters: SegmentParamet
     crossing = np.abs(cross) >= _MIN_CORNER_SINE
     beyond = ((start[1:] - end[:-1]).conj() * after).imag / np.where(crossing, cross, 1.0)
     meeting = end[:-1] + beyond * before
-    reach = parameters.corner_reach + np.abs(sequence.points[first[1:]] - sequence.points[last[:-1]])
+    reach = SAME + np.abs(sequence.points[first[1:]] - sequence.points[last[:-1]])
     half = 0.5 * np.abs(end - start)
     corner = crossing & (np.abs(beyond) < reach) & (np.abs(start[1:] - meeting) < np.minimum(reach, half[1:]))
     corner &= beyond > -half[:-1]

@@ -5,5 +5,7 @@ TINY = 1e-9
 """Sums, lengths and ratios below this are rounding errors; divisors are at least this."""
 RESOLUTION = 0.001
 """Length [m] and angle [rad] that no lidar resolves: the smallest scale and standard deviation of an alignment."""
+SAME = 0.1
+"""Distance [m] and angle [rad] below which two lines, ends of lines or motions are taken for the same."""
 SIGMAS = 3.0
 """Number of standard deviations that noise rarely exceeds."""

@@ -138,10 +138,6 @@ class SegmentParameters(ParameterGroup):
         0.15, unit='m', bounds=(0.0, 10.0),
         help='The end of a surface counts as a free edge when the next return is deeper by at least this. Larger '
              'values find fewer free edges and small objects; smaller values take noise for edges.')
-    corner_reach: float = parameter(
-        0.1, unit='m', bounds=(0.0, 10.0),
-        help='Two neighbouring lines meet in a corner when both end within this distance of their intersection. Larger '
-             'values find more corners; smaller values find only sharp ones.')
     normal_reach: float = parameter(
         0.1, unit='m', bounds=(0.0, 10.0),
         help='Distance on each side of a point, along its surface, within which neighbours are used to fit its normal. '

@@ -41,11 +41,6 @@ class PriorParameters(ParameterGroup):
         help='Lower limit of the standard deviation of the predicted translation, and [rad] of the predicted '
              'rotation. Larger values widen the gate at rest; smaller values tie slow motions closer to the '
              'prediction.')
-    point_sigma: float = parameter(
-        0.01, unit='m', bounds=(0.0, 10.0),
-        help='Standard deviation of a point when points are weighed against the prediction, at least the range noise. '
-             'Larger values give the prediction more weight in the alignment with the map; smaller values give the '
-             'points more.')
     calibration_distance: float = parameter(
         300.0, unit='m', bounds=(0.0, 1000000.0),
         help='Distance over which the calibration of systematic errors of an external prior forgets; a rotation of 1 '

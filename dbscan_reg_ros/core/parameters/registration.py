@@ -274,8 +274,9 @@ class RefinementParameters(ParameterGroup):
              'smaller values resist outliers more.')
     map_scale: float = parameter(
         0.01, unit='m', bounds=(0.001, 10.0),
-        help='Kernel scale of the last iteration against the key-frame window, at least the range noise. Larger values '
-             'use more points; smaller values resist outliers more.')
+        help='Kernel scale of the last iteration against the key-frame window, and standard deviation by which points '
+             'are weighed against the prediction there; at least the range noise. Larger values use more points and '
+             'give the prediction more weight; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '
@@ -380,11 +381,3 @@ class DecisionParameters(ParameterGroup):
         help='Number of effective points in the weakest direction at which its variance is doubled, because the errors '
              'of few points are not independent. Larger values report larger covariances in corridors; 0 disables the '
              'correction.')
-    match_angle: float = parameter(
-        0.1, unit='rad', bounds=(0.0, 3.2),
-        help='Two segments match after the registration when their directions differ by less than this. Larger values '
-             'report more matches; smaller values report fewer.')
-    match_distance: float = parameter(
-        0.1, unit='m', bounds=(0.0, 10.0),
-        help='Two segments match after the registration when one lies closer than this to the line of the other. '
-             'Larger values report more matches; smaller values report fewer.')

@@ -11,6 +11,7 @@ from ..features.small_objects import find_small_objects
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
+from ..geometry.tolerance import SAME
 from ..parameters.tree import Parameters
 from .point_to_line import transform_points
 from .records import Prior
@@ -38,9 +39,9 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     if prior is not None:
         motions = motions[within_gate(motions, prior, parameters.prior)]
     distance = np.abs(transform_points(motions, theirs)[:, :, None] - ours).min(axis=2, initial=np.inf)
-    support = kernel(distance, _SAME_DISTANCE).sum(axis=1)
+    support = kernel(distance, SAME).sum(axis=1)
     motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _MIN_SUPPORT)]]
-    chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * _SAME_DISTANCE, _SAME_ANGLE)]
+    chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * SAME, SAME)]
     return chosen
 
 
@@ -58,7 +59,7 @@ def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
     start, end = np.triu(baselines_o).nonzero()
     baselines_r, baselines_o = baselines_r[first, second], baselines_o[start, end]
     off = np.abs(np.abs(baselines_r)[:, None] - np.abs(baselines_o))
-    r, o = (off < _SAME_DISTANCE).nonzero()
+    r, o = (off < SAME).nonzero()
     closest = off[r, o].argsort(kind='stable')[:_MAX_SAMPLES]
     r, o = r[closest], o[closest]
     rotation = baselines_r[r] / baselines_o[o]
@@ -67,10 +68,6 @@ def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
     return np.column_stack((as_vectors(translation), np.angle(rotation)))
 
 
-_SAME_DISTANCE = 0.1
-"""Landmarks at most this far apart [m] may be the same."""
-_SAME_ANGLE = 0.1
-"""Motions whose rotations differ by at most this [rad] may be the same."""
 _MIN_SUPPORT = 2.5
 """Two landmarks give a motion, and a third has to agree."""
 _MAX_SAMPLES = 500

@@ -10,6 +10,7 @@ import numpy as np
 from ..features.records import Segments
 from ..geometry.array_types import FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
+from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
 from .records import Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
@@ -43,7 +44,7 @@ def decide(problem: Problem, fine: Ranking, coarse: Ranking) -> Registration:
         transform, covariance + rival_covariance, status,
         overlap=float(fine.overlap[0]), score=best_score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
-        find_matches=partial(match_segments, reference.segments, current.segments, transform, p), reason=reason,
+        find_matches=partial(match_segments, reference.segments, current.segments, transform), reason=reason,
         weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information)
 
 
@@ -132,7 +133,7 @@ def demoted_if_weak(registration: Registration, prior: Prior, parameters: Decisi
     return dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
 
 
-def match_segments(reference: Segments, current: Segments, transform: SE2, parameters: DecisionParameters) -> IntArray:
+def match_segments(reference: Segments, current: Segments, transform: SE2) -> IntArray:
     """Return the pairs ``(K, 2)`` of segments that overlap on one line after the transform of the current ones."""
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
@@ -140,6 +141,6 @@ def match_segments(reference: Segments, current: Segments, transform: SE2, param
     moved = cmath.rect(1.0, transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
     step = (moved - as_complex(reference.midpoint)[:, None]) * unit_complex(-reference.direction)[:, None]
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
-    alike = (rotation < parameters.match_angle) & (np.abs(step.imag) < parameters.match_distance) & (apart < 0.0)
+    alike = (rotation < SAME) & (np.abs(step.imag) < SAME) & (apart < 0.0)
     pairs: IntArray = np.array(alike.nonzero()).T
     return pairs

@@ -45,7 +45,6 @@ FEATURES = {
     'score of the prediction': ({'advanced.prior.weight': 0.0}, ('bursts', 'corridors')),
     'motion model': ({'advanced.odometry.prior': 'none'}, ('corridors', 'trees')),
     'mean of three velocities': ({'advanced.prior.velocity_window': 1}, ('lidars', 'featureless')),
-    'noise of the points in the alignment': ({'advanced.prior.point_sigma': 0.0}, ('lidars', 'featureless')),
     'key-frame window': ({'odometry.reference': 'keyframe'}, ('rooms', 'corridors')),
     'local map of key frames': ({'odometry.key_frames': 1}, ('chairs', 'rooms')),
     'older key frames': ({'advanced.odometry.older_key_frames': 0}, ('sparse', 'losses')),

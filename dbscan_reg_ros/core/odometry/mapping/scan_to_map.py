@@ -65,7 +65,7 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     correspondences : Correspondences
     """
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    information = max(p.prior.point_sigma, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
+    information = max(p.refinement.map_scale, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
     correspondences = _correspondences(window, pose, features, initial.direction, p)
     if initial.direction is not None or initial.rotation_unobservable:

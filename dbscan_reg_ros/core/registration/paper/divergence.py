@@ -47,7 +47,7 @@ def select_by_divergence(problem: Problem) -> Registration:
     best = problem.fit(candidates[leaders[:1]], current.sampled_points)
     _, overlap = score(best, reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, int(key[leaders[0]]), rotations, translations)
-    matches = partial(match_segments, reference.segments, current.segments, winner.transform, p.decision)
+    matches = partial(match_segments, reference.segments, current.segments, winner.transform)
     return Registration(winner.transform, covariance, Status.OK, overlap=float(overlap[0]), score=winner.score,
                         hypotheses=hypotheses, find_matches=matches)
 
