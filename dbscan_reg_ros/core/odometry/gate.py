@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
+import math
 from enum import Enum
 from typing import NamedTuple
 
@@ -32,12 +33,19 @@ class Reason(Enum):
     """Reason for a decision."""
 
     FAILED = 'the registration failed'
+    TOO_FAST = 'faster than odometry.max_speed'
+    TURNS_TOO_FAST = 'faster than odometry.max_turn_rate'
+    POOR_SCORE = 'outside the gate, and the score is much lower than a moment ago'
     WITHIN_GATE = 'within the gate of a prediction'
     INCONCLUSIVE = 'within the gate, but a direction is degenerate or another result is tentative'
     UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
     UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
     CONFIRMED = 'outside every gate, but the scan before was found at the same place'
     UNCONFIRMED = 'outside every gate; the next scan may confirm it'
+
+
+LIMITS = Reason.TOO_FAST, Reason.TURNS_TOO_FAST
+"""Reasons for which the status of a scan is ``FAILED``."""
 
 
 class Verdict(NamedTuple):
@@ -72,6 +80,8 @@ class Gate:
         best, motion, p = predictions.best, predictions.motion, parameters
         self._weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
+        interval = predictions.interval
+        self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)
         self._wheels_slip = (predictions.external is not None
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
@@ -90,16 +100,37 @@ class Gate:
         ok = registration.status is Status.OK
         if registration.status is Status.FAILED:
             return Verdict(Decision.REJECT, Reason.FAILED)
+        excess = self._exceeded_limit(pose)
+        if excess is not None:
+            return Verdict(Decision.REJECT, excess)
         if self._near_prediction(pose, registration):
             if registration.degenerate_direction is None and (ok or not has_tentative):
                 return Verdict(Decision.ACCEPT, Reason.WITHIN_GATE)
             return Verdict(Decision.TENTATIVE, Reason.INCONCLUSIVE)
         if ok and not has_tentative and self._is_reliable(registration):
-            return self._check_outlier(pose)
+            return self._check_outlier(pose, registration.score)
         return Verdict(Decision.REJECT, Reason.UNRELIABLE)
 
-    def _check_outlier(self, pose: SE2) -> Verdict:
-        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted."""
+    def _exceeded_limit(self, pose: SE2) -> Reason | None:
+        """Return which limit of speed or turn rate a result exceeds since the last scan that was found, if any."""
+        found, p = self._tracking.found, self._parameters
+        time = max(self._time_since_found, self.predictions.unconstrained_time)
+        if found is None or time <= 0.0:
+            return None
+        motion = found.inverse() @ pose
+        if math.hypot(motion.x, motion.y) > p.odometry.max_speed * time + p.prior.gate * p.prior.min_sigma:
+            return Reason.TOO_FAST
+        limit = p.odometry.max_turn_rate * time + p.prior.gate * p.prior.min_sigma
+        return Reason.TURNS_TOO_FAST if abs(motion.theta) > limit else None
+
+    def _check_outlier(self, pose: SE2, score: float) -> Verdict:
+        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted.
+
+        A place that was seen a moment ago scores nearly as well again; the longer ago, the less is asked for.
+        """
+        recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, 1e-9), 0.0)
+        if score < _RECENT_SCORE_RATIO * recent * self._tracking.score:
+            return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         motion, unconfirmed = self.predictions.motion, self._tracking.unconfirmed
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
         if self._within(pose, motion.pose, unknown):
@@ -131,6 +162,10 @@ class Gate:
         if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
         return np.zeros((DOF, DOF))
+
+    def motion_information(self, prior: Prior) -> NDArray[np.float64]:
+        """Return the information ``(3, 3)`` of what is physically assumed: 1 m/s, 1 rad/s beyond the `prior`."""
+        return inverse(prior.covariance + max(self._time_since_found, _MIN_TIME) ** 2 * np.eye(DOF))
 
     def supports_external(self, pose: SE2) -> bool:
         """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be learned."""
@@ -184,6 +219,9 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
     return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
-"""A prior is weak if its gate allows this rotation [rad]."""
+_MIN_TIME = 0.01
+"""Least time [s] in which the motion may differ from the prediction."""
+_RECENT_SCORE_RATIO = 0.55
+"""Ratio of the last score that a result outside the gates has to reach."""
 _WEAK_PRIOR_RATIO = 0.7
 """Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior."""

@@ -101,7 +101,7 @@ class Odometry:
             outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
         if outcome.match is None:
-            return update.coast(state, features, outcome.registration, gate.predictions, p)
+            return update.coast(state, features, outcome, gate.predictions, p)
         # Found: align with the map; update motion, covariances, key frames and heading; report.
         return update.follow(state, outcome.match, gate, p)
 
@@ -153,7 +153,7 @@ class Odometry:
         first = self._extract(state.key_frames.latest.features.scan, ratio * twist, again=True)
         features = self._extract(scan, ratio * twist, again=True)
         interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
-        update.start_in_motion(state, first, twist, interval.middle_offset)
+        update.start_in_motion(state, first, twist, interval)
         return features, Gate(dataclasses.replace(predictions, interval=interval), state.tracking, self._parameters)
 
 

@@ -46,12 +46,15 @@ class Predictions:
         rotation only.
     interval : ScanInterval
         Time since the last scan.
+    unconstrained_time : float [s]
+        Time since the last scan that constrained every direction.
     """
 
     best: Prediction
     motion: Prediction
     external: Prior | None
     interval: ScanInterval
+    unconstrained_time: float = 0.0
 
     @property
     def by_motion_model(self) -> bool:
@@ -73,10 +76,10 @@ def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, para
     """
     motion = _prediction(state, state.motion.predict(interval, parameters), parameters)
     if prior is None:
-        return Predictions(motion, motion, None, interval)
+        return Predictions(motion, motion, None, interval, state.motion.unconstrained_time)
     external = prior if prior.velocity_change is None else None
     best = _prediction(state, prior if external is None else state.wheels.corrected(external), parameters)
-    return Predictions(best, motion, external, interval)
+    return Predictions(best, motion, external, interval, state.motion.unconstrained_time)
 
 
 def _prediction(state: TrackState, prior: Prior, parameters: Parameters) -> Prediction:

@@ -11,7 +11,7 @@ from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
-from .gate import Decision, Gate, Verdict
+from .gate import Decision, Gate, Reason, Verdict
 from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
@@ -69,21 +69,25 @@ class Outcome(NamedTuple):
         The first pose that the next scan may confirm.
     search_near : bool
         As in `Tracking`.
+    rejection : Reason or None
+        Why the gate rejected the first result whose registration did not fail.
     """
 
     match: Match | None
     registration: Registration
     unconfirmed: SE2 | None = None
     search_near: bool = True
+    rejection: Reason | None = None
 
     def joined(self, match: Match) -> 'Outcome':
         """Add a match: an accepted one replaces the match, a tentative one only if there is none."""
         verdict = match.verdict
         if verdict.decision is Decision.ACCEPT or (verdict.decision is Decision.TENTATIVE and self.match is None):
             return self._replace(match=match, registration=match.registration)
-        if verdict.decision is Decision.REJECT and verdict.outlier and self.unconfirmed is None:
-            return self._replace(unconfirmed=match.pose)
-        return self
+        if verdict.decision is not Decision.REJECT or verdict.reason is Reason.FAILED:
+            return self
+        outcome = self if self.rejection else self._replace(rejection=verdict.reason)
+        return outcome._replace(unconfirmed=match.pose) if verdict.outlier and self.unconfirmed is None else outcome
 
 
 def fallback_references(state: TrackState, predicted: SE2, first: Registration,

@@ -49,6 +49,10 @@ class Tracking:
         Whether the last registration scored high enough for a search near the prior to suffice.
     observability : float
         How well the last scan constrained the motion, from 0 to 1.
+    score : float
+        Score of the last scan that was found.
+    found : SE2 or None
+        Pose of the last scan that was found, in the odometry frame; None after a start.
     last_scan : KeyFrame or None
         The last scan, where it was found and did not become a key frame.
     """
@@ -58,6 +62,8 @@ class Tracking:
     unconfirmed: SE2 | None = None
     search_near: bool = True
     observability: float = 0.0
+    score: float = 0.0
+    found: SE2 | None = None
     last_scan: KeyFrame | None = None
 
 

@@ -23,7 +23,7 @@ from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import observability_ratio
-from .gate import Gate
+from .gate import LIMITS, Gate
 from .mapping.correspondences import Correspondences, PosePrior
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow
@@ -61,10 +61,11 @@ def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
         pose=state.pose, interval=ScanInterval(0.0, 0.0, 0.0, reason=reason), status=status, is_key_frame=True))
 
 
-def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], middle_offset: float) -> None:
-    """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s]."""
+def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:
+    """Replace the first scan of a track by its deskewed features; set the `twist` [m/s, m/s, rad/s] since then."""
     state.window = KeyFrameWindow((KeyFrame(first, state.pose, number=state.key_frames.latest.number),))
-    state.motion.start_moving(state.pose, twist, middle_offset)
+    state.motion.start_moving(state.pose, twist, interval.middle_offset)
+    state.motion.elapse(interval.length)
 
 
 def reset_velocity(state: TrackState) -> None:
@@ -79,7 +80,7 @@ def remember_search(state: TrackState, outcome: Outcome) -> None:
         state.tracking, unconfirmed=outcome.unconfirmed, search_near=outcome.search_near)
 
 
-def coast(state: TrackState, features: Features, registration: Registration, predictions: Predictions,
+def coast(state: TrackState, features: Features, outcome: Outcome, predictions: Predictions,
           p: Parameters) -> OdometryUpdate:
     """Update by a scan that was not found.
 
@@ -97,15 +98,26 @@ def coast(state: TrackState, features: Features, registration: Registration, pre
         mode = Mode.LOST
         if state.motion.has_velocity:
             reset_velocity(state)
+        state.motion.forget_position()
         if predictions.by_motion_model:
             pose = state.pose
     _propagate(state, pose, best.prior, interval)
     state.pose = pose
-    state.motion.coast(pose, interval.middle_offset)
     state.tracking = dataclasses.replace(state.tracking, mode=mode, lost_time=lost_time, observability=0.0)
-    status = Status.AMBIGUOUS if registration.status is not Status.FAILED else Status.FAILED
+    registration = _rejected(outcome)
     return report(state, features, ReportedStep(
-        pose=pose, interval=interval, status=status, registration=registration, key_frame=state.key_frames.latest))
+        pose=pose, interval=interval, status=registration.status, registration=registration,
+        key_frame=state.key_frames.latest))
+
+
+def _rejected(outcome: Outcome) -> Registration:
+    """Return the registration to the local map, with the reason for which the gate rejected a result."""
+    registration, rejection = outcome.registration, outcome.rejection
+    if rejection is None:
+        return registration
+    failed = registration.status is Status.FAILED or rejection in LIMITS
+    return dataclasses.replace(registration, status=Status.FAILED if failed else Status.AMBIGUOUS,
+                               reason='; '.join(filter(None, (registration.reason, rejection.value))))
 
 
 def follow(state: TrackState, match: Match, gate: Gate, p: Parameters) -> OdometryUpdate:
@@ -172,15 +184,16 @@ class _FoundScan:
         state, match, gate, registration = self._state, self._match, self._gate, self._registration
         before, interval = state.pose, gate.predictions.interval
         if match.verdict.outlier and state.tracking.lost_time:
-            # The last pose was only predicted: the difference is a correction, not a motion.
+            # The difference from the predictions is a correction, not a motion.
             state.motion.forget_position()
         # Align with the map, with the prior where the match does not contradict it.
         prior = gate.used_prior(match.pose, state.wheels)
         map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
         aligned = self._align(map_prior)
         # Update covariances, motion and key frames.
-        covariance = inverse(inverse(aligned.covariance) + map_prior.information)
-        gain = np.eye(DOF) - covariance @ map_prior.information
+        information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
+        covariance = inverse(inverse(aligned.covariance) + information)
+        gain = np.eye(DOF) - covariance @ information
         _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
         if state.motion.position_unknown:
             state.covariance.reset_twist()
@@ -270,7 +283,8 @@ class _FoundScan:
             else:
                 state.wheels = WheelCalibration()
         state.tracking = dataclasses.replace(
-            state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability)
+            state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability,
+            score=self._match.registration.score, found=state.pose)
 
 
 _MIN_CONSTRAINED = 0.2

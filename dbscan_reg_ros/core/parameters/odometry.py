@@ -134,6 +134,15 @@ class OdometryParameters(ParameterGroup):
         5.0, bounds=(0.0, 100.0),
         help='Zero-velocity update: poses within this many standard deviations of their mean are averaged after 1 s. '
              'Larger values suppress more jitter, and very slow motions; 0 disables the update.')
+    max_speed: float = parameter(
+        5.0, unit='m/s', bounds=(0.01, 1000.0),
+        help='Highest speed of the sensor. A result that asks for more since the last scan that was found is rejected, '
+             'and the status is FAILED. Larger values suit fast vehicles; smaller values reject more outliers.')
+    max_turn_rate: float = parameter(
+        6.3, unit='rad/s', bounds=(0.01, 1000.0),
+        help='Highest turn rate of the sensor. A result that asks for more since the last scan that was found is '
+             'rejected, and the status is FAILED. Larger values suit fast rotations; smaller values reject more '
+             'outliers.')
     deskew: bool = parameter(
         True, help='If true, the motion within a scan is removed, where the scan states its time_increment.')
 

@@ -45,6 +45,26 @@ def verdict(gate, x, *args, has_tentative=False, **options):
     return gate.check(SE2(x), result(*args, **options), has_tentative)
 
 
+@pytest.mark.parametrize(('x', 'theta', 'lost', 'reason'), [
+    (0.53, 0.0, 0.0, None), (0.55, 0.0, 0.0, Reason.TOO_FAST), (0.55, 0.0, 0.1, None),
+    (0.0, 0.66, 0.0, None), (0.0, 0.68, 0.0, Reason.TURNS_TOO_FAST), (0.0, -0.68, 0.1, None)])
+def test_a_result_faster_than_the_limits_since_the_last_scan_found_is_rejected(x, theta, lost, reason):
+    """5 m/s and 6.3 rad/s for 0.1 s, and the gate of a sensor at rest: 0.04 m, 0.04 rad."""
+    tested = gate(covariance=np.eye(3), tracking=Tracking(found=SE2(), lost_time=lost))
+    found = tested.check(SE2(x, 0.0, theta), result())
+    assert found == ((Decision.REJECT, reason) if reason else (Decision.ACCEPT, Reason.WITHIN_GATE))
+
+
+@pytest.mark.parametrize(('score', 'lost', 'decision'), [
+    (0.43, 0.0, Decision.REJECT), (0.46, 0.0, Decision.ACCEPT), (0.2, 0.0, Decision.REJECT),
+    (0.2, 0.9, Decision.ACCEPT)])
+def test_outside_the_gate_a_result_has_to_score_like_a_moment_ago(score, lost, decision):
+    tested = gate(tracking=Tracking(score=0.9, lost_time=lost))
+    found = tested.check(SE2(0.5), dataclasses.replace(result(), score=score))
+    assert found.decision is decision
+    assert found.reason is (Reason.POOR_SCORE if decision is Decision.REJECT else Reason.UNKNOWN_MOTION)
+
+
 def test_a_failed_registration_is_rejected_wherever_it_is():
     assert verdict(gate(), 0.0, Status.FAILED) == (Decision.REJECT, Reason.FAILED)
 

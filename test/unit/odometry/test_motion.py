@@ -95,6 +95,22 @@ def test_while_lost_the_sigma_grows_in_every_direction():
     np.testing.assert_array_equal(motion.gate_covariance(external, SE2(), 1000.0, P), external.covariance)
 
 
+def test_the_velocity_after_scans_that_were_not_found_is_that_since_the_last_one_found():
+    motion = ConstantVelocityModel(SE2())
+    pose = drive(motion, SE2(), 30, SE2(0.05))
+    for _ in range(3):
+        motion.elapse(TICK.length)
+    drive(motion, pose, 1, SE2(0.2))
+    np.testing.assert_allclose(motion.twist, (0.5, 0.0, 0.0), atol=1e-12)
+
+
+def test_the_velocity_is_clipped_to_the_limits():
+    motion = ConstantVelocityModel(SE2())
+    drive(motion, SE2(), 1, SE2(3.0, 4.0, 1.0))
+    speed, turn_rate = P.odometry.max_speed, P.odometry.max_turn_rate
+    np.testing.assert_allclose(motion.twist, (0.6 * speed, 0.8 * speed, turn_rate))
+
+
 def test_the_distance_from_an_unknown_position_gives_no_velocity():
     motion = ConstantVelocityModel(SE2())
     pose = drive(motion, SE2(), 30)

@@ -107,7 +107,7 @@ def test_results_are_joined_by_their_verdicts(frames):
     accepted = match(frames[0], Decision.ACCEPT, Reason.WITHIN_GATE)
     unconfirmed, later = (match(frames[0], Decision.REJECT, Reason.UNCONFIRMED, x) for x in (3.0, 4.0))
     rejected = match(frames[0], Decision.REJECT, Reason.UNRELIABLE)
-    assert first.joined(rejected) == first
+    assert first.joined(rejected) == first._replace(rejection=Reason.UNRELIABLE)
     assert first.joined(tentative).match is tentative
     assert first.joined(tentative).joined(second).match is tentative
     assert first.joined(tentative).joined(accepted).match is accepted

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rooms import FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan
+from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, Status
 from dbscan_reg_ros.core.odometry.state import Mode
 
 ROOM = outline(L_ROOM)
@@ -84,16 +84,20 @@ def test_a_jump_forward_in_a_known_place_goes_on(odometry):
 
 
 def test_a_jump_out_of_every_gate_is_tracked_once_the_next_scan_confirms_it():
-    """The sensor is carried 2.5 m away between two scans of a room in which no place looks like another."""
+    """The sensor is carried 2.5 m away between two scans of a room in which no place looks like another.
+
+    That is faster than `odometry.max_speed` until half a second has passed.
+    """
     walls = outline([(-2.0, -1.5), (6.0, -1.5), (6.0, 1.0), (1.5, 1.0), (1.5, 3.0), (-2.0, 3.0)])
     odometry = Odometry()
     def at(index, x):
         return dataclasses.replace(look(walls, SE2(x), FULL, 0.01, index), stamp=index * TENTH)
     list(modes(odometry, [at(i, 0.0) for i in range(10)]))
-    assert list(modes(odometry, [at(10, 2.5)])) == [Mode.COASTING]
-    unconfirmed = odometry._state.tracking.unconfirmed
-    assert unconfirmed.x == pytest.approx(2.5, abs=0.02)
-    assert list(modes(odometry, [at(11, 2.5)])) == [Mode.TRACKING]
+    too_fast = odometry.process(at(10, 2.5))
+    assert too_fast.status is Status.FAILED and 'odometry.max_speed' in too_fast.registration.reason
+    assert list(modes(odometry, [at(k, 2.5) for k in range(11, 14)])) == [Mode.COASTING] * 3
+    found = list(modes(odometry, [at(k, 2.5) for k in range(14, 17)]))
+    assert found[-1] is Mode.TRACKING
     assert odometry._state.pose.x == pytest.approx(2.5, abs=0.02)
     assert odometry._state.motion.twist == pytest.approx(np.zeros(3), abs=0.3)
 

@@ -112,3 +112,12 @@ class CovariancePropagation:
         self._joint = transition @ errors @ transition.T
         if not rate:
             self.reset_twist()
+        self._bound_twist()
+
+    def _bound_twist(self) -> None:
+        """Scale the error of the twist where it exceeds that of `reset_twist` in any direction."""
+        variance, directions = np.linalg.eigh(self.twist)
+        if variance[-1] > 1.0:
+            scale = np.eye(len(self._joint))
+            scale[_TWIST, _TWIST] = directions / np.sqrt(np.maximum(variance, 1.0)) @ directions.T
+            self._joint = scale @ self._joint @ scale

@@ -41,13 +41,20 @@ class ConstantVelocityModel:
     ----------
     twist : (3,) float [m/s, m/s, rad/s]
         Velocity in the frame of the sensor.
+    unconstrained_time : float [s]
+        Time since a scan last constrained every direction.
     """
 
     twist: NDArray[np.float64]
+    unconstrained_time: float
     _middle: SE2 | None
-    """Pose in the middle of the last scan; None where it is unknown."""
+    """Pose in the middle of the last scan that was found; None where it is unknown."""
+    _time_since_middle: float
+    """Time [s] from there to the stamp of the last scan."""
     _constrained_middle: SE2
     """Pose in the middle of the last scan that constrained every direction."""
+    _degenerate_direction: float | None
+    """The direction [rad] that is degenerate since then."""
     _increment: SE2 | None
     """Predicted increment; None where it is unknown."""
     _velocities: list[NDArray[np.float64]]
@@ -55,9 +62,7 @@ class ConstantVelocityModel:
     def __init__(self, pose: SE2):
         self.reset_velocity()
         self.start_moving(pose, self.twist, 0.0)
-        # Time since a scan last constrained every direction, and the direction [rad] that is degenerate since then.
-        self._unconstrained_time = 0.0
-        self._degenerate_direction: float | None = None
+        self._degenerate_direction = None
 
     def reset_velocity(self) -> None:
         """Predict no motion."""
@@ -68,10 +73,7 @@ class ConstantVelocityModel:
         """Start at `pose` with a `twist`; the middle of the scan is `middle_offset` [s] after its stamp."""
         self.twist = twist
         self._middle = self._constrained_middle = pose @ integrate(twist, middle_offset)
-
-    def coast(self, pose: SE2, middle_offset: float) -> None:
-        """Take a predicted `pose` for the last scan's, which was not found."""
-        self._middle = pose @ integrate(self.twist, middle_offset)
+        self._time_since_middle, self.unconstrained_time = -middle_offset, 0.0
 
     def forget_position(self) -> None:
         """Forget the last pose: the displacement from there to the next scan is a correction, not a motion."""
@@ -79,7 +81,7 @@ class ConstantVelocityModel:
 
     @property
     def position_unknown(self) -> bool:
-        """Whether the pose of the last scan is unknown."""
+        """Whether the pose of the last scan that was found is unknown."""
         return self._middle is None
 
     @property
@@ -88,8 +90,9 @@ class ConstantVelocityModel:
         return bool(self._velocities)
 
     def elapse(self, interval: float) -> None:
-        """Add an `interval` [s] to the time since a scan last constrained every direction."""
-        self._unconstrained_time += interval
+        """Add an `interval` [s] to the times since a scan was found, and since one constrained every direction."""
+        self.unconstrained_time += interval
+        self._time_since_middle += interval
 
     def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
         """Predict the last increment once more; its covariance grows with the interval and with the increment."""
@@ -140,7 +143,7 @@ class ConstantVelocityModel:
             covariance = covariance + np.diag((distance, distance, rotation)) ** 2
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
-            distance, _ = _displacement_sigma(self._unconstrained_time, parameters)
+            distance, _ = _displacement_sigma(self.unconstrained_time, parameters)
             distance = min(distance, parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
             covariance = covariance + distance ** 2 * along[:, None] * along
@@ -173,27 +176,29 @@ class ConstantVelocityModel:
             direction = self._degenerate_direction = None
         middle = pose @ integrate(self.twist, interval.middle_offset)
         before, self._middle = self._middle, middle
+        time, self._time_since_middle = self._time_since_middle + interval.middle_offset, -interval.middle_offset
         if before is None:
             self.reset_velocity()
             self._increment = None
         elif interval.length > 0.0 and interval.elapsed > 0.0 and not interval.gap:
             predicted = self._mean_twist()
-            self.twist = (before.inverse() @ middle).as_array() / interval.length
+            self.twist = (before.inverse() @ middle).as_array() / max(time, 0.5 * interval.length)
             if direction is not None:
                 self._correct_velocity(predicted[:2], direction - middle.theta, 1.0 - constraints.constrained)
             elif self._degenerate_direction is not None:
                 self._catch_up(predicted[:2], middle, self._degenerate_direction)
+            self.twist = _limited(self.twist, parameters)
             self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocity_window:]
             self._increment, self._last_interval = integrate(self._mean_twist(), interval.length), interval.length
         if direction is None:
-            self._constrained_middle, self._unconstrained_time = middle, 0.0
+            self._constrained_middle, self.unconstrained_time = middle, 0.0
         self._degenerate_direction = direction
         return middle @ integrate(self.twist, interval.middle_offset).inverse()
 
     def _catch_up(self, predicted: NDArray[np.float64], middle: SE2, direction: float) -> None:
         """Set the velocity along a `direction` [rad] that was degenerate by the displacement in the meantime."""
         displacement = (middle.inverse() @ self._constrained_middle).as_array()
-        change = -displacement[:2] / self._unconstrained_time - predicted
+        change = -displacement[:2] / self.unconstrained_time - predicted
         self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta)
 
     def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float = 1.0) -> None:
@@ -213,6 +218,13 @@ class ConstantVelocityModel:
         """
         vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
         return np.array((vx, vy, self.twist[2]))
+
+
+def _limited(twist: NDArray[np.float64], parameters: Parameters) -> NDArray[np.float64]:
+    """Return a twist [m/s, m/s, rad/s], clipped to the limits of speed and turn rate."""
+    p, speed = parameters.odometry, math.hypot(twist[0], twist[1])
+    vx, vy = twist[:2] * min(1.0, p.max_speed / max(speed, 1e-9))
+    return np.array((vx, vy, min(max(twist[2], -p.max_turn_rate), p.max_turn_rate)))
 
 
 def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) -> NDArray[np.float64]:
