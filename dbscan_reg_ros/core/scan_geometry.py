@@ -107,7 +107,7 @@ class ScanGeometry:
                    tuple(bearings.tolist()))
 
     @classmethod
-    def from_angles(cls, angles: FloatArray, range_min: float = 0.0, range_max: float = math.inf) -> 'ScanGeometry':
+    def from_angles(cls, angles: FloatArray, range_min: float, range_max: float) -> 'ScanGeometry':
         """Make the geometry of a scan with about equally spaced beams at `angles` ``(N,)`` [rad], in beam order.
 
         Raises

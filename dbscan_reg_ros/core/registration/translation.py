@@ -231,7 +231,7 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
 
     def is_chain(chosen: IntArray, found: IntArray) -> BoolArray:
         values, weight = samples[chosen], np.bincount(found)
-        off = np.abs(values - _means(found, values, weight)[found])
+        off = np.abs(values - _means(found, values, weight, 1.0)[found])
         chain: BoolArray = (np.bincount(found, off * off) > max_width ** 2 * weight)[found]
         return chain
 
@@ -239,7 +239,7 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
 
 
 def _means(group: IntArray, values: ComplexArray, weight: FloatArray | IntArray,
-           sample_weight: FloatArray | float = 1.0) -> ComplexArray:
+           sample_weight: FloatArray | float) -> ComplexArray:
     """Return the weighted means of the complex `values` of each group; `weight` is the sum of each group's weights."""
     weighted: ComplexArray = sample_weight * values
     sums = grouped_sum(group, weighted)

@@ -79,7 +79,8 @@ def measure(args) -> Report:
         for name, (_, courses) in chosen.items():
             rows |= runner.rows(name, [course for course in COURSES if course not in courses])
     report = Report()
-    report.metrics = rows
+    report.metrics = {name: {row['measure']: row['with'], f'without_{row["measure"]}': row['without'],
+                             'needed': float(row['needed'])} for name, row in rows.items()}
     report.tables.append('\n'.join(['| without | course | measure | with it | without it |', '|---|---|---|---|---|',
                                     *(line(row) for row in rows.values())]))
     idle = [name for name in chosen if not any(row['needed'] for row in rows.values() if row['feature'] == name)]

@@ -199,9 +199,9 @@ class ConstantVelocityModel:
         """Set the velocity along a `direction` [rad] that was degenerate by the displacement in the meantime."""
         displacement = (middle.inverse() @ self._constrained_middle).as_array()
         change = -displacement[:2] / self.unconstrained_time - predicted
-        self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta)
+        self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta, 1.0)
 
-    def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float = 1.0) -> None:
+    def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float) -> None:
         """Move the twist by a `gain` towards a `velocity` [m/s, m/s] along `angle` [rad] (frame of the sensor)."""
         along = np.array((math.cos(angle), math.sin(angle)))
         self.twist[:2] += gain * ((velocity - self.twist[:2]) @ along) * along
