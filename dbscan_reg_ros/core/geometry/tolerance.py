@@ -6,6 +6,6 @@ TINY = 1e-9
 RESOLUTION = 0.001
 """Length [m] and angle [rad] that no lidar resolves: the smallest scale and standard deviation of an alignment."""
 SAME = 0.1
-"""Distance [m] and angle [rad] below which two lines, ends of lines or motions are taken for the same."""
+"""Distance [m] and angle [rad] below which two lines, ends of lines or motions count as the same."""
 SIGMAS = 3.0
 """Number of standard deviations that noise rarely exceeds."""

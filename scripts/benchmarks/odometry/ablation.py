@@ -58,7 +58,7 @@ FEATURES = {
     'deskewing': ({'odometry.deskew': False}, ('losses', 'bursts')),
     'Manhattan heading': ({'advanced.manhattan.heading_drift': 0.0}, ('intel', 'rooms')),
 }
-"""Feature -> parameters that turn it off, and the courses that should be worse without it."""
+"""Feature -> parameters that switch it off, and the courses that should be worse without it."""
 LOWER = ('rpe_1m_mean_m', 'rpe_5m_mean_m', 'ate_m', 'across_m', 'drift_m', 'frozen')
 HIGHER = ('ok', 'within', 'named')
 MARGIN = 0.1
