@@ -87,20 +87,26 @@ def _is_ros(module):
 
 def _remedies(modules):
     """Commands, one after the other, that make the `modules` importable."""
-    known = [SOURCES[module] for module in modules if module in SOURCES]
-    ros = any(map(_is_ros, modules))
     system = sys.prefix == '/usr' and shutil.which('apt') is not None
-    if system and (ubuntu := [source.ubuntu for source in known if source.ubuntu]):
+    ubuntu, wheels = _packages(modules, system)
+    if ubuntu:
         yield shlex.join(['sudo', 'apt', 'install', *ubuntu])
-    wheels = [source.pypi for source in known if not (system and source.ubuntu)]
-    if ros and ROS_SETUP.exists():
-        yield f'source {ROS_SETUP}'
-    elif ros and not system:
-        wheels += ROS_WHEELS
-    elif ros:
-        yield 'install ROS 2 Jazzy (https://docs.ros.org/en/jazzy/Installation.html)'
+    if any(map(_is_ros, modules)):
+        if ROS_SETUP.exists():
+            yield f'source {ROS_SETUP}'
+        elif system:
+            yield 'install ROS 2 Jazzy (https://docs.ros.org/en/jazzy/Installation.html)'
+        else:
+            wheels += ROS_WHEELS
     if wheels:
         yield _pip(wheels)
+
+
+def _packages(modules, system):
+    """Return the packages of the `modules` from Ubuntu, for a Python of the `system` only, and those from PyPI."""
+    known = [SOURCES[module] for module in modules if module in SOURCES]
+    ubuntu = [source for source in known if system and source.ubuntu]
+    return [source.ubuntu for source in ubuntu], [source.pypi for source in known if source not in ubuntu]
 
 
 def _pip(wheels):

@@ -130,6 +130,16 @@ def note_warnings(command, recording, most=None):
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
+def open_all(command, paths, topic, most=None) -> list:
+    """Open the recordings at `paths`; print the warnings about their scans, or their first `most` scans."""
+    from ..recordings import open_recording
+
+    recordings = [open_recording(path, topic) for path in paths]
+    for recording in recordings:
+        note_warnings(command, recording, most)
+    return recordings
+
+
 def add_data(parser):
     """Add the argument that names the folder of public recordings."""
     parser.add_argument('--data', metavar='DIR', help='folder that holds intel/ and the other recordings '
@@ -172,23 +182,30 @@ def asked_for(args):
         yield 'optuna'
     if given.get('live'):
         yield ROS
-    files = [given.get('file'), given.get('source'), *given.get('files', ()), *given.get('held_out', ())]
-    bags = [Path(file) for file in files if file and (Path(file).is_dir() or Path(file).suffix in BAGS)]
-    target = given.get('target')
-    if target and not target.endswith(LOGS):
-        bags.append(Path(target))
+    bags = list(_bags(given))
     if bags and (any(bag.suffix == '.bag' for bag in bags) or not is_there('rosbag2_py')):
         yield 'rosbags'
+
+
+def _bags(given):
+    """Yield the paths of the bags among the `given` arguments, name -> value."""
+    files = [given.get('file'), given.get('source'), *given.get('files', ()), *given.get('held_out', ())]
+    for file in map(Path, filter(None, files)):
+        if file.is_dir() or file.suffix in BAGS:
+            yield file
+    target = given.get('target')
+    if target and not target.endswith(LOGS):
+        yield Path(target)
 
 
 def check_outputs(args):
     """Raise CommandError where an output named by the arguments cannot be written."""
     given = vars(args)
     if 'out' in given and not isinstance(given['out'], Path):
-        check_writable(given['out'] or 'results', CommandError)
-        if os.path.isfile(given['out'] or 'results'):
-            raise CommandError(f'{given["out"] or "results"}: expected a folder, and it is a file; choose another '
-                               'place')
+        folder = given['out'] or 'results'
+        check_writable(folder, CommandError)
+        if os.path.isfile(folder):
+            raise CommandError(f'{folder}: expected a folder, and it is a file; choose another place')
     files = [given[name] for name in ('out', 'json', 'poses') if isinstance(given.get(name), Path)]
     for file in files:
         if file.is_dir() or not file.parent.is_dir():

@@ -13,7 +13,7 @@ from .command_line import (
     add_workers,
     make_parser,
     note_unused,
-    note_warnings,
+    open_all,
     run,
     seed,
 )
@@ -41,36 +41,40 @@ def main(argv: Sequence[str] | None = None) -> int:
 def compare(args):
     """Run both over every recording, print and write the comparison; return 1 if B is worse, else 0."""
     from ..evaluation.comparison import known_motion, paired
-    from ..recordings import find_recording, open_recording
+    from ..recordings import find_recording
     from ..replays.result_folder import new_folder, point_latest
-    from ..robot.parameters import METHOD
     from .workers import processors, workers
 
-    competitors = [Competitor.named(name) for name in (args.a, args.b)]
-    for name, competitor in zip((args.a, args.b), competitors, strict=True):
-        if competitor.parameters:
-            note_unused('compare', name, competitor.parameters, METHOD)
+    competitors = _competitors((args.a, args.b))
     paths = [find_recording(file, args.data) for file in args.files]
-    recordings = [open_recording(path, args.topic) for path in paths]
-    for recording in recordings:
-        note_warnings('compare', recording)
-    known = [known_motion(recording) for recording in recordings]
+    known = [known_motion(recording) for recording in open_all('compare', paths, args.topic)]
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:
-        futures = [[executor.submit(follow_one, path, args.topic, competitor) for competitor in competitors]
-                   for path in paths]
-        trajectories = [[future.result() for future in pair] for pair in futures]
+        trajectories = follow_all(executor, paths, args.topic, competitors)
     names = unique([path.name for path in paths])
     pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, trajectories, strict=True)}
     table = differences(pairs, args.seed)
     text = describe(table, args.a, args.b)
     print(text, flush=True)
     folder = new_folder(Path(args.out) / 'compare')
-    write_comparison(folder, table, text, args.a, args.b)
+    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
+    write_differences(folder, table, args.a, args.b)
     point_latest(folder)
     print(f'results  {folder}')
     return FAILED if any(d.worse for d in table[ALL]) else 0
+
+
+def _competitors(names):
+    """Return the `Competitor` of each of the `names`; print which of their parameters have no effect."""
+    from ..robot.parameters import METHOD
+
+    competitors = [Competitor.named(name) for name in names]
+    for name, competitor in zip(names, competitors, strict=True):
+        if competitor.parameters:
+            note_unused('compare', name, competitor.parameters, METHOD)
+    return competitors
+
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,12 @@ def follow_one(path, topic, competitor):
     return trajectory
 
 
+def follow_all(executor, paths, topic, competitors):
+    """Run every competitor over every recording; return a list of `Trajectory` for each recording."""
+    futures = [[executor.submit(follow_one, path, topic, competitor) for competitor in competitors] for path in paths]
+    return [[future.result() for future in row] for row in futures]
+
+
 def unique(names):
     """Make names distinct: append a number to each repetition."""
     return [name if names.index(name) == place else f'{name} ({names[:place + 1].count(name)})'
@@ -134,14 +144,13 @@ def differences(pairs, seed):
     return {name: [difference(group, row, seed) for row in range(len(MEASURES))] for name, group in groups.items()}
 
 
-def write_comparison(folder, table, text, a, b):
-    """Write table.txt, comparison.json and comparison.png."""
+def write_differences(folder, table, a, b):
+    """Write comparison.json and comparison.png."""
     import dataclasses
     import json
 
     from ..figures.plots import plot_differences
 
-    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
     content = {name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in table.items()}
     (folder / 'comparison.json').write_text(json.dumps({'a': a, 'b': b, 'differences': content}, indent=1) + '\n',
                                             encoding='utf-8')
@@ -154,10 +163,10 @@ def describe(table, a, b) -> str:
     lines = [f'{"recording":{width}}  error over 1 m          A          B      B - A    interval']
     for name, row in table.items():
         for d, what in zip(row, ('translation', 'rotation'), strict=True):
-            verdict = 'B worse' if d.worse else 'B better' if d.better else ''
+            verdict = f'B {d.verdict}' if d.verdict else ''
             lines.append(f'{name:{width}}  {what:11} [{d.unit:>3}] {d.a:10.4f} {d.b:10.4f} {d.b - d.a:+10.4f}    '
                          f'{d.low:+.4f} to {d.high:+.4f}  {verdict}'.rstrip())
-    verdicts = [f'{"worse" if d.worse else "better"} in {what}' for d, what in
-                zip(table[ALL], ('translation', 'rotation'), strict=True) if d.worse or d.better]
+    verdicts = [f'{d.verdict} in {what}' for d, what in zip(table[ALL], ('translation', 'rotation'), strict=True)
+                if d.verdict]
     lines.append(f'A: {a}  B: {b}  B is {" and ".join(verdicts) or "neither better nor worse"}.')
     return '\n'.join(lines)

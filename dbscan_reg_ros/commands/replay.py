@@ -60,19 +60,21 @@ def replay(args):
     jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops,
                 args.verbose)
             for file in args.files]
-    codes = []
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
-        for future in [executor.submit(replay_one, job) for job in jobs]:
-            try:
-                replayed = future.result()
-            except Exception as error:  # noqa: BLE001 - the other recordings continue
-                codes.append(complain('replay', error, args.verbose))
-            else:
-                print('\n'.join(replayed.lines), flush=True)
-                for fault in replayed.faults:
-                    print(f'replay: {fault}', file=sys.stderr)
-                codes.append(replayed.code)
+        codes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
     return next((code for code in codes if code not in (0, INCOMPLETE)), max(codes))
+
+
+def _outcome(future, verbose):
+    """Print the result of `replay_one`, a `Replayed` or an error; return its exit status."""
+    try:
+        replayed = future.result()
+    except Exception as error:  # noqa: BLE001 - the other recordings continue
+        return complain('replay', error, verbose)
+    print('\n'.join(replayed.lines), flush=True)
+    for fault in replayed.faults:
+        print(f'replay: {fault}', file=sys.stderr)
+    return replayed.code
 
 
 @dataclass(frozen=True)
@@ -156,13 +158,21 @@ def replay_one(job) -> Replayed:
         raise broken or _too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
-    code, reason = explain(broken) if broken else (INCOMPLETE if faults.lines else 0, '')
     lines = [f'results     {folder}', *shortened(recording.problems), *shortened(trajectory.problems),
              *(f'{name:11} {value}' for name, value in summary)]
-    missing = [f'the results end before scan {len(trajectory.used)}: {reason}'] if broken else []
+    return _replayed(results, lines, broken)
+
+
+def _replayed(results, lines, broken) -> Replayed:
+    """Return the outcome of a replay with the summary `lines`; `broken` is the error that ended it early, or None."""
+    faults = results.faults.lines
+    code = INCOMPLETE if faults else 0
     if not _writes_bags():
-        missing.append(f'bag not written: {missing_line(BAG_LIBRARIES[:1])}')
-    return Replayed(lines, [f'{recording.path}: {line}' for line in (*missing, *faults.lines)], code)
+        faults.insert(0, f'bag not written: {missing_line(BAG_LIBRARIES[:1])}')
+    if broken:
+        code, reason = explain(broken)
+        faults.insert(0, f'the results end before scan {len(results.trajectory.used)}: {reason}')
+    return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code)
 
 
 def _writes_bags() -> bool:

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 from ..core.errors import ParameterError
@@ -13,7 +14,7 @@ from .command_line import (
     add_workers,
     make_parser,
     note_unused,
-    note_warnings,
+    open_all,
     positive,
     run,
     seed,
@@ -69,36 +70,25 @@ def is_parameter(word) -> bool:
 def tune(args):
     """Search, write the best parameters and print their gain."""
     from ..evaluation.comparison import known_motion
-    from ..recordings import find_recording, open_recording
     from ..robot.parameter_files import read_parameters, write_parameters
     from ..robot.parameters import METHOD, NodeParameters
     from ..tuning.objective import HOPELESS
-    from ..tuning.searches import has_optuna
     from ..tuning.space import read_axis
     from ..tuning.study import Study
+    from .compare import Competitor, follow_all
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
     note_unused('tune', args.params_file, start, METHOD)
     axes = [read_axis(text, start) for text in args.parameters]
-    paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
-                       for files in (args.files, args.held_out))
-    if set(paths) & set(held_out):
-        raise CommandError(f'{next(iter(set(paths) & set(held_out)))}: is searched on, so it cannot be held out')
-    recordings = [open_recording(path, args.topic) for path in (*paths, *held_out)]
-    names = [recording.name for recording in recordings]
-    for recording in recordings:
-        note_warnings('tune', recording, args.scans)
-    known = [known_motion(recording) for recording in recordings[len(paths):]]
-    search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
-    start_values = {axis.name: start.flatten()[axis.name] for axis in axes}
-    settings = {'files': [str(path) for path in paths], 'topic': args.topic, 'scans': args.scans, 'seed': args.seed,
-                'objective': args.objective, 'search': search, 'axes': [repr(axis) for axis in axes],
-                'start': start_values, 'parameters': start.flatten()}
-    folder = Path(args.out or Path('results', 'tune', names[0]))
+    searched, held_out = _recordings(args)
+    known = [known_motion(recording) for recording in held_out]
+    task = Task([recording.path for recording in searched], args.topic, args.objective, args.scans)
+    settings = _settings(args, task, start, axes)
+    search = settings['search']
+    folder = Path(args.out or Path('results', 'tune', searched[0].name))
     study = Study(folder, settings, axes)
     print(f'search      {search}, {study.known} of {args.trials} trials known, kept in {folder}', flush=True)
-    task = Task(paths, args.topic, args.objective, args.scans)
     with workers(args.processes or processors(), args.scheduler) as executor:
         with progress(args.trials) as watch, said_when_interrupted(study, args.trials, folder):
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, task), watch)
@@ -107,20 +97,55 @@ def tune(args):
             raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans could be '
                                'registered; expected a longer drive, or more of its scans (--scans)')
         best = start.replace(values)
-        head = [f'Tuned on {", ".join(names[:len(paths)])}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
+        names = ', '.join(map(attrgetter('name'), searched))
+        head = [f'Tuned on {names}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
-        head += gain(followed(executor, held_out, args.topic, (start, best)), known, args.seed)
+        competitors = Competitor(start), Competitor(best)
+        trajectories = follow_all(executor, [recording.path for recording in held_out], args.topic, competitors)
+        head += gain(trajectories, known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
-    print('\n'.join(head))
-    changed = [f'{name}: {start_values[name]} -> {value}'
-               for name, value in values.items() if value != start_values[name]]
-    print('\n'.join(changed or ['No other values were better: the best are those of the start.']))
+    print('\n'.join([*head, *_changes(settings['start'], values)]))
     print(f'parameters  {folder / "best.yaml"}')
     if args.live:
-        from ..node.interfaces.remote_parameters import write_remote
-        write_remote(args.live, values, 10.0)
-        print(f'live        set on {args.live}')
+        _set_live(args.live, values)
+
+
+def _set_live(node, values):
+    """Set the parameters, name -> value, on the running `node`."""
+    from ..node.interfaces.remote_parameters import write_remote
+
+    write_remote(node, values, 10.0)
+    print(f'live        set on {node}')
+
+
+def _recordings(args):
+    """Open the recordings to search on and those held out; print the warnings about their scans."""
+    from ..recordings import find_recording
+
+    paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
+                       for files in (args.files, args.held_out))
+    if both := set(paths) & set(held_out):
+        raise CommandError(f'{next(iter(both))}: is searched on, so it cannot be held out')
+    recordings = open_all('tune', (*paths, *held_out), args.topic, args.scans)
+    return recordings[:len(paths)], recordings[len(paths):]
+
+
+def _settings(args, task, start, axes):
+    """Return the settings that the result of the search depends on, as `Study` takes them."""
+    from ..tuning.searches import has_optuna
+
+    search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
+    values = start.flatten()
+    return {'files': [str(path) for path in task.paths], 'topic': task.topic, 'scans': task.limit, 'seed': args.seed,
+            'objective': task.objective, 'search': search, 'axes': [repr(axis) for axis in axes],
+            'start': {axis.name: values[axis.name] for axis in axes}, 'parameters': values}
+
+
+def _changes(before, after):
+    """Return a line for each value, by name, that differs `before` and `after` the search."""
+    changed = [f'{name}: {before[name]} -> {value}' for name, value in after.items() if value != before[name]]
+    return changed or ['No other values were better: the best are those of the start.']
 
 
 @dataclass(frozen=True)
@@ -132,22 +157,28 @@ class Task:
     objective: str
     limit: int | None
 
+    def jobs(self, parameters):
+        """Return the arguments of `cost_of` for each recording."""
+        return [(path, self.topic, parameters, self.objective, self.limit) for path in self.paths]
+
 
 def evaluated(executor, trials, start, task):
     """Yield (number, mean cost over the recordings) of the `trials` (number -> values) in the order they are done."""
     from ..tuning.objective import HOPELESS, cost_of
     from .workers import as_done
 
-    candidates = {number: made for number, values in trials.items() if (made := candidate(start, values))}
-    asked = [(path, task.topic, made, task.objective, task.limit)
-             for made in candidates.values() for path in task.paths]
-    yield from ((number, HOPELESS) for number in trials if number not in candidates)
-    numbers, costs = [number for number in candidates for _ in task.paths], defaultdict(dict)
-    for job, cost in as_done(executor, cost_of, asked):
-        known = costs[numbers[job]]
-        known[job] = cost
-        if len(known) == len(task.paths):
-            yield numbers[job], sum(known[job] for job in sorted(known)) / len(task.paths)
+    jobs, count = [], len(task.paths)
+    for number, values in trials.items():
+        if parameters := candidate(start, values):
+            jobs += [(number, job) for job in task.jobs(parameters)]
+        else:
+            yield number, HOPELESS
+    costs = defaultdict(dict)
+    for index, cost in as_done(executor, cost_of, [job for _, job in jobs]):
+        number = jobs[index][0]
+        costs[number][index] = cost
+        if len(costs[number]) == count:
+            yield number, sum(cost for _, cost in sorted(costs[number].items())) / count
 
 
 def candidate(start, values):
@@ -180,14 +211,6 @@ def said_when_interrupted(study, total, folder):
               flush=True)
         raise
 
-
-def followed(executor, paths, topic, parameter_sets):
-    """Run every parameter set over every recording; return one list of `Trajectory` for each recording."""
-    from .compare import Competitor, follow_one
-
-    futures = [[executor.submit(follow_one, path, topic, Competitor(parameters)) for parameters in parameter_sets]
-               for path in paths]
-    return [[future.result() for future in row] for row in futures]
 
 
 def gain(trajectories, known, seed):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two ways to find the same motion, compared scan by scan."""
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,6 +68,11 @@ class Difference:
         """Whether the whole confidence interval of B - A is below 0."""
         return self.high < 0.0
 
+    @property
+    def verdict(self) -> str:
+        """``worse`` or ``better``, of B; empty if the confidence interval contains 0."""
+        return 'worse' if self.worse else 'better' if self.better else ''
+
 
 def known_motion(recording) -> KnownMotion:
     """Return the `KnownMotion` of a recording; raise RecordingError if it has neither truth nor relations."""
@@ -89,24 +95,43 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
     stamps = np.array(trajectory_a.stamps, dtype=np.int64)[rows[0]]
     poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
+    true = _true_motions(known, stamps, poses[0])
+    count = len(true.first)
+    if count < FEWEST_BLOCKS:
+        raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive '
+                       'or more of its scans')
+    a, b = (np.array(errors(relative(found[true.first], found[true.second]), true.motions)) for found in poses)
+    block = int(np.ceil(BLOCK_METRES * count / max(true.length, BLOCK_METRES)))
+    return Paired(a, b, min(block, count // FEWEST_BLOCKS))
+
+
+class _TrueMotions(NamedTuple):
+    """True motions ``(K, 3)`` [m, m, rad] from the scans `first` to `second` ``(K,)``; `length` of the path [m]."""
+
+    first: np.ndarray
+    second: np.ndarray
+    motions: np.ndarray
+    length: float
+
+
+def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
+    """Return the motions over 1 m of the truth at `stamps` ``(N,)`` [ns], else those between related scans.
+
+    The length is that of the path of the truth, or of the estimated `poses` ``(N, 3)`` [m, m, rad].
+    """
     if known.truth:
         truth = interpolate(*known.truth, stamps)
-        there = np.isfinite(truth).all(axis=1)
-        truth, poses = truth[there], [found[there] for found in poses]
-        first, second = apart(truth, METRES) if len(truth) else ([], [])
-        motions = relative(truth[first], truth[second]) if len(first) else np.empty((0, 3))
-        length = path_lengths(truth)[-1] if len(truth) else 0.0
-    elif known.relations:
+        there = np.flatnonzero(np.isfinite(truth).all(axis=1))
+        if not len(there):
+            return _TrueMotions(there, there, truth[there], 0.0)
+        truth = truth[there]
+        first, second = apart(truth, METRES)
+        return _TrueMotions(there[first], there[second], relative(truth[first], truth[second]),
+                            path_lengths(truth)[-1])
+    if known.relations:
         first, second, found = related(stamps, known.relations)
-        motions, length = known.relations.motions[found], path_lengths(poses[0])[-1]
-    else:
-        raise RecordingError('the true motion is unknown; expected poses, relations or reference.csv')
-    if len(first) < FEWEST_BLOCKS:
-        raise TooShort(f'{len(first)} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive '
-                       'or more of its scans')
-    a, b = (np.array(errors(relative(found[first], found[second]), motions)) for found in poses)
-    block = int(np.ceil(BLOCK_METRES * len(first) / max(length, BLOCK_METRES)))
-    return Paired(a, b, min(block, len(first) // FEWEST_BLOCKS))
+        return _TrueMotions(first, second, known.relations.motions[found], path_lengths(poses)[-1])
+    raise RecordingError('the true motion is unknown; expected poses, relations or reference.csv')
 
 
 def difference(pairs, row, seed=0, confidence=0.975) -> Difference:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from ..core.errors import RecordingError
 from ..paths import check_writable
@@ -19,6 +20,7 @@ from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording
 from .recording import Record
 
+T = TypeVar('T')
 SECOND = 1_000_000_000
 LONGEST = 4e9
 """No recording is longer than this [s]."""
@@ -50,8 +52,13 @@ class Kept:
 ALL = Kept()
 
 
+def no_progress(items: Iterable[T], _total: int) -> Iterable[T]:
+    """Return the `items` themselves: nothing is shown."""
+    return items
+
+
 def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage: str = 'mcap',
-            progress: Callable[[Iterable, int], Iterable] | None = None) -> tuple[Counter, list[str]]:
+            progress: Callable[[Iterable, int], Iterable] = no_progress) -> tuple[Counter, list[str]]:
     """Write the recording `source` as `target`, in another format or a part of it.
 
     The messages keep their order and their own stamps. The record times of a bag made from a log are the stamps,
@@ -67,8 +74,8 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
         What of the recording is converted.
     storage : str
         Storage of a ROS 2 bag: ``mcap`` or ``sqlite3``.
-    progress : callable, optional
-        ``progress(iterable, total)`` gives an iterable of the same items.
+    progress : callable
+        ``progress(iterable, total)`` returns an iterable of the same items, and may show how many were taken.
 
     Returns
     -------
@@ -83,37 +90,38 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
         When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or nothing would be kept.
     """
     source, target = Path(source), Path(target)
-    progress = progress or (lambda items, total: items)
     check_target(target)
+    from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
+    bag_to_bag = from_bag and not to_log
     if not 0.0 <= kept.start <= kept.end:
         raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end '
                              'that is not before it')
-    from_bag, to_log = is_bag(source), target.name.endswith(('.log', '.log.gz'))
     if to_log and kept.topics:
         raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans '
                              'of one topic')
+    if bag_to_bag and kept.topic:
+        raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a bag')
     open_target = partial(bag_writer, target, storage)
-    if from_bag and not to_log:
-        if kept.topic:
-            raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a '
-                                 'bag')
+    if bag_to_bag:
         return _bag_to_bag(source, open_target, kept, progress)
     recording = open_recording(source, kept.topic)
     records = _timed(progress(recording.records(), recording.count), kept.start, kept.end)
     if to_log:
         counts = write_log(target, (record for _, record in records))
     else:
-        topics = _topics_of(recording)
-        _check_topics(kept.topics, topics, 'the bag of this log')
-        chosen = {name: kind for name, kind in topics.items() if not kept.topics or name in kept.topics}
-        counts = _log_to_bag(records, open_target, chosen)
+        counts = _log_to_bag(records, open_target, _topics_of(recording, kept.topics))
     return counts, [*recording.notes, *recording.problems]
 
 
-def _topics_of(recording):
-    """Topic -> message type of what a log becomes: the scans, and wheels and poses of the laser, or its truth alone."""
+def _topics_of(recording, wanted):
+    """Topic -> message type of what a log becomes: the scans, and wheels and poses of the laser, or its truth alone.
+
+    Of these the `wanted` ones, all if there are none.
+    """
     poses = ('/wheel_odom', '/laser_pose') if recording.wheel_odometry() else ('/truth',) if recording.truth() else ()
-    return {topic: kind for topic, kind in LOG_TOPICS.items() if topic in (*poses, '/scan')}
+    topics = (*poses, '/scan')
+    _check_topics(wanted, topics, 'the bag of this log')
+    return {topic: kind for topic, kind in LOG_TOPICS.items() if topic in topics and topic in (wanted or topics)}
 
 
 def check_target(target):

@@ -43,15 +43,10 @@ def is_bag(path) -> bool:
         When it cannot be read, is empty, or can be neither.
     """
     if path.is_dir():
-        if not (path / 'metadata.yaml').exists():
-            raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have '
-                                 f'its metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
+        _check_folder(path)
         return True
     check_file(path, RecordingError)
-    try:
-        packed, start = _starts_of(path)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    packed, start = _starts_of(path)
     if not start:
         raise RecordingError(f'{path}: the file is empty')
     kind = kind_of(start)
@@ -64,11 +59,21 @@ def is_bag(path) -> bool:
     return False
 
 
+def _check_folder(path):
+    """Raise RecordingError if the folder `path` is no ROS 2 bag."""
+    if not (path / 'metadata.yaml').exists():
+        raise RecordingError(f'{path}: a folder without metadata.yaml is no ROS 2 bag; name a file in it, or have '
+                             f'its metadata.yaml written: ros2 bag reindex {shlex.quote(str(path.absolute()))}')
+
+
 def _starts_of(path, size=512):
-    """Return the first bytes of a file as they are, and unpacked where it is gzip."""
-    with open(path, 'rb') as file:
-        start = file.read(size)
-    if start.startswith(b'\x1f\x8b'):
-        with gzip.open(path) as file:
-            return start, file.read1(size)
+    """Return the first bytes of a file as they are, and unpacked if it is gzip; RecordingError if it is unreadable."""
+    try:
+        with open(path, 'rb') as file:
+            start = file.read(size)
+        if start.startswith(b'\x1f\x8b'):
+            with gzip.open(path) as file:
+                return start, file.read1(size)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
     return start, start

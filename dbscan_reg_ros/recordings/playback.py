@@ -65,17 +65,22 @@ def inputs_of(kinds, wheels) -> dict:
     wheels : str or None
         The topic of the wheels' odometry.
     """
-    found = {wheels: 'wheel_odom'} if wheels else {}
+    found = {wheels: 'wheel_odom', _imu(kinds): 'imu'}
+    found |= {_transforms(kinds, name): name for name in ('/tf', '/tf_static')}
+    return {topic: name for topic, name in found.items() if topic}
+
+
+def _imu(kinds):
+    """Return the topic of the only IMU, else the first of `USUAL_IMU` that is recorded, or None."""
     imus = [topic for topic, kind in kinds.items() if kind == IMU]
-    imu = only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)
-    if imu:
-        found[imu] = 'imu'
-    for name in ('/tf', '/tf_static'):
-        alike = [topic for topic, kind in kinds.items()
-                 if RENAMED.get(kind, kind) == TRANSFORMS and f'/{topic}'.endswith(name)]
-        if topic := (name if name in alike else only(alike)):
-            found[topic] = name
-    return found
+    return only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)
+
+
+def _transforms(kinds, name):
+    """Return the topic of transforms called `name`, else the only one whose name ends with it, or None."""
+    alike = [topic for topic, kind in kinds.items()
+             if RENAMED.get(kind, kind) == TRANSFORMS and f'/{topic}'.endswith(name)]
+    return name if name in alike else only(alike)
 
 
 def choose(channels, topics=(), everything=False) -> list:

@@ -135,13 +135,18 @@ class Recording:
             raise RecordingError(f'{self.path}: holds no laser scan')
         if topic is not None and topic not in counts:
             raise RecordingError(f'{self.path}: no scans on {topic!r}; topics of scans: {held}')
-        filled = [topic] if topic is not None else [name for name in sorted(counts) if counts[name]] or sorted(counts)
+        filled = [topic] if topic is not None else _with_scans(counts)
         if len(filled) > 1:
             raise RecordingError(f'{self.path}: choose one of its {len(filled)} topics of scans: {", ".join(filled)}')
         self.topic = filled[0]
         if topic is None and len(counts) > 1:
             self._note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')
         self.count = counts[self.topic]
+
+
+def _with_scans(counts):
+    """Return the topics with scans, in alphabetical order; all topics if none has one."""
+    return [topic for topic in sorted(counts) if counts[topic]] or sorted(counts)
 
 
 def _wheels(stamps, poses, channel):

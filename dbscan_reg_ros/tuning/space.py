@@ -56,12 +56,7 @@ def read_axis(text, parameters) -> Axis:
         When the name is unknown, no single value can be searched, or the range makes no sense.
     """
     name, _, given = text.partition('=')
-    descriptions = {d.name: d for d in parameters.describe()}
-    if name not in descriptions:
-        raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
-    d = descriptions[name]
-    if d.read_only or (not d.choices and d.type not in (int, float, bool)):
-        raise ParameterError(f'{name}: cannot be searched')
+    d = _searchable(name, parameters)
     if d.type is bool or d.choices:
         if given:
             raise ParameterError(f'{text}: {name} has no range; every value is tried')
@@ -74,6 +69,17 @@ def read_axis(text, parameters) -> Axis:
     for value in (low, high):
         check(d, d.type(value))
     return Axis(name, d.type, low, high)
+
+
+def _searchable(name, parameters):
+    """Return the description of the parameter `name`; raise ParameterError if it cannot be searched."""
+    descriptions = {d.name: d for d in parameters.describe()}
+    if name not in descriptions:
+        raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
+    d = descriptions[name]
+    if d.read_only or (not d.choices and d.type not in (int, float, bool)):
+        raise ParameterError(f'{name}: cannot be searched')
+    return d
 
 
 def _read_range(text, given):

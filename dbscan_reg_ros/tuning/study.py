@@ -2,12 +2,13 @@
 """A search that can be killed at any time and goes on where it was."""
 import json
 import os
+from operator import itemgetter
 
 from ..core.errors import ParameterError
 from .searches import OptunaSearch, RandomSearch
 
 BATCH = 8
-"""So many trials are chosen at once, whatever the number of processes: the search does not depend on it."""
+"""Number of trials that are chosen at once, for any number of processes: the search does not depend on it."""
 SEARCHES = {'random': RandomSearch, 'optuna': OptunaSearch}
 
 
@@ -58,21 +59,29 @@ class Study:
             first = [] if done else [self._settings['start']]
             asked = [*first, *search.ask(count - len(first))]
             numbered = dict(enumerate(asked, done))
-            costs = {number: self._known[number] for number in numbered if number in self._known}
-            new = {number: values for number, values in numbered.items() if number not in costs}
-            for number, cost in evaluate(new) if new else ():
-                costs[number] = self._known[number] = cost
-                self._append(number, numbered[number], cost)
-                watch(done + len(costs), min([*costs.values(), *([best[0]] if best else [])]))
-            search.tell([costs[number] for number in numbered][len(first):])
-            for number, values in numbered.items():
-                if not number:
-                    self.cost_of_start = costs[number]
-                if best is None or costs[number] < best[0]:
-                    best = costs[number], values
+            new = {number: values for number, values in numbered.items() if number not in self._known}
+            for _ in self._evaluated(new, evaluate):
+                costs = self._costs(numbered)
+                watch(done + len(costs), min(costs if best is None else [*costs, best[0]]))
+            costs = self._costs(numbered)
+            search.tell(costs[len(first):])
+            self.cost_of_start = self._known[0]
+            tried = [*zip(costs, asked, strict=True)]
+            best = min(tried if best is None else [best, *tried], key=itemgetter(0))
             done += count
             watch(done, best[0])
         return best
+
+    def _evaluated(self, trials, evaluate):
+        """Yield the cost of each of the `trials`, number -> values, once it is kept."""
+        for number, cost in evaluate(trials) if trials else ():
+            self._known[number] = cost
+            self._append(number, trials[number], cost)
+            yield cost
+
+    def _costs(self, numbers):
+        """Return the costs of the trials with these `numbers` that are kept, in their order."""
+        return [self._known[number] for number in numbers if number in self._known]
 
     @property
     def known(self) -> int:

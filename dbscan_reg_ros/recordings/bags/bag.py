@@ -31,17 +31,13 @@ class Bag(Recording):
     def __init__(self, path, topic=None):
         super().__init__(path)
         with open_reader(self.path) as reader:
-            counts = {kind: Counter() for kind in (LASER_SCAN, ODOMETRY)}
-            for connection in reader.connections:
-                if connection.msgtype in counts:
-                    counts[connection.msgtype][connection.topic] += connection.msgcount
-            if not counts[LASER_SCAN]:
+            scans, odometry = (_topics(reader.connections, kind) for kind in (LASER_SCAN, ODOMETRY))
+            if not scans:
                 raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
-        self._choose(counts[LASER_SCAN], topic)
-        self._truth_topic = only(name for name in counts[ODOMETRY] if 'truth' in name)
-        self._laser_topic = only(name for name in counts[ODOMETRY] if 'laser_pose' in name)
-        others = [name for name in counts[ODOMETRY] if 'truth' not in name and 'laser_pose' not in name]
-        self._wheel_topic = only(others) or only(name for name in others if 'wheel' in name)
+        self._choose(scans, topic)
+        self._truth_topic = only(name for name in odometry if 'truth' in name)
+        self._laser_topic = only(name for name in odometry if 'laser_pose' in name)
+        self._wheel_topic = _wheel_topic(odometry)
         first = next(self.scans(), None)
         if first is None:
             problem = self.problems[0] if self.problems else 'there is no message'
@@ -130,6 +126,21 @@ class Bag(Recording):
                                  f'{describe(error)}')
                     continue
                 yield numbers[topic], topic, time, message
+
+
+def _topics(connections, kind):
+    """Return topic -> number of messages of the type `kind`."""
+    counts = Counter()
+    for connection in connections:
+        if connection.msgtype == kind:
+            counts[connection.topic] += connection.msgcount
+    return counts
+
+
+def _wheel_topic(topics):
+    """Return the only one of the odometry `topics` that is neither truth nor the laser's, or has *wheel*; or None."""
+    others = [name for name in topics if 'truth' not in name and 'laser_pose' not in name]
+    return only(others) or only(name for name in others if 'wheel' in name)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 """Reasons why a bag cannot be opened, and remedies, found from the bytes of its files."""
 import shlex
 from pathlib import Path
+from typing import NamedTuple
 
 KINDS = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG ': 'ROS 1 bag'}
 """How files of bags begin -> what they are."""
@@ -60,36 +61,62 @@ def other_contents(connections) -> str:
     return '; '.join([f'there are {held}', *advice])
 
 
+class _Metadata(NamedTuple):
+    """What ``metadata.yaml`` states: names of the files, their storage, and their compression or None."""
+
+    names: list
+    storage: str
+    compression: str | None
+
+
 def _of_folder(folder):
-    import yaml
+    """Return the first fault of a bag that is a folder, or None."""
     files = sorted(file.name for file in folder.iterdir() if kind_at(file))
     instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
-    try:
-        fields = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
-        named = [Path(name).name for name in fields['relative_file_paths']]
-        storage = fields['storage_identifier']
-        mode = (fields.get('compression_mode') or 'none').lower()
-        compression = fields.get('compression_format') if mode == 'file' else None
-    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+    metadata = _read_metadata(folder)
+    if metadata is None:
         return f'its metadata.yaml is damaged; {instead}, or write it again: ros2 bag reindex {_quoted(folder)}'
-    for name in named:
+    for name in metadata.names:
         file = folder / name
         if not file.exists():
             return f'metadata.yaml names {name}, which is not there; {instead}'
-        start = _start(file)
-        is_kind, packed = kind_of(start), _by_start(PACKED, start)
-        if is_kind and compression:
-            return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {is_kind} file; ' \
-                   f'name the file itself: {file}'
-        if is_kind and storage != is_kind:
-            return f'metadata.yaml says storage {storage!r}, {name} is an {is_kind} file; name the file itself: {file}'
-        if packed and compression != packed[0]:
-            says = f'that it is compressed with {compression}' if compression else 'nothing of that'
-            return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: ' \
-                   f'{packed[1]} {_quoted(file)}'
-        if is_kind and (fault := _of_file(file)):
-            return f'{name}: {fault}'
+        if fault := _of_named_file(file, metadata):
+            return fault
     return None
+
+
+def _read_metadata(folder):
+    """Return the `_Metadata` in a folder, or None if it is damaged."""
+    import yaml
+    try:
+        fields = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        mode = (fields.get('compression_mode') or 'none').lower()
+        return _Metadata([Path(name).name for name in fields['relative_file_paths']], fields['storage_identifier'],
+                         fields.get('compression_format') if mode == 'file' else None)
+    except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+
+
+def _of_named_file(file, metadata):
+    """Return how the `file` of a bag contradicts the `metadata` of its folder, or its own fault, or None."""
+    name, compression, start = file.name, metadata.compression, _start(file)
+    if packed := _by_start(PACKED, start):
+        if compression == packed[0]:
+            return None
+        says = f'that it is compressed with {compression}' if compression else 'nothing of that'
+        return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: ' \
+               f'{packed[1]} {_quoted(file)}'
+    kind = kind_of(start)
+    if kind is None:
+        return None
+    if compression:
+        return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {kind} file; ' \
+               f'name the file itself: {file}'
+    if metadata.storage != kind:
+        return f'metadata.yaml says storage {metadata.storage!r}, {name} is an {kind} file; ' \
+               f'name the file itself: {file}'
+    fault = _of_file(file)
+    return f'{name}: {fault}' if fault else None
 
 
 def _of_file(file):

@@ -37,10 +37,8 @@ class CarmenLog(Recording):
         super().__init__(path)
         counts, others, surveys = self._survey()
         if not counts:
-            kinds = others.most_common(MOST_KINDS)
-            held = ', '.join(f'{count} {kind}' for kind, count in kinds) or 'none that is known'
             raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of '
-                                 f'the file: {held}')
+                                 f'the file: {_named(others)}')
         front = {kind: count for kind, count in counts.items() if kind in FRONT}
         self._choose(front if front and topic is None else counts, topic)
         if topic is None and len(front) not in (0, len(counts)):
@@ -137,6 +135,12 @@ class CarmenLog(Recording):
                         self._report(f'{self.path.name}:{number}: not a CARMEN message, skipped')
             except (EOFError, OSError, zlib.error) as error:
                 self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
+
+
+def _named(counts):
+    """Return the most frequent kinds of lines in words."""
+    kinds = counts.most_common(MOST_KINDS)
+    return ', '.join(f'{count} {kind}' for kind, count in kinds) or 'none that is known'
 
 
 def _read(kind, words, settings):

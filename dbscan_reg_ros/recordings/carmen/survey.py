@@ -36,27 +36,36 @@ class Survey:
 
     def findings(self, filtered=False) -> 'Findings':
         """Return the properties of the whole log; `filtered`: it contains lines of a particle filter."""
-        notes = []
-        stamps, note = mend(self._stamps)
-        if note:
-            notes.append(note)
+        stamps, stamp_note = mend(self._stamps)
         no_return = self._no_return.limit()
-        if no_return is not None:
-            notes.append(f'readings of {no_return:.3f} m or more are used as no return: the greatest value of the log '
-                         'is frequent and isolated')
+        range_note = '' if no_return is None else (f'readings of {no_return:.3f} m or more are used as no return: the '
+                                                   'greatest value of the log is frequent and isolated')
+        poses = self._poses(filtered)
+        notes = [note for note in (stamp_note, range_note, poses.note) if note]
+        return Findings(stamps, poses.laser, poses.robot, poses.corrected, no_return, notes)
+
+    def _poses(self, filtered) -> 'Poses':
         laser, robot = (np.array(poses).reshape(-1, 3) for poses in (self._laser, self._robot))
         is_corrected, wheels = bool(len(robot)) and corrected(laser, robot), self.wheels.poses()
-        if not is_corrected and robot.any() and self.wheels.contradict():
-            is_corrected, robot = True, wheels
-            notes.append('the poses of the scans differ from the ODOM lines: they are used as ground truth, the ODOM '
-                         'lines as wheel odometry')
-        elif not is_corrected and filtered and robot.any():
-            is_corrected, robot = True, np.zeros_like(robot)
-            notes.append('the poses of the scans come from a particle filter (NEFF lines): they are used as ground '
-                         'truth; the log contains no wheel odometry')
-        elif wheels is not None and not robot.any():
-            robot, laser = wheels, laser if laser.any() else wheels
-        return Findings(stamps, laser, robot, is_corrected, no_return, notes)
+        if not robot.any():
+            if wheels is not None:
+                robot, laser = wheels, laser if laser.any() else wheels
+        elif not is_corrected and self.wheels.contradict():
+            return Poses(laser, wheels, True, 'the poses of the scans differ from the ODOM lines: they are used as '
+                         'ground truth, the ODOM lines as wheel odometry')
+        elif not is_corrected and filtered:
+            return Poses(laser, np.zeros_like(robot), True, 'the poses of the scans come from a particle filter (NEFF '
+                         'lines): they are used as ground truth; the log contains no wheel odometry')
+        return Poses(laser, robot, is_corrected)
+
+
+class Poses(NamedTuple):
+    """Poses ``(N, 3)`` [m, m, rad] of the laser and of the robot, as in `Findings`, and what was assumed, or ''."""
+
+    laser: np.ndarray
+    robot: np.ndarray
+    corrected: bool
+    note: str = ''
 
 
 class Findings(NamedTuple):
@@ -111,17 +120,13 @@ class Wheels:
             self._pose = pose
             for index, *_ in self._open:
                 self._set(index, pose)
+        elif self._repeats(pose):
+            for _, at, robot, lines in self._open:
+                # The first line since the scan before repeated that scan's pose; only further ones are wheel odometry.
+                if robot:
+                    self._different += lines > 1 and (at == self._last[0] or stamp < self._last[0])
         else:
-            before, last = self._last
-            step, robot = _step(last, pose), self._open[-1][2] if self._open else None
-            repeats = robot is not None and _same(robot, pose) and not _same(last, pose)
-            for index, at, scan, lines in self._open:
-                if scan:
-                    self._decide(scan, last, pose, lines if repeats else None, at == before or stamp < before)
-                if before < at <= stamp and not repeats:
-                    self._set(index, self._after(step, (at - before) / (stamp - before)))
-            if not repeats:
-                self._pose = self._after(step)
+            self._advance(stamp, pose)
         self._open.clear()
         self._last = stamp, pose
         self._lines += 1
@@ -134,19 +139,20 @@ class Wheels:
         """Whether the poses of at least half of the scans differ from the ``ODOM`` lines."""
         return 2 * self._different >= max(len(self._scans) // 3 - 1, 1)
 
-    def _decide(self, scan, last, pose, lines, one_moment):
-        """Whether a scan's pose differs from that of the wheels, which were at `last` before it and at `pose` after it.
+    def _repeats(self, pose):
+        """Whether the `pose` of an ``ODOM`` line is that of the scan before it, and not that of the last line."""
+        robot = self._open[-1][2] if self._open else None
+        return robot is not None and _same(robot, pose) and not _same(self._last[1], pose)
 
-        If `pose` repeats the scan's, `lines` is the number of ``ODOM`` lines since the scan before it, else None: the
-        first of them repeated that scan's pose, only further ones are wheel odometry. `one_moment`: the scan has the
-        stamp of the last line.
-        """
-        if lines is not None:
-            self._different += lines > 1 and one_moment
-            return
-        there, on, whole = ((math.hypot(x, y), abs(turn)) for x, y, turn in (_step(last, scan), _step(scan, pose),
-                                                                             _step(last, pose)))
-        self._different += any(a + b > DETOUR * c + SLACK for a, b, c in zip(there, on, whole, strict=True))
+    def _advance(self, stamp, pose):
+        """Move the wheels to `pose` at `stamp` [ns]; set the scans since the last ``ODOM`` line on the way."""
+        (before, last), step = self._last, _step(self._last[1], pose)
+        for index, at, robot, _ in self._open:
+            if robot:
+                self._different += _is_detour(last, robot, pose)
+            if before < at <= stamp:
+                self._set(index, self._after(step, (at - before) / (stamp - before)))
+        self._pose = self._after(step)
 
     def _after(self, step, share=1.0):
         pose = SE2(*self._pose) @ SE2(*(share * value for value in step))
@@ -160,6 +166,13 @@ def _step(a, b):
     """Return the pose `b` in the frame of the pose `a`."""
     pose = SE2(*a).inverse() @ SE2(*b)
     return pose.x, pose.y, pose.theta
+
+
+def _is_detour(start, pose, end):
+    """Whether `pose` does not lie between the poses `start` and `end`, by `DETOUR` and `SLACK`."""
+    there, on, whole = ((math.hypot(x, y), abs(theta)) for x, y, theta in (_step(start, pose), _step(pose, end),
+                                                                           _step(start, end)))
+    return any(a + b > DETOUR * c + SLACK for a, b, c in zip(there, on, whole, strict=True))
 
 
 def _same(a, b):
