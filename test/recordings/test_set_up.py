@@ -277,7 +277,7 @@ esac
 
 @pytest.fixture
 def build_steps(programs, root, tmp_path):
-    """``build_steps(variables)``: what the set-up says of the compiled steps, and how often it built them so far."""
+    """``build_steps(variables)``: the report of the set-up on the compiled steps, and how often it built them."""
     copy, tries = tmp_path / 'copy', tmp_path / 'tries'
     for folder in ('scripts', 'dbscan_reg_ros/core/accelerated'):
         shutil.copytree(root / folder, copy / folder, ignore=shutil.ignore_patterns('*.so', '__pycache__'))
@@ -307,7 +307,7 @@ def test_the_compiled_steps_are_built_once_and_when_their_sources_or_python_chan
     assert build_steps(version='2') == (building, 3) and build_steps(version='2') == ('', 3)
 
 
-def test_without_the_compiled_steps_the_reference_runs_and_the_set_up_says_so(build_steps):
+def test_without_the_compiled_steps_the_reference_runs_and_the_set_up_reports_it(build_steps):
     said, tries = build_steps(fails='yes')
     assert 'Going on with the numpy reference, which is slower' in said and tries == 1
     again, tries = build_steps(fails='yes')
