@@ -12,15 +12,22 @@ import numpy as np
 from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, fmod, hypot, isfinite, isnan, rint, sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
+from ..features import free_space as free_space_steps
 from ..features import likelihood_field as likelihood_field_steps
 from ..features import normals as normal_steps
 from ..features import range_noise as range_noise_steps
 from ..features import ring_band as ring_band_steps
 from ..features import segments as segment_steps
+from ..features.free_space import FreeSpaceProfile
 from ..features.likelihood_field import LikelihoodField
 from ..features.point_sequence import PointSequence
 from ..features.records import Segments
 from ..geometry import tolerance
+from ..geometry.se2 import SE2
+from ..odometry.mapping import dynamic_points as dynamic_steps
+from ..odometry.mapping import key_frame_window as window_steps
+from ..odometry.mapping import local_map as local_map_steps
+from ..odometry.mapping.key_frame_window import Pairs
 from ..registration import rotation as rotation_steps
 from ..registration import translation as translation_steps
 from ..registration.point_to_line import Fit
@@ -38,7 +45,7 @@ cdef extern from *:
 SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
 """Hash of the sources that this was built from."""
 
-cdef double TINY = tolerance.TINY, SIGMAS = tolerance.SIGMAS
+cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
 include "geometry.pxi"
 include "features/ordering.pxi"
@@ -47,16 +54,23 @@ include "features/ring_band.pxi"
 include "features/surfaces.pxi"
 include "features/segments.pxi"
 include "features/likelihood_field.pxi"
+include "features/free_space.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
 include "registration/rotation.pxi"
 include "registration/clusters.pxi"
 include "registration/translation.pxi"
 include "registration/scoring.pxi"
+include "mapping/window.pxi"
+include "mapping/correspondences.pxi"
+include "mapping/dynamic_points.pxi"
+include "mapping/local_map.pxi"
 
 STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
-    'extract_segments', 'build_likelihood_field',
+    'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
     'fit', 'refine', 'next_step', 'polish', 'estimate_rotations', 'estimate_translations', 'score', 'reverse_violation',
+    'look_up_pairs', 'points_by_frame', 'pair_weights_after', 'align', 'dynamic_points', 'detached_points', 'beside',
+    'newest_in_cell',
 )
 """Names of the steps."""

@@ -175,4 +175,4 @@ class Features:
     @cached_property
     def free_space(self) -> FreeSpaceProfile:
         """The free space that this scan saw."""
-        return build_free_space_profile(self.points, self.scan.geometry.angle_increment)
+        return self.backend.step(build_free_space_profile)(self.points, self.scan.geometry.angle_increment)

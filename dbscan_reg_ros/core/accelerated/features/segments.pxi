@@ -30,14 +30,13 @@ cdef struct Piece:
 
 
 cdef struct SegmentLimits:
-    double split_distance, join_noise, join_gap, depth_margin, corner_reach, min_points, min_length
+    double split_distance, join_noise, join_gap, depth_margin, min_points, min_length
     Py_ssize_t split_levels
 
 
 cdef SegmentLimits segment_limits(p) except *:
     """Return the `SegmentParameters` as numbers."""
-    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.corner_reach,
-                         p.min_points, p.min_length, p.split_levels)
+    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.min_points, p.min_length, p.split_levels)
 
 
 def extract_segments(sequence, const double[::1] noise, parameters):
@@ -235,7 +234,7 @@ cdef int find_corners(const double complex[::1] points, const unsigned char[::1]
             continue
         beyond = cross(pieces[k + 1].start - pieces[k].end, pieces[k + 1].along) / sine
         pieces[k].meeting = pieces[k].end + beyond * pieces[k].along
-        reach = limits.corner_reach + distance(points[pieces[k + 1].first], points[pieces[k].last])
+        reach = SAME + distance(points[pieces[k + 1].first], points[pieces[k].last])
         half = 0.5 * distance(pieces[k + 1].end, pieces[k + 1].start)
         pieces[k].joined = (fabs(beyond) < reach and beyond > -0.5 * distance(pieces[k].end, pieces[k].start)
                             and distance(pieces[k + 1].start, pieces[k].meeting) < min(reach, half))

@@ -48,14 +48,16 @@ def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
                     parameters: Parameters) -> tuple[Features, NDArray[np.bool_]]:
     """Remove the dynamic points; also return which of the remaining wall points are movable."""
     p, walls = parameters.odometry, features.wall_points
-    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
+    step = features.backend.step
+    movable = step(detached_points)(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
     if not p.dynamic_key_frames:
         return features, movable
-    dynamic = dynamic_points(features.oriented_points, pose, window.free_space(p.dynamic_key_frames), p.dynamic_margin)
+    free_space = window.free_space(p.dynamic_key_frames)
+    dynamic = step(dynamic_points)(features.oriented_points, pose, free_space, p.dynamic_margin)
     if not dynamic.any():
         return features, movable
     removed = dynamic[:len(walls)]
-    movable = (movable | beside(walls, removed, p.dynamic_margin))[~removed]
+    movable = (movable | step(beside)(walls, removed, p.dynamic_margin))[~removed]
     return features.without(dynamic), movable
 
 

@@ -33,9 +33,10 @@ class KeyFrameWindow:
     def __init__(self, frames: Sequence[KeyFrame]):
         self.frames = tuple(frames)
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
-        self._origins, self._rotations = origins(poses), unit_complex(-poses[:, 2:])
+        self._poses = FramePoses(origins(poses), unit_complex(-poses[:, 2:]))
+        self._step = self.latest.features.backend.step
         fields = [frame.features.likelihood_field for frame in self.frames]
-        self._fields = LikelihoodFieldStack(fields, self._origins, self._rotations)
+        self._fields = LikelihoodFieldStack(fields, *self._poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
 
     @property
@@ -61,7 +62,7 @@ class KeyFrameWindow:
         """Return the free-space profiles of the latest `count` key frames."""
         if count not in self._free_space:
             profiles = [frame.features.free_space for frame in self.frames[-count:]]
-            self._free_space = {count: FreeSpaceStack(profiles, self._origins[-count:], self._rotations[-count:])}
+            self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self._poses))}
         return self._free_space[count]
 
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
@@ -70,13 +71,13 @@ class KeyFrameWindow:
         Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
         subsets; each subset is looked up in several key frames, and each key frame looks up one.
         """
-        lookup = _points_by_frame(
+        lookup = self._step(points_by_frame)(
             high_leverage(points.normals), points.beams, len(self.frames), density.max_points // _SUBSETS)
-        pairs = self._pairs(pose, points, lookup, density.min_normal_cosine)
+        pairs = self._step(look_up_pairs)(self._fields, self._poses, pose, points, lookup, density.min_normal_cosine)
         weights = None if points.weights is None else points.weights.take(pairs.point)
         rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
         return Correspondences(pose=pose, size=len(points), index=pairs.point, rotated_points=pairs.rotated_points,
-                               rows=rows, weights=weights)
+                               rows=rows, weights=weights, backend=self.latest.features.backend)
 
     def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
                   min_cosine: float) -> NDArray[np.float64]:
@@ -101,33 +102,29 @@ class KeyFrameWindow:
             From 0 to 1: the largest kernel value of each point.
         """
         confirmed = np.zeros(len(points))
-        elsewhere = np.abs(self._origins[:, 0] - complex(pose.x, pose.y)) > distance
+        elsewhere = np.abs(self._poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
         if elsewhere.any():
             lookup = np.tile(np.arange(len(points)), (len(self.frames), 1))
-            pairs = self._pairs(pose, points, lookup, min_cosine)
+            pairs = self._step(look_up_pairs)(self._fields, self._poses, pose, points, lookup, min_cosine)
             np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
         return confirmed
 
-    def _pairs(self, pose: SE2, points: OrientedPoints, lookup: NDArray[np.intp], min_cosine: float) -> '_Pairs':
-        """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on."""
-        rotation, origin = cmath.rect(1.0, pose.theta), complex(pose.x, pose.y)
-        rotated_points = rotation * points.points
-        at, row, nearest = self._fields.nearest((rotated_points + origin).take(lookup))
-        index = lookup.take(at)
-        normals = self._fields.normals.take(nearest) * self._rotations.take(row)
-        rotated_points = rotated_points.take(index)
-        offset = normals * (rotated_points + (origin - self._origins.take(row)))
-        error, along = offset.real - self._fields.offsets.take(nearest), offset.imag - self._fields.along.take(nearest)
-        kept = (normals * (rotation * points.normals).take(index)).real > min_cosine
-        kept &= np.abs(along) <= self._fields.extents.take(nearest)
-        pairs = _Pairs(row[kept], index[kept], rotated_points[kept], normals[kept], error[kept])
-        if points.inverse_noise is None:
-            return pairs
-        inverse_noise = points.inverse_noise.take(pairs.point)
-        return pairs._replace(normals=pairs.normals * inverse_noise, error=pairs.error * inverse_noise)
+
+class FramePoses(NamedTuple):
+    """Poses of K key frames in the odometry frame.
+
+    Attributes
+    ----------
+    origins : (K, 1) complex [m]
+    rotations : (K, 1) complex
+        Unit numbers that rotate from the odometry frame into those of the key frames.
+    """
+
+    origins: NDArray[np.complex128]
+    rotations: NDArray[np.complex128]
 
 
-class _Pairs(NamedTuple):
+class Pairs(NamedTuple):
     """Pairs of a point and a line of a key frame, M of them.
 
     Attributes
@@ -151,8 +148,28 @@ class _Pairs(NamedTuple):
     error: NDArray[np.float64]
 
 
-def _points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], frame_count: int,
-                     subset_size: int) -> NDArray[np.intp]:
+def look_up_pairs(stack: LikelihoodFieldStack, poses: FramePoses, pose: SE2, points: OrientedPoints,
+                  lookup: NDArray[np.intp], min_cosine: float) -> Pairs:
+    """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on."""
+    rotation, origin = cmath.rect(1.0, pose.theta), complex(pose.x, pose.y)
+    rotated_points = rotation * points.points
+    at, row, nearest = stack.nearest((rotated_points + origin).take(lookup))
+    index = lookup.take(at)
+    normals = stack.normals.take(nearest) * poses.rotations.take(row)
+    rotated_points = rotated_points.take(index)
+    offset = normals * (rotated_points + (origin - poses.origins.take(row)))
+    error, along = offset.real - stack.offsets.take(nearest), offset.imag - stack.along.take(nearest)
+    kept = (normals * (rotation * points.normals).take(index)).real > min_cosine
+    kept &= np.abs(along) <= stack.extents.take(nearest)
+    pairs = Pairs(row[kept], index[kept], rotated_points[kept], normals[kept], error[kept])
+    if points.inverse_noise is None:
+        return pairs
+    inverse_noise = points.inverse_noise.take(pairs.point)
+    return pairs._replace(normals=pairs.normals * inverse_noise, error=pairs.error * inverse_noise)
+
+
+def points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], frame_count: int,
+                    subset_size: int) -> NDArray[np.intp]:
     """Choose the points that are looked up in each key frame.
 
     The subset of a point depends on its beam, so that one point more or less does not change the subsets of the others.

@@ -35,12 +35,12 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     max_range = max(np.abs(each).max(initial=0.0) for each in (points, own_points))
     points = rotation * points + translation
     kept = (np.abs(points) <= max_range) & (features.free_space.violation(points, density.violation_tolerance) == 0.0)
-    kept[kept] = _newest_in_cell(points[kept], age_rank[kept], own_points, density.cell_size)
+    kept[kept] = features.backend.step(newest_in_cell)(points[kept], age_rank[kept], own_points, density.cell_size)
     return OrientedPoints(points[kept], (rotation * normals)[kept], beams[kept])
 
 
-def _newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], latest: NDArray[np.complex128],
-                    cell_size: float) -> NDArray[np.bool_]:
+def newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], latest: NDArray[np.complex128],
+                   cell_size: float) -> NDArray[np.bool_]:
     """Return ``(P,)``: the `points` in whose cell no point has a higher rank, and none is one of the `latest`."""
     cells = np.concatenate((points, latest)) / cell_size
     age_rank = np.concatenate((age_rank, np.full(len(latest), len(cells))))

@@ -71,12 +71,13 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     if initial.direction is not None or initial.rotation_unobservable:
         information = _strengthened(information, features, correspondences, initial, p)
     prior = PosePrior(prior.pose, information)
-    pose = align(correspondences, pose, prior, scales[:-1], damping)
+    align_scan = features.backend.step(align)
+    pose = align_scan(correspondences, pose, prior, scales[:-1], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     is_dense = len(features.oriented_points) > p.density.max_points
     if is_dense or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size:
         correspondences = _correspondences(window, pose, features, initial.direction, p)
-    return align(correspondences, pose, prior, scales[-1:], damping), correspondences
+    return align_scan(correspondences, pose, prior, scales[-1:], damping), correspondences
 
 
 def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,

@@ -27,6 +27,11 @@ class LikelihoodFieldStack:
     ----------
     normals, offsets, along, extents : (N,) arrays
         Those of all fields, as in `LikelihoodField`.
+    first : (K,) int
+        Index of the first point of each field in these.
+    fields : tuple of LikelihoodField
+    compiled_tables : object or None
+        The tables of the fields as the compiled look-up needs them; made when it is first used.
     """
 
     def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128],
@@ -36,8 +41,10 @@ class LikelihoodFieldStack:
         self._last = np.array([field.shape for field in fields]).T[:, :, None] - 1
         # A list, not one array: the tables are too large to copy.
         self._tables = [field.index for field in fields]
+        self.fields = tuple(fields)
+        self.compiled_tables: object | None = None
         size = np.array([len(field.normals) for field in fields])
-        self._no_point, self._first = size[:, None] - 1, np.cumsum(size) - size
+        self._no_point, self.first = size[:, None] - 1, np.cumsum(size) - size
         self.normals, self.offsets, self.along, self.extents = (
             np.concatenate([getattr(field, name) for field in fields])
             for name in ('normals', 'offsets', 'along', 'extents'))
@@ -66,7 +73,7 @@ class LikelihoodFieldStack:
         found = found.reshape(cells.shape)
         index = (found != self._no_point).ravel().nonzero()[0]
         row = index // found.shape[1]
-        return index, row, found.take(index) + self._first.take(row)
+        return index, row, found.take(index) + self.first.take(row)
 
 
 class FreeSpaceStack:
@@ -77,15 +84,22 @@ class FreeSpaceStack:
     profiles : sequence of FreeSpaceProfile
     origins, rotations : (K, 1) complex
         As for `LikelihoodFieldStack`.
+
+    Attributes
+    ----------
+    near : (N,) float [m]
+        `FreeSpaceProfile.nearby` of all profiles.
+    size, first : (K, 1) int
+        Number of bins of each, and index of its first in `near`.
     """
 
     def __init__(self, profiles: Sequence[FreeSpaceProfile], origins: NDArray[np.complex128],
                  rotations: NDArray[np.complex128]):
         near = [profile.nearby for profile in profiles]
-        self._origins, self._rotations = origins, rotations
-        self._near = np.concatenate(near)
-        self._size = np.array([[len(each)] for each in near])
-        self._first = self._size.cumsum(axis=0) - self._size
+        self.origins, self.rotations = origins, rotations
+        self.near = np.concatenate(near)
+        self.size = np.array([[len(each)] for each in near])
+        self.first = self.size.cumsum(axis=0) - self.size
 
     def contains(self, points: OrientedPoints, pose: SE2, margin: float) -> NDArray[np.bool_]:
         """Determine which points of a scan lie in space that a key frame saw to be free.
@@ -103,9 +117,9 @@ class FreeSpaceStack:
         -------
         (P,) bool
         """
-        offsets = cmath.rect(1.0, pose.theta) * points.points + complex(pose.x, pose.y) - self._origins
-        offsets *= self._rotations
-        depth = self._near.take(self._first + bins(offsets, self._size))
+        offsets = cmath.rect(1.0, pose.theta) * points.points + complex(pose.x, pose.y) - self.origins
+        offsets *= self.rotations
+        depth = self.near.take(self.first + bins(offsets, self.size))
         depth -= np.abs(offsets)
         in_front: NDArray[np.bool_] = (depth > points.tolerance(margin)).any(axis=0)
         return in_front

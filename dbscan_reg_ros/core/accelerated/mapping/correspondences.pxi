@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robust alignment of a scan with all key frames, as `core.odometry.mapping.correspondences`."""
+
+
+def pair_weights_after(correspondences, const double[::1] step, double scale):
+    """Return errors [m] and weights ``(M,)`` of the pairs after a `step` ``(4,)``, by a kernel of the `scale` [m].
+
+    The weights of one point sum to at most 1, however many lines it lies on.
+    """
+    cdef const double[:, ::1] rows = correspondences.rows
+    cdef Py_ssize_t size = rows.shape[1]
+    errors, weights = np.empty(size), np.empty(size)
+    weigh(rows, correspondences.index, correspondences.size, correspondences.weights, step, scale, errors, weights)
+    return errors, weights
+
+
+cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_t points, given, const double[::1] step,
+               double scale, double[::1] error, double[::1] weight) except -1:
+    """Write the errors and weights of the pairs after a step; `given` weights multiply them."""
+    cdef double[::1] total = np.zeros(points)
+    cdef const double[::1] own = weight if given is None else given
+    cdef bint weighted = given is not None
+    cdef Py_ssize_t k
+    cdef double factor = -0.5 / (scale * scale)
+    with nogil:
+        for k in range(rows.shape[1]):
+            error[k] = step[0] * rows[0, k] + step[1] * rows[1, k] + step[2] * rows[2, k] + step[3] * rows[3, k]
+            weight[k] = exp(factor * error[k] * error[k])
+            total[index[k]] += weight[k]
+        for k in range(rows.shape[1]):
+            weight[k] /= max(total[index[k]], 1.0)
+            if weighted:
+                weight[k] *= own[k]
+    return 0
+
+
+def align(correspondences, start, prior, scales, double damping):
+    """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Of the scan at a pose nearby.
+    start : SE2
+        Initial pose in the odometry frame.
+    prior : PosePrior
+        Information in the odometry frame, in units of one point's.
+    scales : sequence of float [m]
+        Scales of the kernel.
+    damping : float
+        As for `symmetric_matrix.solve`.
+    """
+    pose = correspondences.pose
+    cdef const double[:, ::1] rows = correspondences.rows, known = prior.information
+    cdef const Py_ssize_t[::1] index = correspondences.index
+    cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1]), step = correspondences.step(start)
+    cdef double x = pose.x - prior.pose.x, y = pose.y - prior.pose.y, t = wrap(pose.theta - prior.pose.theta)
+    cdef Py_ssize_t k
+    cdef double[3] found
+    cdef Equations sums
+    for scale in scales:
+        weigh(rows, index, correspondences.size, correspondences.weights, step, scale, error, weight)
+        sums = Equations(known[0, 0], known[0, 1], known[0, 2], known[0, 0] * x + known[0, 1] * y + known[0, 2] * t,
+                         known[1, 1], known[1, 2], known[1, 0] * x + known[1, 1] * y + known[1, 2] * t,
+                         known[2, 2], known[2, 0] * x + known[2, 1] * y + known[2, 2] * t, 0.0)
+        for k in range(rows.shape[1]):
+            add_row(&sums, weight[k], rows[0, k], rows[1, k], rows[2, k], rows[3, k])
+        solve_step(&sums, damping, found)
+        step[0], step[1], step[2] = -found[0], -found[1], -found[2]
+    return SE2(pose.x + step[0], pose.y + step[1], wrap(pose.theta + step[2]))

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Dynamic points and movable objects, as `core.odometry.mapping.dynamic_points`."""
+
+
+def dynamic_points(points, pose, free_space, double margin):
+    """Determine which points of a scan are dynamic.
+
+    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to
+    be dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a
+    long wall: then these alone are dynamic.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+        P points in beam order.
+    pose : SE2
+        Predicted pose of the scan in the odometry frame.
+    free_space : FreeSpaceStack
+    margin : float [m]
+        Least distance in front of what a key frame saw; and between neighbours of two runs.
+
+    Returns
+    -------
+    (P,) bool
+    """
+    cdef const double complex[::1] own = points.points
+    cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0
+    cdef const double[::1] tolerance = np.broadcast_to(points.tolerance(margin), size).copy()
+    in_free_space = contains(own, pose, free_space, tolerance)
+    cdef const unsigned char[::1] flag = in_free_space
+    for k in range(size):
+        free += flag[k]
+    if not free:
+        return in_free_space
+    dynamic = in_free_space.copy()
+    cdef unsigned char[::1] moves = dynamic
+    cdef double least = dynamic_steps._MIN_RUN_RATIO
+    with nogil:
+        while start < size:
+            end, inside = start, 0
+            while end < size and (end == start or distance(own[end], own[end - 1]) <= margin):
+                inside += flag[end]
+                end += 1
+            for k in range(start, end):
+                moves[k] = flag[k] or <double> inside / <double> (end - start) > least
+                total += moves[k]
+            start = end
+    if <double> total / size < dynamic_steps._MAX_SCAN_RATIO:
+        return dynamic
+    return in_free_space if <double> free / size < dynamic_steps._MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
+
+
+cdef contains(const double complex[::1] own, pose, free_space, const double[::1] tolerance):
+    """Return which points of a scan lie in space that a key frame saw to be free."""
+    cdef const double complex[:, :] origins = free_space.origins, turns = free_space.rotations
+    cdef const double[::1] near = free_space.near
+    cdef const Py_ssize_t[:, :] sizes = free_space.size, first = free_space.first
+    cdef Py_ssize_t k, p, at
+    cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, x, y, dx, dy
+    flags = np.zeros(own.shape[0], dtype=bool)
+    cdef unsigned char[::1] flag = flags
+    with nogil:
+        for p in range(own.shape[0]):
+            x = c * own[p].real - s * own[p].imag + x0
+            y = s * own[p].real + c * own[p].imag + y0
+            for k in range(origins.shape[0]):
+                dx, dy = x - origins[k, 0].real, y - origins[k, 0].imag
+                at = first[k, 0] + bin_of(turns[k, 0].real * dx - turns[k, 0].imag * dy,
+                                          turns[k, 0].imag * dx + turns[k, 0].real * dy, sizes[k, 0])
+                if near[at] - hypot(dx, dy) > tolerance[p]:
+                    flag[p] = True
+                    break
+    return flags
+
+
+def detached_points(points, double size, double margin, bint closed):
+    """Determine which points belong to small detached objects: deeper space, or the end of the scan, is on both sides.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+        P points in beam order.
+    size : float [m]
+        Objects are smaller than this.
+    margin : float [m]
+        Least difference in depth on both sides; and least distance between neighbours of two objects.
+    closed : bool
+        Whether the beams cover the full circle, so that the first follows the last.
+
+    Returns
+    -------
+    (P,) bool
+    """
+    cdef const double complex[::1] own = points.points
+    cdef Py_ssize_t count = own.shape[0], shift = 0, start, end, k, seen = 0
+    detached = np.zeros(count, dtype=bool)
+    cdef unsigned char[::1] flag = detached
+    cdef double near_before, near_after
+    cdef bint joined
+    if not count:
+        return detached
+    with nogil:
+        joined = closed and distance(own[0], own[count - 1]) <= margin
+        if joined:
+            # Begin at the first cut, so that no object continues from the last point to the first.
+            shift = 1
+            while shift < count and distance(own[shift], own[shift - 1]) <= margin:
+                shift += 1
+            shift %= count
+        while seen < count:
+            start, end = (seen + shift) % count, seen + 1
+            while end < count and distance(own[(end + shift) % count], own[(end + shift - 1) % count]) <= margin:
+                end += 1
+            near_before = near_after = INFINITY
+            if closed or seen:
+                near_before = modulus(own[(start + count - 1) % count])
+            if closed or end < count:
+                near_after = modulus(own[(end + shift) % count])
+            if (extent(own, start, end - seen) < size and near_before > modulus(own[start]) + margin
+                    and near_after > modulus(own[(end + shift - 1) % count]) + margin):
+                for k in range(seen, end):
+                    flag[(k + shift) % count] = True
+            seen = end
+    return detached
+
+
+cdef double extent(const double complex[::1] points, Py_ssize_t start, Py_ssize_t count) except -1.0 nogil:
+    """Return the diagonal of the box around `count` points from `start` on, cyclically."""
+    cdef double complex point = points[start]
+    cdef double left = point.real, right = point.real, low = point.imag, high = point.imag
+    cdef Py_ssize_t k
+    for k in range(start + 1, start + count):
+        point = points[k % points.shape[0]]
+        left, right, low, high = min(left, point.real), max(right, point.real), min(low, point.imag), max(high, point.imag)
+    return hypot(right - left, high - low)
+
+
+def beside(points, const unsigned char[::1] dynamic, double margin):
+    """Determine which points lie close to dynamic points: most likely the rest of an object that touches a wall.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+        P points in beam order.
+    dynamic : (P,) bool
+    margin : float [m]
+        Largest distance from the last dynamic point before a point, or from the first after it.
+
+    Returns
+    -------
+    (P,) bool
+    """
+    cdef const double complex[::1] own = points.points
+    cdef Py_ssize_t size = own.shape[0], k, last = -1
+    near = np.zeros(size, dtype=bool)
+    cdef unsigned char[::1] flag = near
+    with nogil:
+        for k in range(size):
+            if dynamic[k]:
+                last = k
+            flag[k] = last >= 0 and distance(own[last], own[k]) <= margin
+        last = -1
+        for k in range(size - 1, -1, -1):
+            if dynamic[k]:
+                last = k
+            flag[k] = flag[k] or (last >= 0 and distance(own[last], own[k]) <= margin)
+    return near
