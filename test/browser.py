@@ -75,8 +75,8 @@ class Browser:
             self._note(event)
 
     def value(self, expression):
-        """What a JavaScript expression gives in the page."""
-        result = self.call('Runtime.evaluate', expression=expression, returnByValue=True)
+        """What a JavaScript expression gives in the page; of a promise, what it is fulfilled with."""
+        result = self.call('Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True)
         assert 'exceptionDetails' not in result, result
         return result['result'].get('value')
 
@@ -90,6 +90,42 @@ class Browser:
         }})()''')
         for kind in ('mousePressed', 'mouseReleased'):
             self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+
+    def screen(self, width, height, dark=False):
+        """Set the size of the screen, with touch where it is narrow, and what theme the user prefers."""
+        narrow = width < 700
+        self.call('Emulation.setDeviceMetricsOverride', width=width, height=height, deviceScaleFactor=1, mobile=narrow)
+        self.call('Emulation.setTouchEmulationEnabled', enabled=narrow, maxTouchPoints=5 if narrow else 1)
+        self.call('Emulation.setEmulatedMedia', features=[
+            {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
+
+    def mouse(self, kind, x, y, **more):
+        """Send a mouse event: ``mousePressed``, ``mouseMoved``, ``mouseReleased`` or ``mouseWheel``."""
+        self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **{'button': 'left', 'clickCount': 1, **more})
+
+    def tap(self, x, y):
+        """Touch the screen at a place with one finger."""
+        self.touch('touchStart', (x, y))
+        self.touch('touchEnd')
+
+    def touch(self, kind, *fingers):
+        """Send a touch event with fingers at the given places."""
+        points = [{'x': x, 'y': y, 'id': finger} for finger, (x, y) in enumerate(fingers)]
+        self.call('Input.dispatchTouchEvent', type=kind, touchPoints=points)
+
+    def press(self, key, code=None):
+        """Press and release a key, by its name in JavaScript."""
+        codes = {'Tab': 9, 'Enter': 13, 'Escape': 27, ' ': 32, 'ArrowLeft': 37, 'ArrowUp': 38, 'ArrowRight': 39,
+                 'ArrowDown': 40}
+        text = {'Enter': '\r'}.get(key, key if len(key) == 1 else '')
+        for kind in ('keyDown', 'keyUp'):
+            more = {'text': text} if text and kind == 'keyDown' else {}
+            self.call('Input.dispatchKeyEvent', type=kind, key=key, code=code or key,
+                      windowsVirtualKeyCode=codes.get(key, ord(key[0].upper())), **more)
+
+    def frame(self):
+        """Wait until the page has drawn what was asked for until now."""
+        self.value('new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))')
 
     def picture(self, path):
         """Write what is to be seen as a PNG."""

@@ -132,6 +132,7 @@ def replay_one(job) -> Replayed:
     from ..recordings import open_recording, write_tum
     from ..replays.faults import Faults
     from ..replays.loops import Loops
+    from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
     from ..replays.result_folder import new_folder, point_latest
     from ..replays.results import Results
@@ -143,8 +144,9 @@ def replay_one(job) -> Replayed:
     recording = open_recording(job.path, job.topic)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
-    results = Results(folder, recording, job.parameters, Trajectory(yaw=mounting.pose.theta), PairsToReview(),
-                      Loops() if job.close_loops else None, faults)
+    yaw = mounting.pose.theta
+    results = Results(folder, recording, job.parameters, Trajectory(yaw=yaw), PairsToReview(),
+                      Loops() if job.close_loops else None, faults, ScanHistory(yaw))
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     trajectory, broken = results.trajectory, None
@@ -190,7 +192,8 @@ def _follow(results, mounting):
     recording, parameters = results.recording, results.parameters
     trajectory, faults = results.trajectory, results.faults
     stack = ExitStack()
-    reports = {'pairs to review': results.to_review.add, 'closed.tum': results.loops and results.loops.add}
+    reports = {'pairs to review': results.to_review.add, 'report.html': results.history.add,
+               'closed.tum': results.loops and results.loops.add}
     if _writes_bags():
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}

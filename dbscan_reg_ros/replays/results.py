@@ -13,8 +13,9 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .faults import Faults
 from .loops import Loops
+from .page.report import ClosedMap, Report, write_report
+from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
-from .report import Report, write_report
 from .summary import summarise, write_metrics
 from .trajectory import Trajectory
 
@@ -36,6 +37,8 @@ class Results:
         None: loops are not closed.
     faults : Faults
         Collects the results that cannot be written, with the reasons.
+    history : ScanHistory
+        What the page shows of each scan.
     """
 
     folder: Path
@@ -45,6 +48,7 @@ class Results:
     to_review: PairsToReview
     loops: Loops | None
     faults: Faults
+    history: ScanHistory
 
     def write(self, register='') -> list:
         """Write metrics, pictures and page; return the summary as (name, text) pairs.
@@ -57,9 +61,7 @@ class Results:
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
         write_metrics(self.folder / 'metrics.json', self.recording, measures)
         truth = self.faults.attempt('truth.tum', self._truth, known)
-        if closed:
-            title = f'{name}: {len(poses)} scans, {len(closed[1])} places seen again'
-            self._draw('map_closed.png', closed[0], title, truth)
+        closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
         summary = [*(('note', note) for note in self.recording.notes),
@@ -67,8 +69,8 @@ class Results:
         if density:
             with self.faults.noted('report.html'):
                 lines = [('recording', str(self.recording.path)), *summary]
-                report = Report(title, lines, known, self.trajectory, density,
-                                pairs=self._pairs(), parameters=self.parameters, register=register)
+                report = Report(title, lines, known, self.trajectory, density, self._pairs(), self.parameters, register,
+                                self.history, closed_map)
                 write_report(self.folder / 'report.html', report)
         return summary
 
@@ -92,6 +94,13 @@ class Results:
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
         write_tum(self.folder / 'closed.tum', self.trajectory.stamps, closed)
         return closed, pairs
+
+    def _draw_closed(self, closed, truth):
+        """Draw the map along the corrected poses; its `ClosedMap`, or None."""
+        poses, pairs = closed
+        title = f'{self.recording.name}: {len(poses)} scans, {len(pairs)} places seen again'
+        density = self._draw('map_closed.png', poses, title, truth)
+        return ClosedMap(poses, pairs, density) if density else None
 
     def _draw(self, file, poses, title, truth):
         """Draw the map along the poses; its `DensityMap`, or None."""

@@ -55,7 +55,7 @@ def test_style_alone_runs_no_test(checks):
     assert checks('style') == (0, ['ruff check', 'mypy'])
 
 
-@pytest.mark.parametrize('folder', ['unit', 'recordings', 'node', 'fuzz', 'long'])
+@pytest.mark.parametrize('folder', ['unit', 'recordings', 'page', 'node', 'fuzz', 'long'])
 def test_a_folder_of_tests_runs_by_its_name(checks, root, folder):
     assert (root / 'test' / folder).is_dir()
     assert checks(folder, '-k', 'some') == (0, [f'python -m pytest {SIDE_BY_SIDE} test/{folder} -k some'])

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Series along a drive for the page of a replay: one value for each scan that is kept."""
+from itertools import pairwise
+
+import numpy as np
+
+from ...core.registration.records import Status
+from ...evaluation.metrics import align, apart, errors, path_lengths, related
+from ...recordings import interpolate
+from ...recordings.poses import compose, relative
+from .encoding import packed, rounded
+from .scan_history import RESOLUTION, packed_scans
+
+DRIVE = 1.0
+"""Below this distance [m] the plots have the scan number on their axis instead of the distance."""
+METRES = 1.0
+"""Errors are those of the motion over this distance."""
+LONGEST_STEP = 1.0
+"""Steps of the stamps [s] that are longer, or negative, count as this long, or not at all, when the drive is played."""
+MOST_POSES = 20_000
+"""Number of key frames and of loops that are drawn."""
+LEVELS = [status.value for status in Status]
+
+
+def drive_data(report) -> dict:
+    """Return what the page shows at each scan that is kept of the drive; arrays are packed texts.
+
+    Where scans are dropped, errors and times are the largest since the kept scan before the next one.
+    """
+    trajectory, records = report.trajectory, report.history.records()
+    records = [record for record in records if record.number < len(trajectory.poses)]
+    kept = np.array([record.number for record in records], dtype=int)
+    poses, scans = trajectory.pose_array(), np.flatnonzero(trajectory.used)
+    distance = path_lengths(poses) if len(poses) else np.zeros(0)
+    moved = not len(distance) or distance[-1] >= DRIVE
+    along = distance if moved else scans.astype(float)
+    sources = [record.reference_number for record in records]
+    others = list(_others(report.known, trajectory.stamps, poses))
+    reasons = list(dict.fromkeys(record.reason for record in records))
+    number_of = {reason: number for number, reason in enumerate(reasons)}
+    return {
+        'count': len(kept), 'dropped': _dropped(report.history, len(poses), len(kept)),
+        'along': {'label': 'distance driven [m]' if moved else 'scan', 'unit': 'm' if moved else '',
+                  'end': max(float(along.max(initial=0.0)), 1.0), 'at': packed(along[kept])},
+        'scan': packed(scans[kept], '<i4'), 'time': packed(_playing_time(trajectory.stamps)[kept]),
+        'pose': packed(poses[kept]), 'distance': packed(distance[kept]),
+        'sigma': packed(_ellipses(records)),
+        'status': packed([LEVELS.index(record.status.value) for record in records], '<u1'),
+        'reason': packed([number_of[record.reason] for record in records], '<i4'), 'reasons': reasons,
+        'overlap': packed([record.overlap for record in records]),
+        'reference': packed([scans[source] if source >= 0 else -1 for source in sources], '<i4'),
+        'statusNames': LEVELS, 'resolution': RESOLUTION,
+        'points': packed([len(record.points) for record in records], '<u2'),
+        'segments': packed([len(record.segments) for record in records], '<u2'),
+        'others': [{'kind': kind, 'name': name, 'at': packed(path[kept])} for kind, name, path in others],
+        'keyFrames': _key_frames(records, poses, report.closed), 'closed': _closed(report.closed, poses, kept),
+        'plots': [*_error_plots(report.known, trajectory.stamps, poses, kept),
+                  *_time_plot(trajectory.milliseconds, kept)],
+        'scans': packed_scans(records),
+    }
+
+
+def _dropped(history, used, kept):
+    """Say which scans and beams the page leaves out; empty if none."""
+    parts = [f'every {step}. scan with status {name}' for step, name in
+             ((history.scan_step, 'OK'), (history.not_ok_step, 'other than OK')) if step > 1]
+    if history.scan_step > 1 and history.not_ok_step == 1:
+        parts.append('every scan with another status')
+    if history.beam_step > 1:
+        parts.append(f'every {history.beam_step}. return of each scan')
+    return f'The page holds {kept} of {used} scans: {", ".join(parts)}.' if parts else ''
+
+
+def _playing_time(stamps):
+    """Return the time since the first scan ``(N,)`` [s], without jumps and gaps of the stamps."""
+    steps = np.diff(np.asarray(stamps, dtype=np.int64)) * 1e-9
+    return np.concatenate(([0.0][:len(stamps)], np.cumsum(np.clip(steps, 0.0, LONGEST_STEP))))
+
+
+def _ellipses(records):
+    """Return semi-axes [m], direction of the longer one [rad] and deviation of theta [rad] of each pose, ``(K, 4)``."""
+    if not records:
+        return np.zeros((0, 4))
+    covariances = np.array([record.covariance for record in records])
+    values, vectors = np.linalg.eigh(covariances[:, :2, :2])
+    axes = np.sqrt(np.maximum(values, 0.0))
+    return np.column_stack((axes[:, 1], axes[:, 0], np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]),
+                            np.sqrt(covariances[:, 2, 2])))
+
+
+def _others(known, stamps, poses):
+    """Yield kind, name and positions ``(N, 2)`` of known trajectories, moved into the frame of the odometry's."""
+    for kind, name, other in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
+        if other is None:
+            continue
+        path = interpolate(*other, stamps)
+        there = np.isfinite(path).all(axis=1)
+        if np.count_nonzero(there) <= 1:
+            continue
+        found, ours = path[there], poses[there]
+        if kind == 'truth':
+            path[there] = align(found, ours)
+        else:
+            path[there] = compose(np.broadcast_to(ours[0], found.shape),
+                                  relative(np.broadcast_to(found[0], found.shape), found))
+        yield kind, name, path[:, :2]
+
+
+def _thinned(rows):
+    return rows[::-(-len(rows) // MOST_POSES) or 1]
+
+
+def _key_frames(records, poses, closed):
+    """Return positions of the key frames that are kept, before and after loops are closed."""
+    numbers = _thinned(np.array([record.number for record in records if record.key_frame], dtype=int))
+    return {'open': packed(poses[numbers, :2]), 'closed': packed(closed.poses[numbers, :2]) if closed else ''}
+
+
+def _closed(closed, poses, kept):
+    """Return poses after loop closing, and both ends of each loop before and after."""
+    if not closed:
+        return None
+    pairs = _thinned(np.asarray(closed.pairs, dtype=int).reshape(-1, 2))
+    return {'pose': packed(closed.poses[kept]), 'count': len(closed.pairs),
+            'loops': {'open': packed(poses[pairs, :2]), 'closed': packed(closed.poses[pairs, :2])}}
+
+
+def _error_plots(known, stamps, poses, kept):
+    """Yield the errors along the drive: by the truth, else by relations, else as the difference from the wheels."""
+    found = None
+    if known.truth:
+        found = 'Error over the next metre', 'against the truth', _over_a_metre(known.truth, stamps, poses)
+    elif known.relations and len(poses):
+        first, second, there = related(stamps, known.relations)
+        values = errors(relative(poses[first], poses[second]), known.relations.motions[there])
+        found = 'Error of relations', 'at the later scan', _of_scans(len(poses), second, values)
+    elif known.wheels:
+        found = 'Difference from the wheels over the next metre', '', _over_a_metre(known.wheels, stamps, poses)
+    if found is None or not np.isfinite(found[2]).any():
+        return
+    name, note, values = found
+    for what, unit, row in zip(('translation', 'rotation'), ('m', 'deg'), values, strict=True):
+        yield {'id': what, 'name': f'{name}: {what}', 'short': f'{what} error', 'note': note, 'unit': unit, 'log': True,
+               'values': packed(_largest(row, kept))}
+
+
+def _over_a_metre(trajectory, stamps, poses):
+    """Return errors ``(2, N)`` [m], [deg] of the motion from each scan over the next metre of `trajectory`."""
+    reference = interpolate(*trajectory, stamps)
+    there = np.flatnonzero(np.isfinite(reference).all(axis=1))
+    reference, ours = reference[there], poses[there]
+    scans, later = apart(reference, METRES) if len(reference) else (there, there)
+    values = errors(relative(ours[scans], ours[later]), relative(reference[scans], reference[later]))
+    return _of_scans(len(poses), there[scans], values)
+
+
+def _of_scans(count, scans, values):
+    """Return the largest value of each scan ``(2, count)``, not a number for those without."""
+    rows = np.full((2, count), np.nan)
+    for row, each in zip(rows, values, strict=True):
+        np.fmax.at(row, scans, each)
+    return rows
+
+
+def _largest(values, kept):
+    """Return the largest of the `values` ``(N,)`` from each kept scan to the next."""
+    return np.fmax.reduceat(values, kept) if len(kept) else np.zeros(0)
+
+
+def _time_plot(milliseconds, kept):
+    """Yield the processing times along the drive."""
+    if len(kept):
+        times = np.array(milliseconds)
+        median, p95 = np.percentile(times, (50, 95))
+        yield {'id': 'time', 'name': 'Processing time', 'short': 'processing time', 'unit': 'ms', 'log': True,
+               'note': f'median {median:.2f} ms, 95 % below {p95:.2f} ms, longest {times.max():.1f} ms',
+               'values': packed(_largest(times, kept))}
+
+
+def sections(report, most=25) -> list:
+    """Return a table of the drive in up to `most` equal sections: from, to, scans, not OK, largest errors and time.
+
+    Each row holds the distance or scan number where the section begins and ends, the number of scans and of those that
+    are not OK, and the longest processing time [ms].
+    """
+    trajectory = report.trajectory
+    count = len(trajectory.poses)
+    if not count:
+        return []
+    distance = path_lengths(trajectory.pose_array())
+    bad = np.array([status is not Status.OK for status in trajectory.statuses])
+    edges = np.unique(np.linspace(0, count, min(most, count) + 1).astype(int))
+    return [rounded([distance[start], distance[end - 1], end - start, bad[start:end].sum(),
+                     max(trajectory.milliseconds[start:end])], 2) for start, end in pairwise(edges)]

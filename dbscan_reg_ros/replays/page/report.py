@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Report of a replay: one page that opens in any browser, without a network."""
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.parameters.tree import Parameters
+from ...evaluation.known_motion import KnownMotion
+from ...figures.plots import DensityMap
+from ...recordings.files import replacing
+from ..trajectory import Trajectory
+from .drive_data import drive_data, sections
+from .encoding import picture, rounded, script_json
+from .scan_history import ScanHistory
+
+SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js'
+"""Parts of the script of the page, in their order."""
+
+
+class ClosedMap(NamedTuple):
+    """Result of loop closing.
+
+    Attributes
+    ----------
+    poses : (N, 3) float
+        Corrected poses of the sensor at every scan that was used [m, m, rad].
+    pairs : (L, 2) int
+        Numbers of the two scans of each loop.
+    density : DensityMap
+        Map along the corrected poses.
+    """
+
+    poses: np.ndarray
+    pairs: np.ndarray
+    density: DensityMap
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What the page of a replay shows.
+
+    Attributes
+    ----------
+    title : str
+    summary : list of (str, str)
+        Name and text of each line at the top.
+    known : KnownMotion
+        Truth, relations and wheel odometry that the trajectory is compared with.
+    trajectory : Trajectory
+    density : DensityMap
+        Map along the trajectory.
+    pairs : list of PairToReview
+    parameters : Parameters
+    register : str
+        Command that shows a pair of scans once their numbers are appended.
+    history : ScanHistory
+        What is shown of each scan.
+    closed : ClosedMap or None
+        None if loops were not closed.
+    """
+
+    title: str
+    summary: list
+    known: KnownMotion
+    trajectory: Trajectory
+    density: DensityMap
+    pairs: list
+    parameters: Parameters
+    register: str = ''
+    history: ScanHistory = field(default_factory=ScanHistory)
+    closed: ClosedMap | None = None
+
+
+def write_report(path: Path, report: Report) -> None:
+    """Write the page of a replay to `path`."""
+    drive = drive_data(report)
+    scans = drive.pop('scans')
+    with replacing(path) as file:
+        for part in page_parts({'data': script_json(_page_data(report, drive)), 'scans': scans}):
+            file.write(part)
+
+
+def page_parts(contents):
+    """Yield the page with its style, its script and the `contents`, name -> text, at their places."""
+    folder = resources.files(__package__)
+    contents = contents | {'style': folder.joinpath('style.css').read_text(encoding='utf-8'),
+                           'script': ''.join(folder.joinpath(name).read_text(encoding='utf-8') for name in SCRIPTS)}
+    before, *rest = folder.joinpath('report.html').read_text(encoding='utf-8').split('{{')
+    yield before
+    for part in rest:
+        name, _, after = part.partition('}}')
+        yield contents[name]
+        yield after
+
+
+def _page_data(report, drive):
+    """Collect what the script of the page reads, as plain numbers and texts."""
+    scans = np.flatnonzero(report.trajectory.used)
+    return {
+        'title': report.title, 'summary': report.summary, 'drive': drive,
+        'map': _map(report.density), 'closedMap': _map(report.closed.density) if report.closed else None,
+        'nothing': '' if any(plot['id'] == 'translation' for plot in drive['plots']) else _nothing(report.known),
+        'pairs': [_pair_data(pair, scans) for pair in report.pairs],
+        'register': report.register, 'sections': sections(report),
+        'parameters': list(_parameters(report.parameters)),
+    }
+
+
+def _map(density):
+    return {'image': picture(density.ink), 'extent': rounded(density.extent)}
+
+
+def _pair_data(pair, scans):
+    """Describe a pair to review; `scans` are the numbers, in the recording, of the scans that were used."""
+    return {'number': pair.number, 'scan': int(scans[pair.number]), 'on': int(scans[pair.reference_number]),
+            'status': pair.status.value, 'reason': pair.reason, 'overlap': round(float(pair.overlap), 3),
+            'reference': rounded(pair.reference.T), 'current': rounded(pair.current.T),
+            'lines': [rounded(lines.reshape(-1, 4)) for lines in (pair.reference_lines, pair.current_lines)]}
+
+
+def _nothing(known):
+    """Say why the page shows no errors."""
+    if known.truth or known.relations or known.wheels:
+        return 'No part of the trajectory is long enough for a comparison with the known motion.'
+    return 'The true motion is unknown.'
+
+
+def _parameters(parameters):
+    values = parameters.flatten()
+    for d in parameters.describe():
+        value = values[d.name]
+        yield {'name': d.name, 'value': _text(value), 'default': _text(d.default), 'unit': d.unit, 'help': d.help,
+               'changed': value != d.default}
+
+
+def _text(value):
+    return str(list(value) if isinstance(value, tuple) else value)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of a drive for the page of a replay: returns, segments, covariance and status, in bounded memory."""
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.geometry.se2 import SE2, turned
+from ...core.registration.records import Status
+from .encoding import packed
+
+RESOLUTION = 0.005
+"""Resolution of the stored coordinates [m]: with 16 bits they reach 163 m."""
+LARGEST = 32767
+MOST_SCANS = 20_000
+"""Number of scans that are kept of those with status OK,"""
+MOST_NOT_OK = 60_000
+"""and of the others."""
+MOST_POINTS = 2_500_000
+"""Number of returns that are kept of all scans together."""
+
+
+class ScanRecord(NamedTuple):
+    """What the page shows of one scan.
+
+    Attributes
+    ----------
+    number, reference_number : int
+        Of the scan and of its reference among those used, from 0; a reference of -1: none.
+    status : Status
+    reason : str
+        Why the status is not ``OK``, or why tracking restarted.
+    overlap : float
+        Fraction of the returns on the reference's surfaces, 0..1; 0 if not registered.
+    key_frame : bool
+    covariance : (3, 3) float
+        Of the pose for (x, y, theta) in the frame of the trajectory [m, m, rad].
+    points : (P, 2) int16
+        Returns in the frame of the sensor, in units of `RESOLUTION`.
+    segments : (K, 4) int16
+        Start and end of each segment, likewise.
+    """
+
+    number: int
+    reference_number: int
+    status: Status
+    reason: str
+    overlap: float
+    key_frame: bool
+    covariance: np.ndarray
+    points: np.ndarray
+    segments: np.ndarray
+
+
+class ScanHistory:
+    """Collect a `ScanRecord` of each scan; of long drives every n-th scan and beam, and all scans that are not OK.
+
+    Parameters
+    ----------
+    yaw : float
+        The scans are rotated by this angle [rad] before the odometry, as by `sensor_mounting.turned`.
+    most_scans, most_points : int
+        Number of OK scans and of returns that are kept. Whenever there are more, every other one is dropped.
+
+    Attributes
+    ----------
+    scan_step, not_ok_step, beam_step : int
+        Every how many OK scans, other scans and beams are kept; powers of two.
+    """
+
+    def __init__(self, yaw=0.0, most_scans=MOST_SCANS, most_points=MOST_POINTS):
+        self._back = SE2(theta=-yaw)
+        self._most = {True: most_scans, False: MOST_NOT_OK}
+        self._most_points = most_points
+        self._steps = {True: 1, False: 1}
+        self._counts = {True: 0, False: 0}
+        self._seen = {True: 0, False: 0}
+        self._records, self._points = [], 0
+        self.beam_step = 1
+
+    @property
+    def scan_step(self) -> int:
+        """Every how many OK scans one is kept."""
+        return self._steps[True]
+
+    @property
+    def not_ok_step(self) -> int:
+        """Every how many scans with another status one is kept."""
+        return self._steps[False]
+
+    def add(self, update):
+        """Take the `OdometryUpdate` of the next scan."""
+        ok = update.status is Status.OK
+        place = self._seen[ok]
+        self._seen[ok] += 1
+        if place % self._steps[ok] and update.number:
+            return
+        record = self._record(update)
+        self._records.append((place, record))
+        self._counts[ok] += 1
+        self._points += len(record.points)
+        if self._counts[ok] > self._most[ok]:
+            self._drop_scans(ok)
+        if self._points > self._most_points:
+            self._drop_beams()
+
+    def records(self) -> list:
+        """Every `ScanRecord` that is kept, in the order of the scans."""
+        return [record for _, record in self._records]
+
+    def _record(self, update):
+        registration, segments = update.registration, update.features.segments
+        points = update.features.scan.points[update.features.scan.valid]
+        if self._back.theta:
+            points = self._back.apply(points)
+        ends = self._back.apply(np.concatenate((segments.start, segments.end), axis=1).reshape(-1, 2)).reshape(-1, 4)
+        return ScanRecord(
+            update.number, -1 if update.reference_number is None or registration is None else update.reference_number,
+            update.status, (registration.reason if registration else '') or update.restarted,
+            registration.overlap if registration else 0.0, update.reference_changed or registration is None,
+            turned(update.covariance, self._back.theta), _stored(points)[::self.beam_step], _stored(ends))
+
+    def _drop_scans(self, ok):
+        """Keep every other scan of those that are OK, or of those that are not."""
+        self._steps[ok] *= 2
+        self._records = [(place, record) for place, record in self._records if (record.status is Status.OK) is not ok
+                         or place % self._steps[ok] == 0 or record.number == 0]
+        self._counts[ok] = sum((record.status is Status.OK) is ok for _, record in self._records)
+        self._points = sum(len(record.points) for _, record in self._records)
+
+    def _drop_beams(self):
+        """Keep every other return of all scans."""
+        self.beam_step *= 2
+        self._records = [(place, record._replace(points=record.points[::2].copy())) for place, record in self._records]
+        self._points = sum(len(record.points) for _, record in self._records)
+
+
+def _stored(coordinates):
+    """Return coordinates ``(..., D)`` [m] in units of `RESOLUTION`, without the rows that are out of reach."""
+    units = np.rint(coordinates / RESOLUTION)
+    return units[(np.abs(units) <= LARGEST).all(axis=-1)].astype(np.int16)
+
+
+def packed_scans(records) -> str:
+    """Return returns and segments of all scans, compressed, as the base64 text of one series of int16.
+
+    First the coordinates of all returns, each as the difference from the last one, which compresses better; then all
+    segments, start and end.
+    """
+    points = np.concatenate([np.empty((0, 2), dtype=np.int16), *(record.points for record in records)])
+    steps = np.diff(points, axis=0, prepend=np.zeros((1, 2), dtype=np.int16))
+    segments = np.concatenate([np.empty((0, 4), dtype=np.int16), *(record.segments for record in records)])
+    content = np.concatenate((steps.ravel(), segments.ravel())).astype('<i2')
+    return packed(np.frombuffer(zlib.compress(content.tobytes(), 6), dtype=np.uint8), np.uint8)
