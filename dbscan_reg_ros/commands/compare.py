@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """``compare A B FILE...``: two parameter sets or methods on the same recordings."""
+import string
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..evaluation.method_names import METHODS
-from ..paths import config_folder, ready_made
+from ..paths import ready_made
 from .command_line import (
     FAILED,
+    INCOMPLETE,
     CommandError,
     add_recordings,
     add_workers,
@@ -17,115 +20,88 @@ from .command_line import (
     run,
     seed,
 )
+from .competitors import Competitor, follow_all
 
 ALL = 'all'
+LETTERS = string.ascii_uppercase
+"""Names of the competitors in the table."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
                          'worse. Prints and draws the paired differences of the errors over 1 m with confidence '
-                         'intervals (95 % for translation and rotation together). Exit status 0: B is not worse; 1: B '
-                         'is worse.')
+                         'intervals (95 % for translation and rotation together), and the measures of evo where the '
+                         'truth is known. More competitors are compared with A and reported. Exit status 0: B is not '
+                         'worse; 1: B is worse; 3: no verdict, as B lacks more than 10 % of the scans.')
     for name in 'ab':
         parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or a parameter set: defaults, '
-                            f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults)')
+                            f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults), '
+                            'MODULE:FUNCTION; or NAME=FILE, as for --trajectory')
     add_recordings(parser)
+    parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
+                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose of a scan in '
+                        'the frame of another; may be repeated')
+    parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
+                        'parameter file or a parameter set; may be repeated')
+    parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
+                        'the trajectory of another program in the form of TUM; NAME=FILE.tum@X,Y,DEG with the pose of '
+                        'the sensor on the body whose poses these are; NAME=FOLDER with a file RECORDING.tum for each '
+                        'recording; may be repeated')
+    parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, for one recording: TUM, or the '
+                        'columns index,x,y,theta (default: those in or beside the recording)')
+    parser.add_argument('--all', action='store_true', help='the exit status counts all competitors, not only B')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the bootstrap (default: 0)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='write the table and the picture to '
-                        'DIR/compare/DATE and link it as DIR/compare/latest (default: results)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the table, the picture and the '
+                        'trajectories to DIR/compare/DATE and link it as DIR/compare/latest (default: results)')
     add_workers(parser)
     return run(parser, compare, argv)
 
 
 def compare(args):
-    """Run both over every recording, print and write the comparison; return 1 if B is worse, else 0."""
-    from ..evaluation.comparison import known_motion, paired
+    """Run all over every recording, print and write the comparison; return 1 if one that counts is worse than A."""
+    from ..evaluation.comparison import known_motion
+    from ..evaluation.known_motion import KnownMotion
     from ..recordings import find_recording
+    from ..recordings.truth import read_truth
     from ..replays.result_folder import new_folder, point_latest
     from .workers import processors, workers
 
-    competitors = _competitors((args.a, args.b))
+    competitors = chosen(args)
     paths = [find_recording(file, args.data) for file in args.files]
-    known = [known_motion(recording) for recording in open_all('compare', paths, args.topic)]
+    if args.truth and len(paths) > 1:
+        raise CommandError(f'--truth {args.truth}: expected one recording; put truth.tum beside each of several')
+    recordings = open_all('compare', paths, args.topic)
+    if args.truth:
+        known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
+    else:
+        known = [known_motion(recording) for recording in recordings]
     if args.scheduler:
         paths = [path.absolute() for path in paths]
-    with workers(min(args.processes or processors(), 2 * len(paths)), args.scheduler) as executor:
+    with workers(min(args.processes or processors(), len(competitors) * len(paths)), args.scheduler) as executor:
         trajectories = follow_all(executor, paths, args.topic, competitors)
     names = unique([path.name for path in paths])
-    pairs = {name: paired(motion, *pair) for name, motion, pair in zip(names, known, trajectories, strict=True)}
-    table = differences(pairs, args.seed)
-    text = describe(table, args.a, args.b)
-    print(text, flush=True)
+    comparisons = compared(dict(zip(names, zip(known, trajectories, strict=True), strict=True)), competitors, args.seed)
     folder = new_folder(Path(args.out) / 'compare')
-    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
-    write_differences(folder, table, args.a, args.b)
+    lines = measures(folder, unique([recording.name for recording in recordings]), known, trajectories)
+    text = '\n'.join([*map(describe, comparisons), *lines])
+    print(text, flush=True)
+    write_comparison(folder, comparisons, text)
     point_latest(folder)
     print(f'results  {folder}')
-    return FAILED if any(d.worse for d in table[ALL]) else 0
+    return status([*comparisons] if args.all else comparisons[:1])
 
 
-def _competitors(names):
-    """Return the `Competitor` of each of the `names`; print which of their parameters have no effect."""
+def chosen(args) -> list:
+    """Return the competitors of the arguments, A first; print which of their parameters have no effect."""
     from ..robot.parameters import METHOD
 
-    competitors = [Competitor.named(name) for name in names]
-    for name, competitor in zip(names, competitors, strict=True):
+    competitors = [*map(Competitor.named, (args.a, args.b)), *map(Competitor.with_method, args.method),
+                   *map(Competitor.named, args.parameters), *map(Competitor.with_trajectory, args.trajectory)]
+    for competitor in competitors:
         if competitor.parameters:
-            note_unused('compare', name, competitor.parameters, METHOD)
+            note_unused('compare', competitor.name, competitor.parameters, METHOD)
     return competitors
-
-
-
-@dataclass(frozen=True)
-class Competitor:
-    """One side of the comparison: the odometry with `parameters`, or the method called `method`."""
-
-    parameters: object = None
-    method: str = ''
-
-    @classmethod
-    def named(cls, name) -> 'Competitor':
-        """Return the competitor that an argument names: a method, ``defaults`` or a parameter file."""
-        from ..evaluation.methods import FACTORIES, method
-        from ..robot.parameter_files import read_parameters
-        from ..robot.parameters import NodeParameters
-
-        if name in ('defaults', 'dbscan'):
-            return cls(NodeParameters())
-        if name in FACTORIES and not Path(name).exists():
-            method(name)
-            return cls(method=name)
-        if name in ready_made() and not Path(name).exists():
-            return cls(read_parameters(config_folder() / f'{name}.yaml'))
-        if not Path(name).exists():
-            raise CommandError(f'{name}: no such file; expected a parameter file, a parameter set: defaults, '
-                               f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}')
-        return cls(read_parameters(name))
-
-    def tracker(self):
-        """Make a tracker with ``process(scan)`` in its initial state."""
-        from ..core.odometry.pipeline import Odometry
-        from ..evaluation.trackers import tracker
-        return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
-
-
-def follow_one(path, topic, competitor):
-    """Run the competitor over the recording at `path`; return its `Trajectory`."""
-    from ..recordings import open_recording
-    from ..replays.trajectory import Trajectory
-    from .workers import watched
-
-    recording, trajectory = open_recording(path, topic), Trajectory()
-    for _ in trajectory.follow(watched(recording.scans(), recording.name, recording.count), competitor.tracker()):
-        pass
-    return trajectory
-
-
-def follow_all(executor, paths, topic, competitors):
-    """Run every competitor over every recording; return a list of `Trajectory` for each recording."""
-    futures = [[executor.submit(follow_one, path, topic, competitor) for competitor in competitors] for path in paths]
-    return [[future.result() for future in row] for row in futures]
 
 
 def unique(names):
@@ -134,39 +110,126 @@ def unique(names):
             for place, name in enumerate(names)]
 
 
+def compared(followed, competitors, seed) -> list:
+    """Compare A with each other competitor.
+
+    Parameters
+    ----------
+    followed : dict
+        Name of a recording -> its `KnownMotion`, and the `Trajectory` of each competitor.
+    competitors : list of Competitor
+        A first.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    list of Comparison
+    """
+    from ..evaluation.comparison import Comparison, TooShort, coverage, paired
+
+    comparisons = []
+    for place, competitor in enumerate(competitors[1:], 1):
+        covered, pairs = {}, {}
+        for name, (known, trajectories) in followed.items():
+            a, b = trajectories[0], trajectories[place]
+            covered[name] = coverage(a, b)
+            try:
+                pairs[name] = paired(known, a, b)
+            except TooShort:
+                if covered[name] >= Comparison.LEAST_COVERAGE:
+                    raise
+        comparisons.append(Comparison(LETTERS[place], competitors[0].name, competitor.name, covered,
+                                      differences(pairs, seed)))
+    return comparisons
+
+
 def differences(pairs, seed):
-    """Name of the recording, or ``all`` -> `Difference` of translation and of rotation."""
+    """Name of the recording, or ``all`` -> `Difference` of translation and of rotation; empty without pairs."""
     from ..evaluation.comparison import MEASURES, difference
 
-    if not pairs:
-        raise CommandError('no recording to compare on')
-    groups = {name: [pair] for name, pair in pairs.items()} | {ALL: list(pairs.values())}
+    groups = {name: [pair] for name, pair in pairs.items()} | ({ALL: list(pairs.values())} if pairs else {})
     return {name: [difference(group, row, seed) for row in range(len(MEASURES))] for name, group in groups.items()}
 
 
-def write_differences(folder, table, a, b):
-    """Write comparison.json and comparison.png."""
+def status(comparisons) -> int:
+    """Return 1 if one of the compared is worse than A, else 3 if one has no verdict, else 0."""
+    if any(comparison.worse for comparison in comparisons):
+        return FAILED
+    return 0 if all(comparison.judged for comparison in comparisons) else INCOMPLETE
+
+
+def measures(folder, names, known, trajectories):
+    """Yield a table of the measures of evo, of all competitors; write the trajectories that they are computed from."""
+    from ..evaluation.evo_measures import ape_rmse, rpe_rmse
+
+    lines = []
+    for name, motion, row in zip(names, known, trajectories, strict=True):
+        if motion.truth is None:
+            continue
+        below = folder / name
+        below.mkdir()
+        for letter, trajectory in zip(LETTERS, row, strict=False):
+            poses, reference = written(below, letter, trajectory, motion.truth)
+            if len(poses) > 1:
+                metres, degrees = rpe_rmse(poses, reference)
+                lines.append(f'{name:20}  {letter} {ape_rmse(poses, reference):12.6f} {metres:14.6f} {degrees:16.6f}')
+    if lines:
+        yield f'{"recording":20}    {"APE rmse [m]":>12} {"RPE rmse [m]":>14} {"RPE rmse [deg]":>16}    as by evo'
+        yield from lines
+
+
+def written(folder, letter, trajectory, truth):
+    """Write a trajectory and the truth at its stamps in the form of TUM; return both as they are read again."""
+    from ..recordings import interpolate, read_tum, write_tum
+
+    stamps, poses = np.array(trajectory.stamps, dtype=np.int64), trajectory.pose_array()
+    stamps, first = np.unique(stamps, return_index=True)
+    reference = interpolate(*truth, stamps)
+    there = np.isfinite(reference).all(axis=1)
+    files = folder / f'{letter}.tum', folder / f'truth_of_{letter}.tum'
+    for file, content in zip(files, (poses[first], reference), strict=True):
+        write_tum(file, stamps[there], content[there])
+    return tuple(read_tum(file)[1] for file in files)
+
+
+def write_comparison(folder, comparisons, text):
+    """Write table.txt, comparison.json and comparison.png, and a picture of each further competitor."""
     import dataclasses
     import json
 
     from ..figures.plots import plot_differences
 
-    content = {name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in table.items()}
-    (folder / 'comparison.json').write_text(json.dumps({'a': a, 'b': b, 'differences': content}, indent=1) + '\n',
-                                            encoding='utf-8')
-    plot_differences(folder / 'comparison.png', table, Path(a).name, Path(b).name)
+    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
+    contents = [{'b': c.b, 'judged': c.judged, 'coverage': c.coverage, 'differences': {
+        name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in c.table.items()}} for c in comparisons]
+    content = {'a': comparisons[0].a, **contents[0], 'others': contents[1:]}
+    (folder / 'comparison.json').write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
+    for c in comparisons:
+        if c.table:
+            file = 'comparison.png' if c.letter == 'B' else f'comparison_{c.letter}.png'
+            plot_differences(folder / file, c.table, Path(c.a).name, Path(c.b).name)
 
 
-def describe(table, a, b) -> str:
-    """Format the comparison as a table with a concluding sentence."""
+def describe(comparison) -> str:
+    """Format a comparison as a table with a concluding sentence."""
+    letter, table = comparison.letter, comparison.table
     width = max(len(name) for name in (*table, 'recording'))
-    lines = [f'{"recording":{width}}  error over 1 m          A          B      B - A    interval']
+    lines = [f'{"recording":{width}}  error over 1 m          A          {letter}      {letter} - A    interval']
     for name, row in table.items():
         for d, what in zip(row, ('translation', 'rotation'), strict=True):
-            verdict = f'B {d.verdict}' if d.verdict else ''
+            verdict = f'{letter} {d.verdict}' if d.verdict and comparison.judged else ''
             lines.append(f'{name:{width}}  {what:11} [{d.unit:>3}] {d.a:10.4f} {d.b:10.4f} {d.b - d.a:+10.4f}    '
                          f'{d.low:+.4f} to {d.high:+.4f}  {verdict}'.rstrip())
-    verdicts = [f'{d.verdict} in {what}' for d, what in zip(table[ALL], ('translation', 'rotation'), strict=True)
-                if d.verdict]
-    lines.append(f'A: {a}  B: {b}  B is {" and ".join(verdicts) or "neither better nor worse"}.')
+    lines += [f'{name:{width}}  {letter} has {100.0 * share:.1f} % of the scans of A'
+              for name, share in comparison.coverage.items() if share < 1.0]
+    lines.append(f'A: {comparison.a}  {letter}: {comparison.b}  {letter} {_conclusion(comparison)}.')
     return '\n'.join(lines)
+
+
+def _conclusion(comparison):
+    if not comparison.judged:
+        return f'is not judged: it has less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
+    verdicts = [f'{d.verdict} in {what}'
+                for d, what in zip(comparison.table[ALL], ('translation', 'rotation'), strict=True) if d.verdict]
+    return f'is {" and ".join(verdicts) or "neither better nor worse"}'

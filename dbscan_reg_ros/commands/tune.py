@@ -75,7 +75,7 @@ def tune(args):
     from ..tuning.objective import HOPELESS
     from ..tuning.space import read_axis
     from ..tuning.study import Study
-    from .compare import Competitor, follow_all
+    from .competitors import Competitor, follow_all
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
@@ -101,7 +101,7 @@ def tune(args):
         head = [f'Tuned on {names}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
-        competitors = Competitor(start), Competitor(best)
+        competitors = Competitor('start', start), Competitor('best', best)
         trajectories = follow_all(executor, [recording.path for recording in held_out], args.topic, competitors)
         head += gain(trajectories, known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))

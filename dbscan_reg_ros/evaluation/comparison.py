@@ -74,6 +74,48 @@ class Difference:
         return 'worse' if self.worse else 'better' if self.better else ''
 
 
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A competitor compared with A.
+
+    Attributes
+    ----------
+    letter : str
+        Stands for the competitor in the table.
+    a, b : str
+        Names of A and of the competitor.
+    coverage : dict
+        Recording -> fraction of the scans of A that the competitor has as well.
+    table : dict
+        Recording, or ``all`` -> `Difference` of translation and of rotation.
+    """
+
+    LEAST_COVERAGE = 0.9
+    """Without this fraction of the scans of each recording there is no verdict."""
+
+    letter: str
+    a: str
+    b: str
+    coverage: dict
+    table: dict
+
+    @property
+    def judged(self) -> bool:
+        """Whether there is a verdict."""
+        return all(share >= self.LEAST_COVERAGE for share in self.coverage.values())
+
+    @property
+    def worse(self) -> bool:
+        """Whether the competitor is worse than A with confidence."""
+        return self.judged and any(d.worse for d in self.table['all'])
+
+
+def coverage(trajectory_a, trajectory_b) -> float:
+    """Return the fraction of the scans with a pose in A that have one in B."""
+    a, b = np.array(trajectory_a.used, dtype=bool), np.array(trajectory_b.used, dtype=bool)
+    return float((a & b).sum() / max(a.sum(), 1))
+
+
 def known_motion(recording) -> KnownMotion:
     """Return the `KnownMotion` of a recording; raise RecordingError if it has neither truth nor relations."""
     known = KnownMotion.of(recording)

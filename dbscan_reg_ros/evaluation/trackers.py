@@ -5,8 +5,12 @@
 `Prior` of the motion model (constant velocity). None: no external prior.
 """
 import dataclasses
+import inspect
 import math
+import os
+import sys
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 
@@ -17,7 +21,8 @@ from ..core.parameters.tree import Parameters
 from ..core.registration.records import Prior, Status
 from ..recordings.poses import relative
 from ..robot.parameters import NodePriorParameters
-from .methods import kiss_config, lifted, method, planar
+from .baselines import Result
+from .methods import BenchmarkError, Method, kiss_config, lifted, method, planar
 
 KEY_FRAME_DISTANCE = 0.3
 KEY_FRAME_ANGLE = math.radians(15.0)
@@ -124,11 +129,17 @@ class Still:
 def tracker(name):
     """Return a fresh tracker by the name of its method.
 
+    ``module:function`` is a method of the user's own, imported from the current folder as well:
+    ``function(reference, current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the
+    `Scan` `reference`, starting from the `SE2` `guess`. A class in its place makes a tracker without arguments.
+
     Raises
     ------
     BenchmarkError
-        As `methods.method` does.
+        As `methods.method` does, and when there is no such module or function.
     """
+    if ':' in name:
+        return _own_tracker(name)
     registration = method(name)
     if name == 'dbscan':
         return Ours(Parameters())
@@ -137,6 +148,25 @@ def tracker(name):
     if name == 'identity':
         return Still()
     return KeyFrames(registration)
+
+
+def _own_tracker(name):
+    """Return a tracker of the user's own, from ``module:function``."""
+    module, _, attribute = name.partition(':')
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        own = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BenchmarkError(f'method {name}: {error}; expected MODULE:FUNCTION, in the current folder or '
+                             'installed') from error
+    if inspect.isclass(own):
+        return own()
+
+    def align(reference, current, guess=None):
+        return Result(own(reference, current, guess or SE2()), Status.OK)
+
+    return KeyFrames(Method(name, lambda scan: scan, align))
 
 
 def no_prior(course) -> list:

@@ -9,7 +9,7 @@ import numpy as np
 from ..core.errors import RecordingError
 from ..core.geometry.se2 import wrap
 from .decimals import nanoseconds
-from .trajectories import finite_numbers, numbered_lines, read_csv
+from .trajectories import finite_numbers, numbered_lines, read_csv, read_tum
 
 DATA_VARIABLE = 'DBSCAN_REG_DATA'
 
@@ -112,16 +112,41 @@ def interpolate(stamps, poses, at):
 def true_poses(recording):
     """Stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, or None.
 
-    Those in the recording; else those of ``reference.csv`` beside it, where that has one for each of its scans.
+    Those in the recording; else those of ``truth.tum`` beside it; else those of ``reference.csv`` beside it, where that
+    has one for each of its scans.
 
     Raises
     ------
     RecordingError
-        When ``reference.csv`` cannot be read.
+        When a file beside the recording cannot be read.
     """
     truth, path = recording.truth(), recording.path.with_name('reference.csv')
-    if truth is not None or not path.is_file():
+    if truth is not None:
         return truth
+    if recording.path.with_name('truth.tum').is_file():
+        return read_tum(recording.path.with_name('truth.tum'))
+    if not path.is_file():
+        return None
     indices, poses = read_csv(path)
     stamps = np.array(recording.stamps(), dtype=np.int64)
     return (stamps, poses) if np.array_equal(indices, np.arange(len(stamps))) else None
+
+
+def read_truth(path, recording):
+    """Stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, from a file.
+
+    A file in the form of TUM, or one with the columns of ``reference.csv``: index of the scan, x, y, theta.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be read, or the recording has fewer scans than an index says.
+    """
+    if ',' not in next(numbered_lines(path), (1, ''))[1]:
+        return read_tum(path)
+    indices, poses = read_csv(path)
+    stamps = np.array(recording.stamps(), dtype=np.int64)
+    if len(indices) and not 0 <= indices.min() <= indices.max() < len(stamps):
+        raise RecordingError(f'{path}: scan {indices.max()}; expected numbers below {len(stamps)}, the scans of '
+                             f'{recording.path}')
+    return stamps[indices], poses

@@ -7,7 +7,8 @@ import pytest
 from matplotlib.image import imread
 
 from dbscan_reg_ros import Parameters, RecordingError
-from dbscan_reg_ros.commands.compare import Competitor, main
+from dbscan_reg_ros.commands.compare import main
+from dbscan_reg_ros.commands.competitors import Competitor
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.evaluation.comparison import Paired, difference, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
@@ -87,14 +88,15 @@ def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
     assert code == 1 and 'B is worse in translation' in printed.out
     assert content['differences']['all']['m']['low'] > 0.0
     folder = tmp_path / 'compare' / 'latest'
-    assert {file.name for file in folder.iterdir()} == {'comparison.json', 'comparison.png', 'table.txt'}
+    assert {file.name for file in folder.iterdir()} == {
+        'comparison.json', 'comparison.png', 'hall', 'table.txt'}
     assert (folder / 'table.txt').read_text() in printed.out
     assert 0.005 < 1.0 - imread(folder / 'comparison.png')[..., :3].mean() < 0.3
     assert compare(tmp_path / 'bad.yaml', 'defaults')[0] == 0
 
 
 def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
-    node, odometry = (Competitor(NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
+    node, odometry = (Competitor(name, NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
                       for name in ('prior.source', 'advanced.odometry.prior'))
     assert node == odometry != Parameters().odometry
 

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Competitors of a comparison: a parameter set, a method, or the trajectory of another program."""
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..paths import config_folder, ready_made
+from .command_line import CommandError
+
+
+@dataclass(frozen=True)
+class Competitor:
+    """One competitor: the odometry with `parameters`, the method called `method`, or a `given` trajectory.
+
+    Attributes
+    ----------
+    name : str
+        As the user called it.
+    parameters : NodeParameters or None
+    method : str
+        Name of a method, or ``module:function``.
+    given : GivenTrajectory or None
+    """
+
+    name: str
+    parameters: object = None
+    method: str = ''
+    given: object = None
+
+    @classmethod
+    def named(cls, name) -> 'Competitor':
+        """Return the competitor that an argument names: a trajectory, a method, a parameter set or a file of one."""
+        from ..evaluation.methods import FACTORIES
+        from ..robot.parameter_files import read_parameters
+        from ..robot.parameters import NodeParameters
+
+        if name in ('defaults', 'dbscan'):
+            return cls(name, NodeParameters())
+        if Path(name).exists():
+            return cls(name, read_parameters(name))
+        if '=' in name:
+            return cls.with_trajectory(name)
+        if name in FACTORIES or ':' in name:
+            return cls.with_method(name)
+        if name in ready_made():
+            return cls(name, read_parameters(config_folder() / f'{name}.yaml'))
+        raise CommandError(f'{name}: no such file; expected a parameter file, a parameter set: defaults, '
+                           f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}, MODULE:FUNCTION')
+
+    @classmethod
+    def with_method(cls, name) -> 'Competitor':
+        """Return the method called `name`, or ``module:function``."""
+        from ..evaluation.trackers import tracker
+
+        tracker(name)
+        return cls(name, method=name)
+
+    @classmethod
+    def with_trajectory(cls, text) -> 'Competitor':
+        """Return the trajectory ``NAME=FILE[@X,Y,DEG]`` of another program."""
+        from ..evaluation.given_trajectories import GivenTrajectory
+
+        name, _, file = text.partition('=')
+        if not name or not file:
+            raise CommandError(f'{text}: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER')
+        return cls(name, given=GivenTrajectory.parse(file))
+
+    def follow(self, recording, scans):
+        """Return the `Trajectory` of the competitor over the `scans` of a recording."""
+        from ..replays.trajectory import Trajectory
+
+        trajectory = Trajectory()
+        if self.given:
+            stamps = [scan.stamp for scan in scans]
+            self._take(trajectory, stamps, self.given.poses_at(recording.name, stamps))
+        else:
+            for _ in trajectory.follow(scans, self.tracker()):
+                pass
+        return trajectory
+
+    def tracker(self):
+        """Make a tracker with ``process(scan)`` in its initial state."""
+        from ..core.odometry.pipeline import Odometry
+        from ..evaluation.trackers import tracker
+
+        return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
+
+    @staticmethod
+    def _take(trajectory, stamps, poses):
+        """Fill a `Trajectory` with the poses ``(N, 3)`` that are numbers."""
+        for stamp, pose in zip(stamps, poses.tolist(), strict=True):
+            there = pose[0] == pose[0]
+            trajectory.used.append(there)
+            if there:
+                trajectory.stamps.append(stamp)
+                trajectory.poses.append(tuple(pose))
+
+
+def follow_one(path, topic, competitor):
+    """Run the competitor over the recording at `path`; return its `Trajectory`."""
+    from ..recordings import open_recording
+    from .workers import watched
+
+    recording = open_recording(path, topic)
+    return competitor.follow(recording, watched(recording.scans(), recording.name, recording.count))
+
+
+def follow_all(executor, paths, topic, competitors):
+    """Run every competitor over every recording; return a list of `Trajectory` for each recording."""
+    futures = [[executor.submit(follow_one, path, topic, competitor) for competitor in competitors] for path in paths]
+    return [[future.result() for future in row] for row in futures]

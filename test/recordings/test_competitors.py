@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories of other programs and methods of the user's own in a comparison; measures equal to those of evo."""
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import RecordingError, open_recording
+from dbscan_reg_ros.commands.compare import main
+from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.recordings import true_poses, write_csv, write_tum
+from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.recordings.truth import read_truth
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
+    folder = tmp_path_factory.mktemp('recording')
+    assert simulate([str(folder / 'hall'), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
+    return folder / 'hall'
+
+
+@pytest.fixture(scope='module')
+def truth(recording):
+    """Stamps and true poses of the scans."""
+    opened = open_recording(recording)
+    stamps, poses = opened.truth()
+    scans = np.array(opened.stamps())
+    return scans, poses[np.searchsorted(stamps, scans)]
+
+
+@pytest.fixture
+def write(truth, tmp_path):
+    """``write(name, noise, seed, kept) -> NAME=FILE``: the true trajectory with noise at each step."""
+    def write(name, noise, seed=0, kept=None):
+        stamps, poses = truth
+        rng = np.random.default_rng(seed)
+        steps = relative(poses[:-1], poses[1:]) + noise * rng.normal(size=(len(poses) - 1, 3)) * (1.0, 1.0, 0.3)
+        found = [poses[:1]]
+        for step in steps:
+            found.append(compose(found[-1], step[None]))
+        chosen = slice(None) if kept is None else kept(np.arange(len(stamps)))
+        write_tum(tmp_path / f'{name}.tum', stamps[chosen], np.concatenate(found)[chosen])
+        return f'{name}={tmp_path}/{name}.tum'
+    return write
+
+
+@pytest.fixture
+def compare(recording, tmp_path, capsys):
+    """``compare(a, b, *words) -> exit code, printed, comparison.json``."""
+    def compare(a, b, *words):
+        code = main([str(a), str(b), str(recording), *map(str, words), '--processes', '1', '--out', str(tmp_path)])
+        return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
+    return compare
+
+
+def test_trajectories_of_other_programs_are_compared_and_only_b_sets_the_exit_status(compare, write):
+    a, b, c = write('a', 0.002), write('b', 0.002, seed=1), write('c', 0.02, seed=2)
+    code, printed, content = compare(a, b, '--trajectory', c)
+    assert code == 0 and 'B is neither better nor worse.' in printed.out
+    assert 'A: a  C: c  C is worse in translation and worse in rotation.' in printed.out
+    assert (content['a'], content['b'], [other['b'] for other in content['others']]) == ('a', 'b', ['c'])
+    assert content['others'][0]['differences']['all']['m']['low'] > 0.01
+    assert compare(a, b, '--trajectory', c, '--all')[0] == 1
+    assert compare(c, a, '--trajectory', b, '--all')[0] == 0
+
+
+def test_the_pose_of_the_sensor_on_the_body_is_taken_into_account(compare, write, truth, tmp_path):
+    stamps, poses = truth
+    mounting = np.array([[0.3, -0.1, np.pi / 2]])
+    body = compose(poses, relative(mounting, np.zeros((1, 3))).repeat(len(poses), axis=0))
+    write_tum(tmp_path / 'body.tum', stamps, body)
+    _, _, content = compare(write('a', 0.0), f'body={tmp_path}/body.tum@0.3,-0.1,90')
+    assert content['differences']['all']['m']['b'] < 1e-6 and content['differences']['all']['deg']['b'] < 1e-4
+    _, _, content = compare(write('a', 0.0), f'body={tmp_path}/body.tum')
+    assert content['differences']['all']['m']['b'] > 0.05
+
+
+@pytest.mark.parametrize(('left_out', 'judged'), [(0.15, False), (0.05, True)])
+def test_a_trajectory_that_leaves_out_the_hard_part_gets_no_verdict(compare, write, left_out, judged):
+    """Its poses are the true ones elsewhere."""
+    def kept(numbers):
+        return (numbers < 150) | (numbers >= 150 + left_out * len(numbers))
+    code, printed, content = compare(write('a', 0.002), write('b', 0.0, kept=kept))
+    assert content['judged'] is judged and content['coverage']['hall'] == pytest.approx(1.0 - left_out, abs=0.005)
+    assert re.search(r'^hall +B has \d\d\.\d % of the scans of A$', printed.out, re.MULTILINE)
+    if judged:
+        assert code == 0 and 'B is better in translation' in printed.out
+    else:
+        assert code == 3 and 'B is not judged: it has less than 90 % of the scans.' in printed.out
+        assert 'better' not in printed.out and 'worse' not in printed.out
+
+
+def test_scans_that_one_trajectory_lacks_are_left_out_of_both(compare, truth, tmp_path):
+    """A is wrong only where B has no poses."""
+    stamps, poses = truth
+    wrong = poses.copy()
+    wrong[200:220, :2] += 5.0
+    rows = np.r_[0:199, 221:len(stamps)]
+    write_tum(tmp_path / 'a.tum', stamps, wrong)
+    write_tum(tmp_path / 'b.tum', stamps[rows], poses[rows])
+    _, _, content = compare(f'a={tmp_path}/a.tum', f'b={tmp_path}/b.tum')
+    assert content['differences']['all']['m']['a'] == content['differences']['all']['m']['b'] < 1e-6
+
+
+def test_poses_between_those_of_a_trajectory_are_interpolated(compare, write):
+    code, _, content = compare(write('a', 0.0), write('half', 0.0, kept=lambda numbers: numbers % 2 == 0))
+    assert code == 1 and content['coverage']['hall'] > 0.99
+    assert 0.0 < content['differences']['all']['m']['b'] < 0.05
+
+
+def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path, recording, capsys):
+    folder = tmp_path / 'theirs'
+    folder.mkdir()
+    shutil.copy(write('b', 0.002).partition('=')[2], folder / 'hall.tum')
+    assert compare(write('a', 0.002), f'theirs={folder}')[0] == 0
+    (folder / 'hall.tum').rename(folder / 'room.tum')
+    assert main(['identity', f'theirs={folder}', str(recording), '--processes', '1', '--out', str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f'compare: {folder}/hall.tum: no such trajectory of the recording hall\n'
+
+
+@pytest.mark.parametrize(('words', 'says'), [
+    (('x=absent.tum',), 'absent.tum: no such trajectory; expected a file in the form of TUM, or a folder of them'),
+    (('x=absent.tum@1,2',), 'absent.tum@1,2: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]'),
+    (('=a.tum',), '=a.tum: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER'),
+    (('absent:align',), "method absent:align: No module named 'absent'; expected MODULE:FUNCTION, in the current "
+                        'folder or installed'),
+])
+def test_a_wrong_competitor_is_one_line(recording, capsys, words, says):
+    assert main(['identity', *words, str(recording)]) == 2
+    assert capsys.readouterr().err == f'compare: {says}\n'
+
+
+@pytest.mark.parametrize('form', ['tum', 'csv'])
+def test_the_truth_is_read_from_a_file(compare, write, truth, form, tmp_path):
+    """That of the file counts, not that of the bag: all is twice as large in it."""
+    stamps, poses = truth
+    large = poses * (2.0, 2.0, 1.0)
+    file = tmp_path / f'known.{form}'
+    if form == 'csv':
+        write_csv(file, large)
+    else:
+        write_tum(file, stamps, large)
+    write_tum(tmp_path / 'large.tum', stamps, large)
+    code, _, content = compare(f'large={tmp_path}/large.tum', write('small', 0.0), '--truth', file)
+    assert code == 1 and content['differences']['all']['m']['a'] < 1e-6
+    assert content['differences']['all']['m']['b'] > 0.4
+
+
+def test_the_truth_beside_a_recording_is_found(tmp_path):
+    recording = SimpleNamespace(path=tmp_path / 'a.log', truth=lambda: None, stamps=lambda: [10, 20])
+    assert true_poses(recording) is None
+    write_csv(tmp_path / 'reference.csv', [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)])
+    assert true_poses(recording)[1].tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
+    write_tum(tmp_path / 'truth.tum', [15], [(5.0, 6.0, 0.0)])
+    stamps, poses = true_poses(recording)
+    assert (stamps.tolist(), poses.tolist()) == ([15], [[5.0, 6.0, 0.0]])
+    write_csv(tmp_path / 'long.csv', [(0.0, 0.0, 0.0)] * 3)
+    with pytest.raises(RecordingError, match='scan 2; expected numbers below 2, the scans of '):
+        read_truth(tmp_path / 'long.csv', recording)
+
+
+def test_a_method_of_ones_own_is_a_function_of_two_scans(compare, write, tmp_path, monkeypatch):
+    (tmp_path / 'own_method.py').write_text(
+        'from dbscan_reg_ros import SE2\n\n\ndef stand(reference, current, guess):\n    return SE2()\n\n\n'
+        'class Still:\n    def process(self, scan):\n        from dbscan_reg_ros.evaluation.trackers import Step\n'
+        '        return Step(SE2())\n')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, 'path', [*sys.path])
+    code, printed, content = compare('identity', 'own_method:stand', '--method', 'own_method:Still', '--all')
+    assert code == 0 and 'A: identity  C: own_method:Still  C is neither better nor worse.' in printed.out
+    assert content['differences']['all']['m']['a'] == content['differences']['all']['m']['b'] > 0.5
+
+
+@pytest.fixture
+def evo(root, tmp_path):
+    """``evo(command, *words) -> rmse``: what a command of evo prints."""
+    path = os.pathsep.join([os.environ['PATH'], str(root / '.venv-evo' / 'bin')])
+    if shutil.which('evo_ape', path=path) is None:
+        pytest.skip('needs the commands of evo')
+    (tmp_path / 'home').mkdir()
+
+    def evo(command, *words):
+        done = subprocess.run([shutil.which(command, path=path), 'tum', *map(str, words)], check=True, text=True,
+                              capture_output=True, env=os.environ | {'HOME': str(tmp_path / 'home')}, timeout=120)
+        return float(re.search(r'^\s*rmse\s+([\d.]+)$', done.stdout, re.MULTILINE)[1])
+    return evo
+
+
+def test_measures_are_those_of_evo(compare, write, evo, tmp_path):
+    words = [write('a', 0.003), write('b', 0.01, seed=1)]
+    _, printed, _ = compare(*words, '--trajectory', write('c', 0.05, seed=2, kept=lambda numbers: numbers % 9 != 4))
+    rows = re.findall(r'^hall +([ABC]) +([\d.]+) +([\d.]+) +([\d.]+)$', printed.out, re.MULTILINE)
+    assert [row[0] for row in rows] == ['A', 'B', 'C']
+    for letter, *values in rows:
+        files = [tmp_path / 'compare' / 'latest' / 'hall' / f'{name}{letter}.tum' for name in ('truth_of_', '')]
+        pairs = '--delta', '1', '--delta_unit', 'm', '--all_pairs', '--pairs_from_reference', '--pose_relation'
+        expected = [evo('evo_ape', *files, '--align'), evo('evo_rpe', *files, *pairs, 'trans_part'),
+                    evo('evo_rpe', *files, *pairs, 'angle_deg')]
+        assert [float(value) for value in values] == pytest.approx(expected, abs=1e-6)
