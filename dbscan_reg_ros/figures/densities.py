@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..core.geometry.se2 import SE2
-from ..core.registration.paper.divergence import log_density, shifted_divergences, silverman
+from ..core.registration.paper.divergence import SIGMAS, log_density, shifted_divergences, silverman
 from .style import BLUE, GREY, grid, legend, panels
 
 PLACES = 400
@@ -18,16 +18,16 @@ def draw_densities(figure, steps):
         for name, reference, current in zip('xy', steps.reference.features.points.T, moved.T):
             panel, bandwidth = axes[f'{state} {name}'], parameters.bandwidth or silverman(reference)
             divergence, = shifted_divergences(reference, current, np.zeros(1), bandwidth, parameters)
-            _draw(panel, reference, current, bandwidth, parameters.margin)
+            _draw(panel, reference, current, bandwidth)
             panel.set(title=f'{state}: K-L divergence of {name} {divergence:.3f}', xlabel=f'{name} [m]',
                       ylabel='density [1/m]')
             grid(panel)
     legend(axes['legend'], axes['before x'], 2)
 
 
-def _draw(axes, reference, current, bandwidth, margin):
-    both = np.concatenate((reference, current))
-    at = np.linspace(both.min() - margin * bandwidth, both.max() + margin * bandwidth, PLACES)
+def _draw(axes, reference, current, bandwidth):
+    both, margin = np.concatenate((reference, current)), SIGMAS * bandwidth
+    at = np.linspace(both.min() - margin, both.max() + margin, PLACES)
     curves = [np.exp(log_density(samples, bandwidth, at)) for samples in (reference, current)]
     step = 0.07 * max(curve.max() for curve in curves)
     for row, (name, samples, curve, style) in enumerate((
