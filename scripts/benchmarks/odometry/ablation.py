@@ -79,8 +79,9 @@ def measure(args) -> Report:
         for name, (_, courses) in chosen.items():
             rows |= runner.rows(name, [course for course in COURSES if course not in courses])
     report = Report()
-    report.metrics = {name: {row['measure']: row['with'], f'without_{row["measure"]}': row['without'],
-                             'needed': float(row['needed'])} for name, row in rows.items()}
+    report.metrics = {name: {'needed': float(row['needed']), **(
+        {row['measure']: row['with'], f'without_{row["measure"]}': row['without']} if row['measure'] else {})}
+        for name, row in rows.items()}
     report.tables.append('\n'.join(['| without | course | measure | with it | without it |', '|---|---|---|---|---|',
                                     *(line(row) for row in rows.values())]))
     idle = [name for name in chosen if not any(row['needed'] for row in rows.values() if row['feature'] == name)]
@@ -143,7 +144,7 @@ def worst(plain, without) -> dict:
     (values, spread), (changed, changed_spread) = plain, without
     best = {'measure': '', 'needed': False, 'excess': -math.inf}
     for name in (*LOWER, *HIGHER):
-        if name not in values or name not in changed:
+        if name not in values or name not in changed or values[name] == changed[name]:
             continue
         loss = changed[name] - values[name] if name in LOWER else values[name] - changed[name]
         excess = loss - math.hypot(spread[name], changed_spread[name]) - MARGIN * abs(values[name])
@@ -156,6 +157,8 @@ def worst(plain, without) -> dict:
 
 def line(row) -> str:
     """Return the row of the table; bold where the course is clearly worse without the feature."""
+    if not row['measure']:
+        return f'| {row["feature"]} | {row["course"]} | all | the same | the same |'
     mark = '**' if row['needed'] else ''
     before, after = (f'{row[key]:.3g} +- {row[key + "_spread"]:.1g}' for key in ('with', 'without'))
     return f'| {row["feature"]} | {row["course"]} | {row["measure"]} | {before} | {mark}{after}{mark} |'
