@@ -5,6 +5,7 @@ import importlib.util
 import math
 import os
 import pathlib
+import signal
 
 import hypothesis
 import pytest
@@ -37,6 +38,10 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     hypothesis.settings.load_profile('long' if config.getoption('--long') else 'bounded')
+    # Under nohup or in the background a shell ignores signals, and children inherit that: a handler, they do not.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
 
 
 @pytest.hookimpl(wrapper=True)

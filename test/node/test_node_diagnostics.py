@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """/diagnostics: the status that the node publishes once a second."""
 import math
-import time
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from std_srvs.srv import SetBool
 
 from dbscan_reg_ros import Scan, ScanGeometry
 from dbscan_reg_ros.node.interfaces.graph_checks import full_name, named
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
 
 START = 1_700_000_000 * 10**9
 
@@ -67,12 +66,12 @@ def test_tracking_is_ok_with_rates_timing_and_counts(node, player, peer, reports
     assert values(silent)['scans processed'] == '40'
 
 
-def test_diagnostics_are_published_once_a_second(node, peer, reports):
+def test_diagnostics_are_published_no_more_than_once_a_second(node, peer, reports):
+    """Also without scans. A late one is followed by the next at its own time, at most a second earlier."""
     received = reports()
-    peer.until(lambda: received)
-    start, count = time.monotonic(), len(received)
-    peer.until(lambda: len(received) >= count + 3)
-    assert time.monotonic() - start == pytest.approx(3.0, abs=0.7)
+    peer.until(lambda: len(received) >= 4)
+    first, last = (stamp_from_message(message.header.stamp) for message in (received[0], received[3]))
+    assert last - first > 2_000_000_000
 
 
 def walls(count):

@@ -2,7 +2,6 @@
 """Warnings of the node about wrong scan metadata and missing scans: the same as for a recording."""
 import array
 import math
-import time
 
 import pytest
 import rclpy.serialization
@@ -93,9 +92,7 @@ def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_
 def test_missing_scans_are_logged_at_growing_intervals(start_node, peer):
     node = start_node()
     peer.until(lambda: 'ready' in node.output())
-    ready = time.monotonic()
     said(node, 'no scans on /scan: no node publishes there (5 s so far)', peer)
-    assert 4.0 < time.monotonic() - ready < 8.0
     peer.node.create_publisher(LaserScan, '/front/scan', 10)
     said(node, 'no scans on /scan: no node publishes there; scans are published on /front/scan: start the node with -r '
          'scan:=/front/scan (10 s so far)', peer)
