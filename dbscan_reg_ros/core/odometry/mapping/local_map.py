@@ -25,7 +25,8 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     density : DensityParameters
     """
     features, clouds = latest.features, [frame.features.sampled_points for frame in older]
-    sizes, motions = [len(cloud) for cloud in clouds], [latest.pose.inverse() @ frame.pose for frame in older]
+    to_latest = latest.pose.inverse()
+    sizes, motions = [len(cloud) for cloud in clouds], [to_latest @ frame.pose for frame in older]
     rotation = np.repeat([cmath.rect(1.0, motion.theta) for motion in motions], sizes)
     translation = np.repeat([complex(motion.x, motion.y) for motion in motions], sizes)
     age_rank = np.repeat(np.arange(len(older)), sizes)

@@ -143,13 +143,18 @@ class StampFilter:
 
     def ratio(self, scan_duration: float) -> float:
         """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
+        if scan_duration <= 0.0:
+            return 1.0
         typical = self._median()
         return typical / scan_duration if 0.0 < typical < _OVERLAP_RATIO * scan_duration else 1.0
 
     def _median(self) -> float:
         """Return the median interval [s]; 0 while none is known."""
         recent = self._positive()
-        return median(recent) if recent else 0.0
+        middle = len(recent) // 2
+        if len(recent) % 2 or not recent:
+            return recent[middle] if recent else 0.0
+        return (recent[middle - 1] + recent[middle]) / 2
 
     def _positive(self) -> list[float]:
         """Return the recent intervals [s] in ascending order, without those of stamps that repeat or go back."""
