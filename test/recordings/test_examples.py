@@ -9,7 +9,8 @@ import sys
 
 import pytest
 
-EXAMPLES = ('01_two_scans', '02_odometry_of_a_log', '03_own_prior', '04_own_matcher_in_the_benchmark')
+EXAMPLES = ('01_two_scans', '02_odometry_of_a_log', '03_own_prior', '04_own_matcher_in_the_benchmark',
+            '05_own_method_for_compare')
 LINES = 300
 """Of the Intel log."""
 
@@ -103,3 +104,10 @@ def test_a_matcher_of_ones_own_is_measured_beside_ours(example):
 def test_a_matcher_of_ones_own_is_measured_on_a_recording(example, intel):
     found = measures(example('04_own_matcher_in_the_benchmark', intel))
     assert found['Ours']['relations_all_mean_m'] < 0.1 and found['KeyFrames']['relations_all_mean_m'] < 1.0
+
+
+def test_a_method_of_ones_own_is_compared_with_the_defaults(example):
+    lines = example('05_own_method_for_compare').splitlines()
+    assert 'A: defaults  B: 05_own_method_for_compare:align  B is worse in translation and worse in rotation.' in lines
+    ours, own = (numbers(line) for line in lines if re.match(r'hall +[AB] ', line))
+    assert ours[1] < 0.01 < 0.1 < own[1] < 0.5
