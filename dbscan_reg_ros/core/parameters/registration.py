@@ -154,13 +154,9 @@ class SelectionParameters(ParameterGroup):
         help='Selection among translation clusters: density (pre-selection, refinement and score on the likelihood '
              'field) or divergence (least K-L divergence within the key clusters, as in the paper).')
     max_clusters: int = parameter(
-        8, bounds=(1, MAX_COUNT),
-        help='Number of translation clusters that become hypotheses without a prior, the heaviest first. Larger values '
-             'find more unusual motions and take longer; smaller values are faster.')
-    max_clusters_with_prior: int = parameter(
         20, bounds=(1, MAX_COUNT),
-        help='Number of translation clusters that enter the pre-selection with a prior, the heaviest first. Larger '
-             'values find more unusual motions and take longer; smaller values are faster.')
+        help='Number of translation clusters that enter the pre-selection, the heaviest first. Larger values find more '
+             'unusual motions and take longer; smaller values are faster.')
     preselection_points: int = parameter(
         60, bounds=(5, 10000),
         help='Number of points for the pre-selection and, without a prior, for the coarse refinement; points with a '

@@ -58,11 +58,10 @@ class Parameters(ParameterTree):
     def widened(self) -> 'Parameters':
         """The parameters of the wide search: more hypotheses, and no further wide search."""
         s, factor = self.selection, self.selection.wide_search_factor
-        clusters = min(factor * s.max_clusters_with_prior, MAX_COUNT)
         return dataclasses.replace(
             self,
             rotation=dataclasses.replace(
                 self.rotation, max_hypotheses=min(factor * self.rotation.max_hypotheses, MAX_COUNT)),
             selection=dataclasses.replace(
                 s, wide_search_factor=1, preselected=min(factor * s.preselected, MAX_COUNT),
-                max_clusters_with_prior=clusters, max_clusters=clusters))
+                max_clusters=min(factor * s.max_clusters, MAX_COUNT)))

@@ -97,7 +97,7 @@ def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> R
     p, expected = problem.parameters, prior.transform.as_array()
     rotations = problem.rotations.near(expected[2], p.prior.gate * prior.rotation_sigma)
     motions = problem.translations(rotations).transform
-    motions = motions[within_gate(motions, prior, p.prior)][:p.selection.max_clusters_with_prior]
+    motions = motions[within_gate(motions, prior, p.prior)][:p.selection.max_clusters]
     return select_by_density(problem, Candidates(expected[None], motions), min_score)
 
 
@@ -122,7 +122,7 @@ def heaviest_candidates(problem: Problem) -> Candidates:
     if problem.prior is None:
         return Candidates(translations.shortest, translations.transform[:p.max_clusters])
     exempt = np.concatenate((problem.prior.transform.as_array()[None], translations.shortest))
-    return Candidates(exempt, translations.transform[:p.max_clusters_with_prior])
+    return Candidates(exempt, translations.transform[:p.max_clusters])
 
 
 def needs_wide_search(found: Registration, problem: Problem) -> bool:

@@ -277,11 +277,10 @@ def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
 
 def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
     narrow = Parameters().replace({'advanced.rotation.max_hypotheses': 3,
-                                   'advanced.selection.max_clusters_with_prior': 5, 'advanced.selection.preselected': 2,
+                                   'advanced.selection.max_clusters': 5, 'advanced.selection.preselected': 2,
                                    'advanced.selection.wide_search_factor': 4})
     expected = {'advanced.rotation.max_hypotheses': 12, 'advanced.selection.max_clusters': 20,
-                'advanced.selection.max_clusters_with_prior': 20, 'advanced.selection.preselected': 8,
-                'advanced.selection.wide_search_factor': 1}
+                'advanced.selection.preselected': 8, 'advanced.selection.wide_search_factor': 1}
     assert narrow.widened == narrow.replace(expected)
 
 
@@ -301,7 +300,8 @@ def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
     trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30',
                                                                                                        label))
     pair = extract_features(trial.reference), extract_features(trial.current)
-    narrow, wide = (register(*pair, Parameters().replace({'advanced.selection.wide_search_gain': better}))
+    few = Parameters().replace({'advanced.selection.max_clusters': 8})
+    narrow, wide = (register(*pair, few.replace({'advanced.selection.wide_search_gain': better}))
                     for better in (2.0, 0.02))
     assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
     distance, angle = off(wide, trial.truth)
