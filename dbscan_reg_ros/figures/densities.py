@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..core.geometry.se2 import SE2
-from ..core.registration.paper.divergence import SIGMAS, log_density, shifted_divergences, silverman
+from ..core.geometry.tolerance import SIGMAS
+from ..core.registration.paper.divergence import log_density, shifted_divergences, silverman
 from .style import BLUE, GREY, grid, legend, panels
 
 PLACES = 400
