@@ -34,7 +34,6 @@ FEATURES = {
     'landmarks': ({'advanced.selection.max_landmarks': 0}, ('outages',)),
     'several candidates': ({'advanced.selection.top_candidates': 1}, ('sparse', 'bursts')),
     'fine refinement': ({'advanced.refinement.fine_iterations': 0}, ('sparse', 'bursts')),
-    'polishing': ({'advanced.refinement.polish_iterations': 0}, ('sparse', 'corridors')),
     'search along a degenerate direction': (
         {'advanced.degeneracy.information_ratio': 0.0}, ('corridors', 'bursts')),
     'near-parallel walls in the alignment': (
