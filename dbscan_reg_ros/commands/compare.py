@@ -83,10 +83,12 @@ def compare(args):
     names = unique([path.name for path in paths])
     comparisons = compared(dict(zip(names, zip(known, trajectories, strict=True), strict=True)), competitors, args.seed)
     folder = new_folder(Path(args.out) / 'compare')
-    lines = measures(folder, unique([recording.name for recording in recordings]), known, trajectories)
+    folders = unique([recording.name for recording in recordings])
+    lines = measures(folder, folders, known, trajectories)
     text = '\n'.join([*map(describe, comparisons), *lines])
     print(text, flush=True)
     write_comparison(folder, comparisons, text)
+    write_pages([folder / name for name in folders], recordings, known, trajectories, comparisons)
     point_latest(folder)
     print(f'results  {folder}')
     return status([*comparisons] if args.all else comparisons[:1])
@@ -168,7 +170,7 @@ def measures(folder, names, known, trajectories):
         if motion.truth is None:
             continue
         below = folder / name
-        below.mkdir()
+        below.mkdir(exist_ok=True)
         for letter, trajectory in zip(LETTERS, row, strict=False):
             poses, reference = written(below, letter, trajectory, motion.truth)
             if len(poses) > 1:
@@ -209,6 +211,33 @@ def write_comparison(folder, comparisons, text):
         if c.table:
             file = 'comparison.png' if c.letter == 'B' else f'comparison_{c.letter}.png'
             plot_differences(folder / file, c.table, Path(c.a).name, Path(c.b).name)
+
+
+def write_pages(folders, recordings, known, trajectories, comparisons):
+    """Write a page of each recording that shows all competitors into its folder, and the index of all."""
+    from ..replays.page.entries import COMPARISON_COLUMNS, comparison_row, write_comparison_page
+    from ..replays.page.index import write_index
+
+    names = [f'A: {comparisons[0].a}', *(f'{c.letter}: {c.b}' for c in comparisons)]
+    entries = []
+    for place, (folder, recording, row) in enumerate(zip(folders, recordings, trajectories, strict=True)):
+        folder.mkdir(exist_ok=True)
+        entry = write_comparison_page(folder / 'report.html', recording, known[place], row, names)
+        tables = [list(c.table.values())[place] if len(c.table) > len(folders) else [] for c in comparisons]
+        found = [([d.a for d in tables[0]], ''), *(([d.b for d in table], _verdict(c, table))
+                                                   for c, table in zip(comparisons, tables, strict=True))]
+        entries.append(entry._replace(rows=[comparison_row(name, trajectory, *each) for name, trajectory, each in
+                                            zip(names, row, found, strict=True)]))
+    title = f'Comparison of {len(names)} competitors'
+    write_index(folders[0].parent / 'index.html', title, COMPARISON_COLUMNS, entries)
+
+
+def _verdict(comparison, row):
+    """Return the verdict over a recording in words."""
+    if not comparison.judged:
+        return 'not judged'
+    words = [f'{d.verdict} in {what}' for d, what in zip(row, ('translation', 'rotation'), strict=True) if d.verdict]
+    return ', '.join(words) or 'neither better nor worse'
 
 
 def describe(comparison) -> str:

@@ -87,12 +87,15 @@ class Competitor:
     @staticmethod
     def _take(trajectory, stamps, poses):
         """Fill a `Trajectory` with the poses ``(N, 3)`` that are numbers."""
+        from ..core.registration.records import Status
+
         for stamp, pose in zip(stamps, poses.tolist(), strict=True):
             there = pose[0] == pose[0]
             trajectory.used.append(there)
             if there:
                 trajectory.stamps.append(stamp)
                 trajectory.poses.append(tuple(pose))
+                trajectory.statuses.append(Status.OK)
 
 
 def follow_one(path, topic, competitor):

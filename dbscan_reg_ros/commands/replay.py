@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--params-file', metavar='YAML',
                         help='parameter file as for ROS 2 nodes (default: the defaults)')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
-                        'it as DIR/NAME/latest (default: results)')
+                        'it as DIR/NAME/latest; of several recordings, write DIR/index.html (default: results)')
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
@@ -50,6 +50,7 @@ def replay(args):
     It is that of the first recording that failed, else `INCOMPLETE` if results of any could not be written, else 0.
     """
     from ..recordings import find_recording
+    from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
     from .workers import processors, workers
@@ -61,20 +62,24 @@ def replay(args):
                 args.verbose)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
-        codes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
+        outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
+    codes = [code for code, _ in outcomes]
+    if entries := [entry for _, entry in outcomes if entry] if len(jobs) > 1 else []:
+        write_replay_index(jobs[0].out, entries)
+        print(f'index       {jobs[0].out / "index.html"}', flush=True)
     return next((code for code in codes if code not in (0, INCOMPLETE)), max(codes))
 
 
 def _outcome(future, verbose):
-    """Print the result of `replay_one`, a `Replayed` or an error; return its exit status."""
+    """Print the result of `replay_one`, a `Replayed` or an error; return its exit status and its entry of the index."""
     try:
         replayed = future.result()
     except Exception as error:  # noqa: BLE001 - the other recordings continue
-        return complain('replay', error, verbose)
+        return complain('replay', error, verbose), None
     print('\n'.join(replayed.lines), flush=True)
     for fault in replayed.faults:
         print(f'replay: {fault}', file=sys.stderr)
-    return replayed.code
+    return replayed.code, replayed.entry
 
 
 @dataclass(frozen=True)
@@ -114,11 +119,14 @@ class Replayed:
         One line for each part of the results that could not be written completely.
     code : int
         Exit status.
+    entry : DriveEntry or None
+        For the index of several replays; None without a page.
     """
 
     lines: list
     faults: list
     code: int = 0
+    entry: object = None
 
 
 def replay_one(job) -> Replayed:

@@ -13,6 +13,8 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .faults import Faults
 from .loops import Loops
+from .page.entries import replay_entry
+from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
@@ -39,6 +41,8 @@ class Results:
         Collects the results that cannot be written, with the reasons.
     history : ScanHistory
         What the page shows of each scan.
+    entry : DriveEntry or None
+        For the index of several replays, once the results are written.
     """
 
     folder: Path
@@ -49,6 +53,7 @@ class Results:
     loops: Loops | None
     faults: Faults
     history: ScanHistory
+    entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
         """Write metrics, pictures and page; return the summary as (name, text) pairs.
@@ -72,6 +77,7 @@ class Results:
                 report = Report(title, lines, known, self.trajectory, density, self._pairs(), self.parameters, register,
                                 self.history, closed_map)
                 write_report(self.folder / 'report.html', report)
+                self.entry = replay_entry(name, self.folder, measures, density, _lines(poses, _aligned(truth, poses)))
         return summary
 
     def _known(self):
@@ -111,6 +117,12 @@ class Results:
 
     def _pairs(self):
         return self.faults.attempt('pairs to review', self.to_review.found) or []
+
+
+def _lines(poses, truth):
+    """Return kind, name and positions of the trajectories of the small map."""
+    lines = [('trajectory', 'trajectory', poses[:, :2])]
+    return lines if truth is None else [*lines, ('truth', 'truth', truth[:, :2])]
 
 
 def _aligned(truth, poses):

@@ -18,7 +18,7 @@ SHA512 = 'Xm7bpRXnDSX2YE2YFfBk2FnF0ep6tmG7xPh8iHee8MIcrgq762Nkce856dYtJYLkuIoYZv
 """Of the package that npm downloads (MPL-2.0): kept in the user's cache, no part of this project."""
 LEVELS = ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']
 DRAWN = ('line', 'density', 'trajectory', 'bad', 'truth', 'wheels', 'scan', 'segments', 'covariance', 'keyframes',
-         'loops', 'marks', 'chosen', 'ink', 'muted')
+         'loops', 'marks', 'chosen', 'ink', 'muted', 'other0', 'other1', 'other2', 'other3', 'other4')
 # Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
 EYES = {
     'all cones': np.eye(3),

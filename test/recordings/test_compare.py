@@ -89,7 +89,7 @@ def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
     assert content['differences']['all']['m']['low'] > 0.0
     folder = tmp_path / 'compare' / 'latest'
     assert {file.name for file in folder.iterdir()} == {
-        'comparison.json', 'comparison.png', 'hall', 'table.txt'}
+        'comparison.json', 'comparison.png', 'hall', 'index.html', 'table.txt'}
     assert (folder / 'table.txt').read_text() in printed.out
     assert 0.005 < 1.0 - imread(folder / 'comparison.png')[..., :3].mean() < 0.3
     assert compare(tmp_path / 'bad.yaml', 'defaults')[0] == 0
@@ -139,7 +139,8 @@ def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
                                        'defaults, '
                                        'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, '
                                        'sick_lms5xx; or a method: '
-                                       'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity\n')
+                                       'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity, '
+                                       'MODULE:FUNCTION\n')
 
 
 def test_results_that_cannot_be_written_are_refused_before_any_work(recording, tmp_path, capsys):

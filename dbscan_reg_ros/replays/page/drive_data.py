@@ -19,6 +19,8 @@ LONGEST_STEP = 1.0
 """Steps of the stamps [s] that are longer, or negative, count as this long, or not at all, when the drive is played."""
 MOST_POSES = 20_000
 """Number of key frames and of loops that are drawn."""
+KINDS = 5
+"""Number of colours of competitors."""
 LEVELS = [status.value for status in Status]
 
 
@@ -35,7 +37,7 @@ def drive_data(report) -> dict:
     moved = not len(distance) or distance[-1] >= DRIVE
     along = distance if moved else scans.astype(float)
     sources = [record.reference_number for record in records]
-    others = list(_others(report.known, trajectory.stamps, poses))
+    others = [*_others(report.known, trajectory.stamps, poses), *_competitors(report)]
     reasons = list(dict.fromkeys(record.reason for record in records))
     number_of = {reason: number for number, reason in enumerate(reasons)}
     return {
@@ -54,7 +56,7 @@ def drive_data(report) -> dict:
         'segments': packed([len(record.segments) for record in records], '<u2'),
         'others': [{'kind': kind, 'name': name, 'at': packed(path[kept])} for kind, name, path in others],
         'keyFrames': _key_frames(records, poses, report.closed), 'closed': _closed(report.closed, poses, kept),
-        'plots': [*_error_plots(report.known, trajectory.stamps, poses, kept),
+        'plots': [*_error_plots(report.known, trajectory.stamps, poses, kept), *_competitor_plots(report, kept),
                   *_time_plot(trajectory.milliseconds, kept)],
         'scans': packed_scans(records),
     }
@@ -106,6 +108,40 @@ def _others(known, stamps, poses):
         yield kind, name, path[:, :2]
 
 
+def competitor_poses(trajectory, other):
+    """Return the poses ``(N, 3)`` of another trajectory at the scans of the first, not a number where it has none."""
+    poses = np.full((len(trajectory.used), 3), np.nan)
+    poses[np.flatnonzero(other.used)] = other.pose_array()
+    return poses[np.flatnonzero(trajectory.used)]
+
+
+def _competitors(report):
+    """Yield kind, name and positions ``(N, 2)`` of the competitors, from the first common pose on."""
+    ours = report.trajectory.pose_array()
+    for place, (name, trajectory) in enumerate(report.competitors):
+        path = competitor_poses(report.trajectory, trajectory)
+        there = np.flatnonzero(np.isfinite(path).all(axis=1))
+        if len(there):
+            found, first = path[there], there[0]
+            path[there] = compose(np.broadcast_to(ours[first], found.shape),
+                                  relative(np.broadcast_to(path[first], found.shape), found))
+            yield f'other{place % KINDS}', name, path[:, :2]
+
+
+def _competitor_plots(report, kept):
+    """Yield the errors along the drive of each competitor."""
+    for place, (name, trajectory) in enumerate(report.competitors):
+        poses = competitor_poses(report.trajectory, trajectory)
+        there = np.isfinite(poses).all(axis=1)
+        stamps, numbers = np.array(report.trajectory.stamps, dtype=np.int64)[there], np.flatnonzero(there)
+        for plot, values in _errors(report.known, stamps, poses[there]):
+            row = np.full(len(poses), np.nan)
+            row[numbers] = values
+            yield plot | {'id': f'{plot["id"]}-{place}', 'kind': f'other{place % KINDS}',
+                          'name': f'{plot["name"]} of {name}', 'short': f'{plot["short"]} of {name}',
+                          'values': packed(_largest(row, kept))}
+
+
 def _thinned(rows):
     return rows[::-(-len(rows) // MOST_POSES) or 1]
 
@@ -126,7 +162,13 @@ def _closed(closed, poses, kept):
 
 
 def _error_plots(known, stamps, poses, kept):
-    """Yield the errors along the drive: by the truth, else by relations, else as the difference from the wheels."""
+    """Yield the plots of the errors along the drive."""
+    for plot, values in _errors(known, stamps, poses):
+        yield plot | {'values': packed(_largest(values, kept))}
+
+
+def _errors(known, stamps, poses):
+    """Yield plots and errors ``(N,)``: by the truth, else by relations, else as the difference from the wheels."""
     found = None
     if known.truth:
         found = 'Error over the next metre', 'against the truth', _over_a_metre(known.truth, stamps, poses)
@@ -140,8 +182,8 @@ def _error_plots(known, stamps, poses, kept):
         return
     name, note, values = found
     for what, unit, row in zip(('translation', 'rotation'), ('m', 'deg'), values, strict=True):
-        yield {'id': what, 'name': f'{name}: {what}', 'short': f'{what} error', 'note': note, 'unit': unit, 'log': True,
-               'values': packed(_largest(row, kept))}
+        yield {'id': what, 'name': f'{name}: {what}', 'short': f'{what} error', 'note': note, 'unit': unit,
+               'log': True}, row
 
 
 def _over_a_metre(trajectory, stamps, poses):
@@ -169,7 +211,7 @@ def _largest(values, kept):
 
 def _time_plot(milliseconds, kept):
     """Yield the processing times along the drive."""
-    if len(kept):
+    if len(kept) and len(milliseconds):
         times = np.array(milliseconds)
         median, p95 = np.percentile(times, (50, 95))
         yield {'id': 'time', 'name': 'Processing time', 'short': 'processing time', 'unit': 'ms', 'log': True,
@@ -189,6 +231,7 @@ def sections(report, most=25) -> list:
         return []
     distance = path_lengths(trajectory.pose_array())
     bad = np.array([status is not Status.OK for status in trajectory.statuses])
+    times = trajectory.milliseconds
     edges = np.unique(np.linspace(0, count, min(most, count) + 1).astype(int))
-    return [rounded([distance[start], distance[end - 1], end - start, bad[start:end].sum(),
-                     max(trajectory.milliseconds[start:end])], 2) for start, end in pairwise(edges)]
+    return [[*rounded([distance[start], distance[end - 1], end - start, bad[start:end].sum()], 2),
+             round(max(times[start:end]), 2) if times else None] for start, end in pairwise(edges)]

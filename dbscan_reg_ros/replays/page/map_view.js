@@ -9,6 +9,12 @@ const LAYERS = [
 ];
 const DASHES = {truth: [7, 4], wheels: [2, 4], segments: [9, 3, 2, 3], trajectory: [], loops: []};
 
+for (const other of drive.others) if (other.kind.startsWith('other')) {
+  const place = Number(other.kind.slice(5));
+  LAYERS.splice(4 + place, 0, [other.kind, other.name, 'M0 7H30', true]);
+  DASHES[other.kind] = [[12, 4], [3, 3], [12, 3, 3, 3], [5, 2], [1, 5]][place];
+}
+
 class MapView {
   constructor(page) {
     this.page = page;
@@ -155,7 +161,7 @@ class MapView {
     context.imageSmoothingEnabled = this.scale * (right - left) < 2 * map.image.naturalWidth;
     if (map.tinted) context.drawImage(map.tinted, x, y, (right - left) * this.scale, (top - bottom) * this.scale);
     this.inMetres(context);
-    for (const [name, width] of [['loops', 1.2], ['wheels', 1.6], ['truth', 2], ['trajectory', 1.8]])
+    for (const [name, width] of [['loops', 1.2], ['wheels', 1.6], ['truth', 2], ...drive.others.filter(other => other.kind.startsWith('other')).map(other => [other.kind, 2]), ['trajectory', 1.8]])
       if (this.shown[name] && lines[name]) this.stroke(context, lines[name], name, width);
     if (this.shown.trajectory) this.stroke(context, lines.bad, 'bad', 4.5);
     this.inPixels(context);

@@ -42,11 +42,12 @@ class Page {
     at('nothing').textContent = data.nothing;
     const header = html(html(at('sections'), 'thead'), 'tr'), body = html(at('sections'), 'tbody');
     for (const name of ['from [m]', 'to [m]', 'scans', 'not OK', 'longest processing time [ms]']) html(header, 'th', name).scope = 'col';
-    for (const row of data.sections) { const line = html(body, 'tr'); for (const value of row) html(line, 'td', String(value)); }
+    for (const row of data.sections) { const line = html(body, 'tr'); for (const value of row) html(line, 'td', value === null ? 'unknown' : String(value)); }
     this.parameters();
   }
 
   parameters() {
+    at('parameters').parentElement.hidden = !data.parameters.length;
     const changed = data.parameters.filter(parameter => parameter.changed).length;
     at('changes').textContent = changed ? `${changed} not at the default, in bold.` : 'All at their defaults.';
     for (const parameter of data.parameters) {
@@ -59,7 +60,8 @@ class Page {
   }
 
   layers() {
-    const kinds = new Set(drive.others.map(other => other.kind)), absent = {truth: !kinds.has('truth'), wheels: !kinds.has('wheels'), loops: !drive.closed, marks: !this.marks.length};
+    const kinds = new Set(drive.others.map(other => other.kind)), absent = {truth: !kinds.has('truth'), wheels: !kinds.has('wheels'), loops: !drive.closed, marks: !this.marks.length,
+      segments: drive.count > 0 && !drive.firstSegment[drive.count], covariance: drive.sigma.every((value, i) => i % 4 || value === 0), keyframes: !drive.keyFrames.open.length};
     for (const [name, label, d, on] of LAYERS) if (!absent[name]) {
       const box = this.toggle(name, label, on, value => { this.view.shown[name] = value; });
       const width = {scan: 4, marks: 1.8, trajectory: 2}[name] || 2;
@@ -149,7 +151,7 @@ class Page {
   values() {
     const k = this.current, pose = this.view.poses, [long, short, , turn] = drive.sigma.subarray(4 * k, 4 * k + 4), degrees = 180 / Math.PI;
     const rows = [['scan', `${drive.scan[k]}`], ['pose', `x ${pose[3 * k].toFixed(3)} m, y ${pose[3 * k + 1].toFixed(3)} m, ${(degrees * pose[3 * k + 2]).toFixed(2)}°`],
-      ['sigma', `${number(long)} m and ${number(short)} m, ${number(degrees * turn)}°`], ['status', word(data.drive.statusNames[drive.status[k]])],
+      ['sigma', long ? `${number(long)} m and ${number(short)} m, ${number(degrees * turn)}°` : 'unknown'], ['status', word(data.drive.statusNames[drive.status[k]])],
       ['reason', data.drive.reasons[drive.reason[k]] || 'none'],
       ['registered to', drive.reference[k] < 0 ? 'no scan' : `scan ${drive.reference[k]}, overlap ${Math.round(100 * drive.overlap[k])} %`],
       ...drive.plots.map(plot => [plot.short, plot.values[k] === plot.values[k] ? `${number(plot.values[k])} ${plot.unit}` : 'unknown'])];

@@ -4,8 +4,8 @@
 const MARK_REACH = 16;
 
 class Plot {
-  constructor(parent, {id, name, note, unit, values, log}, page) {
-    Object.assign(this, {id, name, unit, values, log, page});
+  constructor(parent, {id, name, note, unit, values, log, kind}, page) {
+    Object.assign(this, {id, name, unit, values, log, kind, page});
     this.box = html(parent, 'div', undefined, 'plot');
     this.box.id = 'plot-' + id;
     html(this.box, 'p', note ? `${name}, ${note}` : name);
@@ -60,7 +60,8 @@ class Plot {
       low = Math.min(low, value); high = Math.max(high, value);
     }
     flush();
-    svg(inside, 'path', {class: 'series', d: parts.join('')});
+    const path = svg(inside, 'path', {class: 'series', d: parts.join('')});
+    if (this.kind) path.style.stroke = `var(--${this.kind})`;
   }
 
   describe() {

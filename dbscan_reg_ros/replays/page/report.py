@@ -53,13 +53,16 @@ class Report:
     density : DensityMap
         Map along the trajectory.
     pairs : list of PairToReview
-    parameters : Parameters
+    parameters : Parameters or None
+        None if they are not those of our odometry.
     register : str
         Command that shows a pair of scans once their numbers are appended.
     history : ScanHistory
         What is shown of each scan.
     closed : ClosedMap or None
         None if loops were not closed.
+    competitors : list of (str, Trajectory)
+        Name and trajectory of others over the same recording.
     """
 
     title: str
@@ -68,10 +71,11 @@ class Report:
     trajectory: Trajectory
     density: DensityMap
     pairs: list
-    parameters: Parameters
+    parameters: Parameters | None
     register: str = ''
     history: ScanHistory = field(default_factory=ScanHistory)
     closed: ClosedMap | None = None
+    competitors: list = field(default_factory=list)
 
 
 def write_report(path: Path, report: Report) -> None:
@@ -83,12 +87,12 @@ def write_report(path: Path, report: Report) -> None:
             file.write(part)
 
 
-def page_parts(contents):
-    """Yield the page with its style, its script and the `contents`, name -> text, at their places."""
+def page_parts(contents, template='report.html'):
+    """Yield a page with its style, its script and the `contents`, name -> text, at their places in the template."""
     folder = resources.files(__package__)
     contents = contents | {'style': folder.joinpath('style.css').read_text(encoding='utf-8'),
                            'script': ''.join(folder.joinpath(name).read_text(encoding='utf-8') for name in SCRIPTS)}
-    before, *rest = folder.joinpath('report.html').read_text(encoding='utf-8').split('{{')
+    before, *rest = folder.joinpath(template).read_text(encoding='utf-8').split('{{')
     yield before
     for part in rest:
         name, _, after = part.partition('}}')
@@ -105,7 +109,7 @@ def _page_data(report, drive):
         'nothing': '' if any(plot['id'] == 'translation' for plot in drive['plots']) else _nothing(report.known),
         'pairs': [_pair_data(pair, scans) for pair in report.pairs],
         'register': report.register, 'sections': sections(report),
-        'parameters': list(_parameters(report.parameters)),
+        'parameters': list(_parameters(report.parameters)) if report.parameters else [],
     }
 
 

@@ -90,12 +90,22 @@ class ScanHistory:
 
     def add(self, update):
         """Take the `OdometryUpdate` of the next scan."""
-        ok = update.status is Status.OK
+        self._take(update.status, update.number, lambda: self._record(update))
+
+    def add_scan(self, number, scan, status=Status.OK):
+        """Take the next scan, of which no more is known than its status."""
+        self._take(status, number, lambda: ScanRecord(
+            number, -1, status, '', 0.0, False, np.zeros((3, 3)), _stored(scan.points[scan.valid])[::self.beam_step],
+            np.empty((0, 4), dtype=np.int16)))
+
+    def _take(self, status, number, make_record):
+        """Keep the record of a scan, unless it is to be dropped."""
+        ok = status is Status.OK
         place = self._seen[ok]
         self._seen[ok] += 1
-        if place % self._steps[ok] and update.number:
+        if place % self._steps[ok] and number:
             return
-        record = self._record(update)
+        record = make_record()
         self._records.append((place, record))
         self._counts[ok] += 1
         self._points += len(record.points)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Index of several drives: a table of all, and a small map of each with a link to its page."""
+from html import escape
+from typing import NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from ...recordings.files import replacing
+from .encoding import picture
+from .report import page_parts
+
+CELLS = 300
+"""Cells of the longer side of a small map."""
+MOST_POSES = 400
+DASHES = {'truth': '7 4', 'other0': '12 4', 'other1': '3 3', 'other2': '12 3 3 3', 'other3': '5 2',
+          'other4': '1 5'}
+"""Dashes of the trajectories by their kind, as on the page of a drive."""
+
+
+class SmallMap(NamedTuple):
+    """A map for the index.
+
+    Attributes
+    ----------
+    image : str
+        Data URL.
+    extent : (left, right, bottom, top) [m]
+    lines : list of (str, str, (N, 2) float [m])
+        Kind, name and positions of each trajectory.
+    """
+
+    image: str
+    extent: tuple
+    lines: list
+
+
+class DriveEntry(NamedTuple):
+    """A drive of the index.
+
+    Attributes
+    ----------
+    name : str
+    link : str
+        Address of its page, relative to the index; empty without a page.
+    rows : list of list of str
+        Its rows of the table, without the name.
+    map : SmallMap
+    """
+
+    name: str
+    link: str
+    rows: list
+    map: SmallMap
+
+
+def small_map(density, lines) -> SmallMap:
+    """Return the map for the index from a `DensityMap` and lines of (kind, name, positions ``(N, 2)``)."""
+    ink = density.ink
+    step = -(-max(ink.shape) // CELLS)
+    rows, columns = (-(-size // step) * step for size in ink.shape)
+    padded = np.zeros((rows, columns))
+    padded[:ink.shape[0], :ink.shape[1]] = ink
+    left, _, bottom, _ = density.extent
+    cell = (density.extent[1] - left) / ink.shape[1]
+    largest = padded.reshape(rows // step, step, columns // step, step).max(axis=(1, 3))
+    thinned = [(kind, name, at[np.isfinite(at).all(axis=1)][::-(-len(at) // MOST_POSES) or 1])
+               for kind, name, at in lines]
+    return SmallMap(picture(largest), (left, left + columns * cell, bottom, bottom + rows * cell), thinned)
+
+
+def write_index(path, title, columns, entries):
+    """Write the index.
+
+    Parameters
+    ----------
+    path : Path
+    title : str
+    columns : list of str
+        Heads of the table, without that of the name.
+    entries : list of DriveEntry
+    """
+    head = ''.join(f'<th scope="col" class="number">{escape(column)}</th>' for column in columns)
+    body = ''.join(f'<tr><th scope="row">{_linked(entry)}</th>{_cells(row)}</tr>'
+                   for entry in entries for row in entry.rows)
+    contents = {'title': escape(title), 'drives': ''.join(map(_drive, entries)),
+                'table': f'<thead><tr><th scope="col">recording</th>{head}</tr></thead><tbody>{body}</tbody>'}
+    with replacing(path) as file:
+        for part in page_parts(contents, 'index.html'):
+            file.write(part)
+
+
+def _linked(entry):
+    return f'<a href="{escape(quote(entry.link))}">{escape(entry.name)}</a>' if entry.link else escape(entry.name)
+
+
+def _cells(row):
+    return ''.join(f'<td class="number">{escape(value)}</td>' for value in row)
+
+
+def _drive(entry):
+    """Return the list item of a drive: its map, trajectories and their legend."""
+    left, right, bottom, top = entry.map.extent
+    lines = ''.join(f'<polyline points="{_points(at)}" style="{_stroke(kind)}"/>' for kind, _, at in entry.map.lines)
+    legend = ''.join(f'<li><svg class="key" viewBox="0 0 30 14" style="width: 30px; height: 14px" aria-hidden="true">'
+                     f'<polyline points="0,7 30,7" style="{_stroke(kind)}"/></svg>{escape(name)}</li>'
+                     for kind, name, _ in entry.map.lines)
+    return (f'<li><h3>{_linked(entry)}</h3><svg role="img" aria-label="map of {escape(entry.name)}" '
+            f'viewBox="{left:.3f} {-top:.3f} {right - left:.3f} {top - bottom:.3f}">'
+            f'<image href="{entry.map.image}" x="{left:.3f}" y="{-top:.3f}" width="{right - left:.3f}" '
+            f'height="{top - bottom:.3f}" preserveAspectRatio="none"/>{lines}</svg>'
+            f'<ul class="legend">{legend}</ul></li>')
+
+
+def _points(positions):
+    return ' '.join(f'{x:.2f},{-y:.2f}' for x, y in positions.tolist())
+
+
+def _stroke(kind):
+    """Return the style of a trajectory; competitors differ in their dashes as well."""
+    return f'stroke: var(--{kind}); stroke-dasharray: {DASHES.get(kind, "none")}'
