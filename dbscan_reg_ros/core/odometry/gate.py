@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
+import dataclasses
 import math
 from enum import Enum
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from ..registration.status import demoted_if_weak, observability_ratio
 from .models.motion import unknown_motion_covariance
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
-from .state import Tracking
+from .state import Mode, Tracking
 
 
 class Decision(Enum):
@@ -41,6 +42,9 @@ class Reason(Enum):
     UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
     UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
     CONFIRMED = 'outside every gate, but the scan before was found at the same place'
+    GUESS = 'not reliable, but more likely than a weak prediction'
+    SCAN_BEFORE = 'registered to the scan before, without a prediction'
+    REJOINED = 'found again in the map before the loss, which corrects the pose'
     UNCONFIRMED = 'outside every gate; the next scan may confirm it'
 
 
@@ -73,12 +77,14 @@ class Gate:
     Attributes
     ----------
     predictions : Predictions
+    weak_prior : bool
+        Whether the best prediction is too uncertain to tell repeated structures apart.
     """
 
     def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters):
         self.predictions, self._tracking, self._parameters = predictions, tracking, parameters
         best, motion, p = predictions.best, predictions.motion, parameters
-        self._weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
+        self.weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
         interval = predictions.interval
         self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)
@@ -100,7 +106,7 @@ class Gate:
         ok = registration.status is Status.OK
         if registration.status is Status.FAILED:
             return Verdict(Decision.REJECT, Reason.FAILED)
-        excess = self._exceeded_limit(pose)
+        excess = self._exceeded_limit(self._tracking.found, pose, self._time_since_found)
         if excess is not None:
             return Verdict(Decision.REJECT, excess)
         if self._near_prediction(pose, registration):
@@ -111,10 +117,32 @@ class Gate:
             return self._check_outlier(pose, registration.score)
         return Verdict(Decision.REJECT, Reason.UNRELIABLE)
 
-    def _exceeded_limit(self, pose: SE2) -> Reason | None:
-        """Return which limit of speed or turn rate a result exceeds since the last scan that was found, if any."""
-        found, p = self._tracking.found, self._parameters
-        time = max(self._time_since_found, self.predictions.unconstrained_time)
+    def check_scan_before(self, before: SE2, pose: SE2, registration: Registration) -> Verdict:
+        """Decide on a scan registered without a prediction to the scan before, which is at the pose `before`."""
+        excess = self._exceeded_limit(before, pose, self._time_since_found - self._tracking.lost_time)
+        if excess is not None:
+            return Verdict(Decision.REJECT, excess)
+        if registration.status is not Status.OK or not self._is_reliable(registration):
+            if self.weak_prior and self.predictions.by_motion_model:
+                return Verdict(Decision.REJECT, Reason.GUESS)
+            failed = registration.status is Status.FAILED
+            return Verdict(Decision.REJECT, Reason.FAILED if failed else Reason.UNRELIABLE)
+        if self._scores_poorly(registration.score):
+            return Verdict(Decision.REJECT, Reason.POOR_SCORE)
+        return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
+
+    def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
+                       registration: Registration) -> Verdict:
+        """Decide on a scan registered to the map before a loss, `expected` there with a `covariance` ``(3, 3)``."""
+        if registration.status is not Status.OK:
+            return Verdict(Decision.REJECT, Reason.FAILED)
+        if not self._within(pose, expected, covariance):
+            return Verdict(Decision.REJECT, Reason.UNRELIABLE)
+        return Verdict(Decision.ACCEPT, Reason.REJOINED)
+
+    def _exceeded_limit(self, found: SE2 | None, pose: SE2, time: float) -> Reason | None:
+        """Return which limit of speed or turn rate the motion from the pose `found` in a `time` [s] exceeds, if any."""
+        p, time = self._parameters, max(time, self.predictions.unconstrained_time)
         if found is None or time <= 0.0:
             return None
         motion = found.inverse() @ pose
@@ -123,17 +151,18 @@ class Gate:
         limit = p.odometry.max_turn_rate * time + p.prior.gate * p.prior.min_sigma
         return Reason.TURNS_TOO_FAST if abs(motion.theta) > limit else None
 
-    def _check_outlier(self, pose: SE2, score: float) -> Verdict:
-        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted.
-
-        A place that was seen a moment ago scores nearly as well again; the longer ago, the less is asked for.
-        """
+    def _scores_poorly(self, score: float) -> bool:
+        """Whether the score is low for a place that was seen a moment ago; the longer ago, the less is asked for."""
         recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, 1e-9), 0.0)
-        if score < _RECENT_SCORE_RATIO * recent * self._tracking.score:
+        return score < _RECENT_SCORE_RATIO * recent * self._tracking.score
+
+    def _check_outlier(self, pose: SE2, score: float) -> Verdict:
+        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted."""
+        if self._scores_poorly(score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         motion, unconfirmed = self.predictions.motion, self._tracking.unconfirmed
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
-        if self._within(pose, motion.pose, unknown):
+        if self._within(pose, motion.pose, unknown) and not self._leaps(pose):
             return Verdict(Decision.ACCEPT, Reason.UNKNOWN_MOTION)
         prior = motion.prior
         if unconfirmed is not None and self._within(pose, unconfirmed @ prior.transform, prior.covariance):
@@ -181,9 +210,33 @@ class Gate:
         gate = self._parameters.odometry.zero_velocity_gate
         return _squared_distance(pose, start, registration.covariance) > gate ** 2
 
-    def demoted(self, registration: Registration) -> Registration:
-        """Return the registration, no longer ``OK`` where few points constrain a motion that was not predicted well."""
-        return demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
+    def is_correction(self, pose: SE2, verdict: Verdict) -> bool:
+        """Whether the way to a result is no motion: it corrects a pose that was wrong or only predicted.
+
+        So is an outlier after a loss, and a result that asks for more than 1 m/s beyond a prediction that is not weak.
+        """
+        if verdict.reason is Reason.REJOINED or (verdict.outlier and self._tracking.lost_time > 0.0):
+            return True
+        return verdict.reason is not Reason.WITHIN_GATE and self._leaps(pose)
+
+    def _leaps(self, pose: SE2) -> bool:
+        """Whether a result asks for more than 1 m/s beyond a prediction that is not weak."""
+        if self.weak_prior or self._tracking.mode is Mode.STARTING:
+            return False
+        change = self.predictions.best.pose.inverse() @ pose
+        return math.hypot(change.x, change.y) > self._time_since_found
+
+    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
+        """Return the registration, no longer ``OK`` where the pose or the motion is not known in every direction.
+
+        So it is where few points constrain a motion that was not predicted well, where the result is a correction, and,
+        if `chained`, while the scans since a loss are not found in the map before it.
+        """
+        registration = demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
+        if registration.status is not Status.OK or not (chained or self.is_correction(pose, verdict)):
+            return registration
+        reason = Reason.SCAN_BEFORE if chained else verdict.reason
+        return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
     def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
         """Whether `pose` is within the gate of the best prediction or of the motion model.
@@ -192,7 +245,7 @@ class Gate:
         Results by few points do not override the wheels, unless these seem to slip.
         """
         best, motion = self.predictions.best, self.predictions.motion
-        ratio = _WEAK_PRIOR_RATIO if self._weak_prior and registration.status is not Status.OK else 1.0
+        ratio = _WEAK_PRIOR_RATIO if self.weak_prior and registration.status is not Status.OK else 1.0
         if self._within(pose, best.pose, best.gate_covariance, ratio):
             return True
         reliable = self._is_reliable(registration)

@@ -22,7 +22,8 @@ from .gate import Gate
 from .models.stamps import Jump, middle_offset
 from .prediction import predict
 from .records import OdometryUpdate
-from .references import Outcome, ReferenceSearch
+from .reference_search import ReferenceSearch
+from .references import Outcome
 from .state import Mode
 
 
@@ -100,10 +101,10 @@ class Odometry:
             features, gate = self._start_in_motion(scan, outcome, gate)
             outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
-        if outcome.match is None:
+        if outcome.match is None and outcome.rejoined is None:
             return update.coast(state, features, outcome, gate.predictions, p)
         # Found: align with the map; update motion, covariances, key frames and heading; report.
-        return update.follow(state, outcome.match, gate, p)
+        return update.follow(state, outcome, gate, p)
 
     def predict_motion(self, stamp: int) -> Prior | None:
         """Predict the motion to a scan at `stamp` [ns] by the motion model alone; None before the first scan."""

@@ -8,13 +8,9 @@ from typing import NamedTuple
 from ..features.records import Features
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
-from ..registration.pipeline import register, register_within_gate
-from ..registration.records import Prior, Registration, Status
-from ..registration.search import SearchStage
-from .gate import Decision, Gate, Reason, Verdict
-from .mapping.dynamic_points import without_dynamic_points
+from ..registration.records import Registration, Status
+from .gate import LIMITS, Decision, Reason, Verdict
 from .mapping.key_frame import KeyFrame
-from .mapping.scan_to_map import information_along
 from .state import TrackState
 
 
@@ -69,6 +65,10 @@ class Outcome(NamedTuple):
         The first pose that the next scan may confirm.
     search_near : bool
         As in `Tracking`.
+    rejoined : Match or None
+        The match with the map before the loss, if it is believed.
+    guess : SE2 or None
+        A pose that is not believed, but is more likely than the prediction.
     rejection : Reason or None
         Why the gate rejected the first result whose registration did not fail.
     """
@@ -77,7 +77,24 @@ class Outcome(NamedTuple):
     registration: Registration
     unconfirmed: SE2 | None = None
     search_near: bool = True
+    rejoined: Match | None = None
+    guess: SE2 | None = None
     rejection: Reason | None = None
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether there is a match that is not tentative."""
+        return self.match is not None and self.match.verdict.decision is Decision.ACCEPT
+
+    @property
+    def rejected(self) -> Registration:
+        """The registration to the local map, with the reason for which the gate rejected a result."""
+        registration, rejection = self.registration, self.rejection
+        if rejection is None:
+            return registration
+        failed = registration.status is Status.FAILED or rejection in LIMITS
+        return dataclasses.replace(registration, status=Status.FAILED if failed else Status.AMBIGUOUS,
+                                   reason='; '.join(filter(None, (registration.reason, rejection.value))))
 
     def joined(self, match: Match) -> 'Outcome':
         """Add a match: an accepted one replaces the match, a tentative one only if there is none."""
@@ -86,6 +103,8 @@ class Outcome(NamedTuple):
             return self._replace(match=match, registration=match.registration)
         if verdict.decision is not Decision.REJECT or verdict.reason is Reason.FAILED:
             return self
+        if verdict.reason is Reason.GUESS:
+            return self if self.guess else self._replace(guess=match.pose)
         outcome = self if self.rejection else self._replace(rejection=verdict.reason)
         return outcome._replace(unconfirmed=match.pose) if verdict.outlier and self.unconfirmed is None else outcome
 
@@ -133,96 +152,13 @@ def is_recoverable(registration: Registration, parameters: Parameters) -> bool:
     return registration.score >= _RECOVERABLE_RATIO * parameters.decision.min_score
 
 
-class ReferenceSearch:
-    """Registers one scan to reference after reference until the gate accepts a result.
-
-    Parameters
-    ----------
-    features : Features
-        Of the scan.
-    state : TrackState
-    gate : Gate
-    parameters : Parameters
-        Of the odometry.
-    search_parameters : Parameters
-        Of the registrations to single references.
-    """
-
-    def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters,
-                 search_parameters: Parameters):
-        self._features, self._state, self._gate = features, state, gate
-        self._parameters, self._search_parameters = parameters, search_parameters
-        self._search_near = state.tracking.search_near
-
-    def run(self) -> Outcome:
-        """Register to the local map, and unless its match is final to `fallback_references`."""
-        window, best = self._state.key_frames, self._gate.predictions.best
-        static = self._features
-        if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
-            static = without_dynamic_points(static, best.pose, window, self._parameters)
-        match = self._match(Reference(window.latest, window.local_map), static, None)
-        outcome = Outcome(None, match.registration).joined(match)
-        if not self._is_final(match):
-            for reference in fallback_references(self._state, best.pose, match.registration, self._parameters):
-                match = self._match(reference, static, outcome.match)
-                outcome = outcome.joined(match)
-                if self._is_final(match):
-                    break
-        return outcome._replace(search_near=self._search_near)
-
-    def _is_final(self, match: Match) -> bool:
-        """Whether no reference can improve the match: it is accepted, or the scan itself leaves it degenerate."""
-        if match.verdict.decision is not Decision.TENTATIVE:
-            return match.verdict.decision is Decision.ACCEPT
-        if match.registration.rotation_unobservable or match.unresolved_direction is None:
-            return True
-        information = information_along(match.features, match.pose, match.unresolved_direction, self._parameters).sum()
-        return bool(information < self._parameters.decision.min_information)
-
-    def _match(self, reference: Reference, static: Features, tentative: Match | None) -> Match:
-        """Register the `static` points to one reference, and let the gate decide on the result."""
-        frame, best = reference.key_frame, self._gate.predictions.best
-        prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
-        registration, features = self._register(reference, static, prior)
-        pose = predicted_along_degenerate(frame, registration, best.pose)
-        before = None if tentative is None else tentative.unresolved_direction
-        direction = _unresolved_direction(frame, registration, before)
-        if self._gate.asks_for_search_within(pose, registration):
-            inside = register_within_gate(reference.features, features, self._search_parameters, prior)
-            if inside.status is not Status.FAILED:
-                registration = dataclasses.replace(inside, status=registration.status, reason=registration.reason)
-                pose = predicted_along_degenerate(frame, registration, best.pose)
-                direction = _unresolved_direction(frame, registration, direction)
-        verdict = self._gate.check(pose, registration, tentative is not None)
-        return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
-                     features=features, verdict=verdict)
-
-    def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
-        """Register the `static` points; also return the features that were used.
-
-        The predicted pose determines the dynamic points. Where the registration fails but is recoverable, its result
-        determines them again, and the registration is retried.
-        """
-        p = self._parameters
-        stage = SearchStage.NEAR if self._search_near else SearchStage.NORMAL
-        registration = register(reference.features, static, self._search_parameters, prior, stage)
-        self._search_near = registration.score > p.prior.max_score_outside_gate
-        if registration.status is not Status.FAILED or not is_recoverable(registration, p):
-            return registration, static
-        pose = reference.key_frame.pose @ registration.transform
-        retried = without_dynamic_points(self._features, pose, self._state.key_frames, p)
-        if retried.normals is static.normals:
-            return registration, static
-        return register(reference.features, retried, self._search_parameters, prior), retried
-
-
 def degenerate_direction(frame: KeyFrame, registration: Registration) -> float | None:
     """Return the degenerate direction [rad] of a registration to a key frame, in the odometry frame, if any."""
     direction = registration.degenerate_direction
     return None if direction is None else frame.pose.theta + direction
 
 
-def _unresolved_direction(frame: KeyFrame, registration: Registration, before: float | None) -> float | None:
+def unresolved_direction(frame: KeyFrame, registration: Registration, before: float | None) -> float | None:
     """Return the `degenerate_direction` of a registration; without one, that of results `before`."""
     direction = degenerate_direction(frame, registration)
     return before if direction is None else direction

@@ -35,6 +35,27 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, eq=False)
+class LostMap:
+    """The map in which scans are not found any more, while a chain of scans may go on without it.
+
+    Attributes
+    ----------
+    window : KeyFrameWindow
+    pose : SE2
+        Pose of the last scan that was found in it, in the odometry frame.
+    covariance : CovariancePropagation
+        That of this scan.
+    time : float [s]
+        Time since this scan.
+    """
+
+    window: KeyFrameWindow
+    pose: SE2
+    covariance: CovariancePropagation
+    time: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Tracking:
     """How well the pose is known after a scan.
 
@@ -54,7 +75,9 @@ class Tracking:
     found : SE2 or None
         Pose of the last scan that was found, in the odometry frame; None after a start.
     last_scan : KeyFrame or None
-        The last scan, where it was found and did not become a key frame.
+        The last scan, where it did not become a key frame; where it was not found, at its predicted pose.
+    lost : LostMap or None
+        The map that scans were lost from, until one is found in it again, or for `odometry.restart_time`.
     """
 
     mode: Mode = Mode.STARTING
@@ -65,6 +88,7 @@ class Tracking:
     score: float = 0.0
     found: SE2 | None = None
     last_scan: KeyFrame | None = None
+    lost: LostMap | None = None
 
 
 @dataclass

@@ -10,9 +10,9 @@ scan not found                  ``COASTING``, ``LOST``   `coast`
 lost for `restart_time`         ``STARTING``             `coast`
 =============================== ======================== =========================================
 """
+import copy
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,17 @@ from ..features.records import Features
 from ..geometry.se2 import DOF, SE2
 from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
-from ..registration.records import Prior, Registration, Status
+from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
-from .gate import LIMITS, Gate
-from .mapping.correspondences import Correspondences, PosePrior
+from .alignment import Aligned, align_scan
+from .gate import Gate, Reason
+from .mapping.correspondences import PosePrior
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow
-from .mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty, sees_new_surface
+from .mapping.scan_to_map import sees_new_surface
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
-from .models.motion import ConstantVelocityModel, MotionConstraints
+from .models.motion import ConstantVelocityModel, unknown_motion_covariance
 from .models.pose_output import PoseOutput
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
@@ -38,7 +39,7 @@ from .prediction import Predictions
 from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
-from .state import Mode, Tracking, TrackState
+from .state import LostMap, Mode, Tracking, TrackState
 
 
 def initial_state(pose: SE2, number: int) -> TrackState:
@@ -93,7 +94,7 @@ def coast(state: TrackState, features: Features, outcome: Outcome, predictions: 
         if predictions.external is not None:
             state.pose = best.pose
         return start(state, features, interval.reason or f'lost for {lost_time:.1f} s')
-    pose, mode = best.pose, Mode.COASTING
+    pose, mode, lost = best.pose, Mode.COASTING, _lost_map(state, interval)
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
         if state.motion.has_velocity:
@@ -101,64 +102,76 @@ def coast(state: TrackState, features: Features, outcome: Outcome, predictions: 
         state.motion.forget_position()
         if predictions.by_motion_model:
             pose = state.pose
-    _propagate(state, pose, best.prior, interval)
+    pose = outcome.guess or pose
+    prior = best.prior
+    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
+        # The motion model has no velocity yet.
+        prior = Prior(prior.transform, unknown_motion_covariance(interval, p))
+    _propagate(state, pose, prior, interval)
     state.pose = pose
-    state.tracking = dataclasses.replace(state.tracking, mode=mode, lost_time=lost_time, observability=0.0)
-    registration = _rejected(outcome)
+    last_scan = KeyFrame(features, pose, number=state.output.number)
+    state.tracking = dataclasses.replace(
+        state.tracking, mode=mode, lost_time=lost_time, observability=0.0, last_scan=last_scan, lost=lost)
+    registration = outcome.rejected
     return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=registration.status, registration=registration,
         key_frame=state.key_frames.latest))
 
 
-def _rejected(outcome: Outcome) -> Registration:
-    """Return the registration to the local map, with the reason for which the gate rejected a result."""
-    registration, rejection = outcome.registration, outcome.rejection
-    if rejection is None:
-        return registration
-    failed = registration.status is Status.FAILED or rejection in LIMITS
-    return dataclasses.replace(registration, status=Status.FAILED if failed else Status.AMBIGUOUS,
-                               reason='; '.join(filter(None, (registration.reason, rejection.value))))
+def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
+    """Return the map that scans are lost from, an `interval` later; None after the first scan of a track."""
+    lost, window = state.tracking.lost, state.key_frames
+    if lost is None and state.tracking.mode is Mode.TRACKING:
+        lost = LostMap(window, state.pose, copy.deepcopy(state.covariance))
+    return lost and dataclasses.replace(lost, time=lost.time + max(interval.length, interval.elapsed))
 
 
-def follow(state: TrackState, match: Match, gate: Gate, p: Parameters) -> OdometryUpdate:
-    """Update by a scan that was found: align it with the map; update motion, covariances, key frames and heading."""
+def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
+    """Update by a scan that was found: align it with the map; update motion, covariances, key frames and heading.
+
+    A scan that only the scan before knows, which was not found either, begins a chain: a map of its own, until a scan
+    is found in the map before the loss.
+    """
+    match, interval, tracking = outcome.match, gate.predictions.interval, state.tracking
+    if outcome.rejoined is not None:
+        _rejoin(state, outcome, p)
+        match = outcome.rejoined
+    elif tracking.lost_time and match is not None and match.key_frame is tracking.last_scan:
+        _begin_chain(state, match.key_frame, interval)
+    elif tracking.lost is not None:
+        lost = _lost_map(state, interval)
+        kept = lost is not None and lost.window is not state.window and lost.time <= p.odometry.restart_time
+        state.tracking = dataclasses.replace(tracking, lost=lost if kept else None)
+    assert match is not None
     return _FoundScan(state, match, gate, p).update()
 
 
-class _Aligned(NamedTuple):
-    """A scan aligned with the map.
-
-    Attributes
-    ----------
-    pose : SE2
-        Pose of the scan in the odometry frame.
-    covariance : (3, 3) float
-        Covariance by the map alone, in the frame of the scan [m, m, rad].
-    direction : float or None [rad]
-        Direction of the translation that the map constrains least, in the odometry frame.
-    constrained : float
-        From 0 to 1: how well the map constrains a direction that is degenerate for the match; else 1.
-    correspondences : Correspondences or None
-        Correspondences with the key frames; None without a window.
-    """
-
-    pose: SE2
-    covariance: NDArray[np.float64]
-    direction: float | None
-    constrained: float
-    correspondences: Correspondences | None
+def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> None:
+    """Begin a map of its own with a scan that was not found: the motion from there to the next scan is known."""
+    state.window = KeyFrameWindow((first,))
+    state.covariance.start_key_frame()
+    state.motion.start_moving(first.pose, state.motion.twist, interval.middle_offset)
+    state.motion.elapse(interval.length)
+    state.tracking = dataclasses.replace(
+        state.tracking, lost_time=0.0, lost=_lost_map(state, interval), found=first.pose)
 
 
-def _constrained(direction: float | None, information: float | None, p: Parameters) -> float:
-    """Return how well a degenerate `direction` is constrained, from 0 to 1, by its `information` [points]."""
-    return 1.0 if direction is None or information is None else min(information / p.decision.min_information, 1.0)
-
-
-def _motion_constraints(aligned: _Aligned, prior: Prior, registration: Registration) -> MotionConstraints:
-    """Return the constraints for the motion model; an external prior observes the velocity in every direction."""
-    return MotionConstraints(aligned.direction if aligned.constrained < 1.0 else None,
-                             1.0 if prior.velocity_change is None else aligned.constrained,
-                             registration.rotation_unobservable)
+def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
+    """Return to the map before the loss; a chain whose scan was found there is moved to it as a whole."""
+    lost, found, chained = state.tracking.lost, outcome.rejoined, outcome.match
+    assert lost is not None and found is not None
+    frames = lost.window.frames
+    if chained is None:
+        state.motion.forget_position()
+    else:
+        correction = found.pose @ chained.pose.inverse()
+        state.motion.move(correction)
+        frames += tuple(dataclasses.replace(frame, pose=correction @ frame.pose) for frame in state.key_frames.frames)
+    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+    state.window = KeyFrameWindow(frames[-size:])
+    state.pose, state.covariance = lost.pose, lost.covariance
+    state.covariance.reset_twist()
+    state.tracking = dataclasses.replace(state.tracking, lost_time=0.0, lost=None, found=lost.pose)
 
 
 def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterval,
@@ -177,19 +190,20 @@ class _FoundScan:
 
     def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
         self._state, self._match, self._gate, self._parameters = state, match, gate, p
-        self._registration = gate.demoted(match.registration)
+        lost = state.tracking.lost
+        chained = lost is not None and lost.window is not state.window
+        self._registration = gate.demoted(match.pose, match.registration, match.verdict, chained)
 
     def update(self) -> OdometryUpdate:
         """Align the scan with the map, update the state, and report."""
         state, match, gate, registration = self._state, self._match, self._gate, self._registration
         before, interval = state.pose, gate.predictions.interval
-        if match.verdict.outlier and state.tracking.lost_time:
-            # The difference from the predictions is a correction, not a motion.
+        if gate.is_correction(match.pose, match.verdict) and match.verdict.reason is not Reason.REJOINED:
             state.motion.forget_position()
         # Align with the map, with the prior where the match does not contradict it.
         prior = gate.used_prior(match.pose, state.wheels)
         map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
-        aligned = self._align(map_prior)
+        aligned = align_scan(state.key_frames, match, map_prior, gate.predictions, self._parameters)
         # Update covariances, motion and key frames.
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
         covariance = inverse(inverse(aligned.covariance) + information)
@@ -197,7 +211,7 @@ class _FoundScan:
         _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
         if state.motion.position_unknown:
             state.covariance.reset_twist()
-        constraints = _motion_constraints(aligned, prior, registration)
+        constraints = aligned.motion_constraints(prior, registration)
         state.pose = state.motion.update(aligned.pose, interval, constraints, self._parameters)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
@@ -209,23 +223,7 @@ class _FoundScan:
         self._learn(before.inverse() @ state.pose)
         return update
 
-    def _align(self, prior: PosePrior) -> _Aligned:
-        """Align the scan with the key frames of the window; without a window the match is the result."""
-        match, registration, p = self._match, self._match.registration, self._parameters
-        direction = match.degenerate_direction
-        if p.odometry.reference != 'window':
-            constrained = _constrained(direction, registration.weakest_information, p)
-            return _Aligned(match.pose, registration.covariance, direction, constrained, None)
-        initial = InitialAlignment(match.pose, direction, registration.rotation_unobservable)
-        # An unobservable rotation is left to an external prior; the motion model knows it no better than the match.
-        rotation_by_prior = (registration.rotation_unobservable and not self._gate.predictions.by_motion_model
-                             and bool(prior.information.any()))
-        pose, correspondences = align_to_map(
-            self._state.key_frames, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
-        covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
-        return _Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
-
-    def _update_key_frames(self, aligned: _Aligned) -> bool:
+    def _update_key_frames(self, aligned: Aligned) -> bool:
         """Add the scan to the key frames if it is due or sees new surfaces, and then correct the heading.
 
         Returns
@@ -248,7 +246,7 @@ class _FoundScan:
             state.covariance.start_key_frame()
         return added
 
-    def _completes_map(self, aligned: _Aligned) -> bool:
+    def _completes_map(self, aligned: Aligned) -> bool:
         """Whether the scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
         direction, correspondences = self._match.degenerate_direction, aligned.correspondences
         if direction is None or correspondences is None:
@@ -288,4 +286,4 @@ class _FoundScan:
 
 
 _MIN_CONSTRAINED = 0.2
-"""Least `_Aligned.constrained` of a key frame from which the local map takes points."""
+"""Least `Aligned.constrained` of a key frame from which the local map takes points."""

@@ -62,7 +62,7 @@ class PriorParameters(ParameterGroup):
 class OdometryParameters(ParameterGroup):
     """Reference, key frames, dynamic points and lost track."""
 
-    BASIC = 'reference', 'key_frames', 'key_frame_distance', 'key_frame_angle', 'deskew'
+    BASIC = ('reference', 'key_frames', 'key_frame_distance', 'key_frame_angle', 'max_speed', 'max_turn_rate', 'deskew')
 
     reference: str = parameter(
         'window', choices=('previous', 'keyframe', 'window'),

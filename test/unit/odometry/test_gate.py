@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.gate import Decision, Gate, Reason
+from dbscan_reg_ros.core.odometry.gate import Decision, Gate, Reason, Verdict
 from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
 from dbscan_reg_ros.core.odometry.models.wheel_calibration import WheelCalibration
 from dbscan_reg_ros.core.odometry.prediction import Prediction, Predictions
-from dbscan_reg_ros.core.odometry.state import Tracking
+from dbscan_reg_ros.core.odometry.state import Mode, Tracking
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
 
@@ -19,6 +19,7 @@ P = Parameters()
 TICK = ScanInterval(0.1, 0.1, 0.0, steady=True)
 SIGMA = np.diag((0.01, 0.01, 0.01)) ** 2
 """Covariance of a precise prior: the gate is 4 cm, 0.04 rad."""
+WITHIN = Verdict(Decision.ACCEPT, Reason.WITHIN_GATE)
 MANY, FEW = 10.0 * P.decision.weak_prior_information, 0.5 * P.decision.weak_prior_information
 
 
@@ -63,6 +64,48 @@ def test_outside_the_gate_a_result_has_to_score_like_a_moment_ago(score, lost, d
     found = tested.check(SE2(0.5), dataclasses.replace(result(), score=score))
     assert found.decision is decision
     assert found.reason is (Reason.POOR_SCORE if decision is Decision.REJECT else Reason.UNKNOWN_MOTION)
+
+
+@pytest.mark.parametrize(('status', 'x', 'tracking', 'expected'), [
+    (Status.OK, 0.45, Tracking(), (Decision.ACCEPT, Reason.SCAN_BEFORE)),
+    (Status.OK, 0.55, Tracking(lost_time=3.0), (Decision.REJECT, Reason.TOO_FAST)),
+    (Status.OK, 0.45, Tracking(score=0.9), (Decision.REJECT, Reason.POOR_SCORE)),
+    (Status.DEGENERATE, 0.0, Tracking(), (Decision.REJECT, Reason.UNRELIABLE)),
+    (Status.FAILED, 0.0, Tracking(), (Decision.REJECT, Reason.FAILED))])
+def test_a_scan_that_is_not_found_in_the_map_may_be_registered_to_the_scan_before(status, x, tracking, expected):
+    assert gate(tracking=tracking).check_scan_before(SE2(), SE2(x), result(status)) == expected
+
+
+def test_after_a_weak_prediction_an_unreliable_result_is_a_better_guess():
+    weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
+    assert weak.check_scan_before(SE2(), SE2(0.3), result(Status.FAILED)) == (Decision.REJECT, Reason.GUESS)
+
+
+@pytest.mark.parametrize(('status', 'x', 'decision'), [
+    (Status.OK, 3.9, Decision.ACCEPT), (Status.OK, 4.1, Decision.REJECT), (Status.AMBIGUOUS, 0.0, Decision.REJECT)])
+def test_the_map_before_a_loss_is_rejoined_only_by_an_ok_result_within_the_gate(status, x, decision):
+    found = gate().check_lost_map(SE2(), np.eye(3), SE2(x), result(status))
+    assert found.decision is decision
+    assert (found.reason is Reason.REJOINED) is (decision is Decision.ACCEPT)
+
+
+@pytest.mark.parametrize(('reason', 'x', 'tracking', 'correction'), [
+    (Reason.WITHIN_GATE, 1.0, Tracking(mode=Mode.TRACKING), False),
+    (Reason.REJOINED, 0.0, Tracking(mode=Mode.TRACKING), True),
+    (Reason.UNKNOWN_MOTION, 0.09, Tracking(mode=Mode.TRACKING), False),
+    (Reason.UNKNOWN_MOTION, 0.11, Tracking(mode=Mode.TRACKING), True),
+    (Reason.UNKNOWN_MOTION, 0.11, Tracking(), False),
+    (Reason.CONFIRMED, 0.09, Tracking(mode=Mode.COASTING, lost_time=0.1), True)])
+def test_a_result_far_from_the_prediction_is_a_correction_and_not_ok(reason, x, tracking, correction):
+    """0.1 m in 0.1 s are the 1 m/s by which a speed may differ; the second scan of a track has no prediction."""
+    tested, found = gate(tracking=tracking), Verdict(Decision.ACCEPT, reason)
+    assert tested.is_correction(SE2(x), found) is correction
+    status = tested.demoted(SE2(x), result(), found, False).status
+    assert status is (Status.AMBIGUOUS if correction else Status.OK)
+
+
+def test_a_chain_is_not_ok_before_it_is_found_in_the_map():
+    assert gate().demoted(SE2(), result(), WITHIN, True).status is Status.AMBIGUOUS
 
 
 def test_a_failed_registration_is_rejected_wherever_it_is():
@@ -202,6 +245,6 @@ def test_a_start_in_motion_is_proved_beyond_the_zero_velocity_gate(x, status, in
 
 def test_few_points_after_a_weak_prior_are_no_longer_ok():
     weak = np.diag((0.51, 0.51, 0.01)) ** 2
-    assert gate(covariance=weak).demoted(result(information=FEW)).status is Status.DEGENERATE
-    assert gate(covariance=weak).demoted(result(information=MANY)).status is Status.OK
-    assert gate().demoted(result(information=FEW)).status is Status.OK
+    assert gate(covariance=weak).demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.DEGENERATE
+    assert gate(covariance=weak).demoted(SE2(), result(information=MANY), WITHIN, False).status is Status.OK
+    assert gate().demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.OK

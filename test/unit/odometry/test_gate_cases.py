@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings on which a gate fails easily, read in place beside the project."""
+import itertools
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Odometry, Status, open_recording
+from dbscan_reg_ros import Odometry, Status, open_recording, register
 from dbscan_reg_ros.core.errors import ScanError
 
 CASES = Path(__file__).resolve().parents[4] / 'shared' / 'cases'
@@ -46,3 +47,22 @@ def test_a_person_passing_close_by_is_no_jump():
     steps = [math.hypot(update.increment.x, update.increment.y) for update in updates[288:297]]
     assert max(steps) < 0.08
     assert all(update.status is not Status.OK or update.registration.score > 0.5 for update in updates[286:296])
+
+
+@pytest.mark.parametrize('name', ['standing_100_of_720', '0_0_200_then_717'])
+def test_a_poor_first_scan_is_replaced_by_the_next(name):
+    """The first scan of a lidar that spins up holds few beams; the third scan is found by the second."""
+    statuses = [update.status for update in drive(f'start_on_a_partial_scan/{name}')]
+    assert statuses.count(Status.FAILED) <= 2
+    assert all(status is Status.OK for status in statuses[3:])
+
+
+def test_a_scan_that_the_map_does_not_know_is_registered_to_the_scan_before():
+    """One pair of key frames 1 m apart fails; the chain goes on from there, each step as the pair of its scans."""
+    updates = drive('carmen/lost_for_six_scans.log')
+    failed = [update.number for update in updates if update.status is Status.FAILED]
+    assert failed == [9]
+    for last, update in itertools.pairwise(updates[9:]):
+        pair = register(last.features.scan, update.features.scan)
+        off = pair.transform.inverse() @ (last.pose.inverse() @ update.pose)
+        assert math.hypot(off.x, off.y) < 0.06 and abs(off.theta) < math.radians(2.0)

@@ -79,6 +79,14 @@ class ConstantVelocityModel:
         """Forget the last pose: the displacement from there to the next scan is a correction, not a motion."""
         self._middle = None
 
+    def move(self, correction: SE2) -> None:
+        """Apply a `correction` of the odometry frame, which is no motion."""
+        self._constrained_middle = correction @ self._constrained_middle
+        if self._middle is not None:
+            self._middle = correction @ self._middle
+        if self._degenerate_direction is not None:
+            self._degenerate_direction += correction.theta
+
     @property
     def position_unknown(self) -> bool:
         """Whether the pose of the last scan that was found is unknown."""
@@ -139,8 +147,7 @@ class ConstantVelocityModel:
         if prior.velocity_change is None:
             return covariance
         if lost_time:
-            distance, rotation = _displacement_sigma(min(lost_time, parameters.time.max_jump), parameters)
-            covariance = covariance + np.diag((distance, distance, rotation)) ** 2
+            covariance = covariance + displacement_covariance(lost_time, parameters)
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
             distance, _ = _displacement_sigma(self.unconstrained_time, parameters)
@@ -233,6 +240,12 @@ def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) ->
     distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
     sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_sigma, rotation)
     return np.diag([sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)]) ** 2
+
+
+def displacement_covariance(time: float, parameters: Parameters) -> NDArray[np.float64]:
+    """Return the covariance ``(3, 3)`` [m, m, rad] of a motion that was not observed for a `time` [s]."""
+    distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
+    return np.diag((distance, distance, rotation)) ** 2
 
 
 def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, float]:

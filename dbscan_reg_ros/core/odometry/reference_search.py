@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Search: registers a scan to reference after reference, until the gate accepts a result."""
+import dataclasses
+import math
+
+from ..features.records import Features
+from ..parameters.tree import Parameters
+from ..registration.pipeline import register, register_within_gate
+from ..registration.records import Prior, Registration, Status
+from ..registration.search import SearchStage
+from .gate import Decision, Gate
+from .mapping.dynamic_points import without_dynamic_points
+from .mapping.key_frame import KeyFrame
+from .mapping.scan_to_map import information_along
+from .models.motion import displacement_covariance
+from .references import (
+    Match,
+    Outcome,
+    Reference,
+    fallback_references,
+    is_recoverable,
+    predicted_along_degenerate,
+    unresolved_direction,
+)
+from .state import TrackState
+
+
+class ReferenceSearch:
+    """Registers one scan to reference after reference until the gate accepts a result.
+
+    Parameters
+    ----------
+    features : Features
+        Of the scan.
+    state : TrackState
+    gate : Gate
+    parameters : Parameters
+        Of the odometry.
+    search_parameters : Parameters
+        Of the registrations to single references.
+    """
+
+    def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters,
+                 search_parameters: Parameters):
+        self._features, self._state, self._gate = features, state, gate
+        self._parameters, self._search_parameters = parameters, search_parameters
+        self._search_near = state.tracking.search_near
+
+    def run(self) -> Outcome:
+        """Register to the map; a scan that it does not know to the scan before; after a loss also to the lost map."""
+        outcome = self._search_map()
+        for with_poles in (False, True)[:1 + bool(self._features.poles)]:
+            if outcome.match is None or (self._gate.weak_prior and not outcome.is_accepted):
+                outcome = outcome.joined(self._match_scan_before(with_poles))
+        return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
+
+    def _search_map(self) -> Outcome:
+        """Register to the local map, and unless its match is final to `fallback_references`."""
+        window, best = self._state.key_frames, self._gate.predictions.best
+        static = self._features
+        if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
+            static = without_dynamic_points(static, best.pose, window, self._parameters)
+        match = self._match(Reference(window.latest, window.local_map), static, None)
+        outcome = Outcome(None, match.registration).joined(match)
+        if not self._is_final(match):
+            for reference in fallback_references(self._state, best.pose, match.registration, self._parameters):
+                match = self._match(reference, static, outcome.match)
+                outcome = outcome.joined(match)
+                if self._is_final(match):
+                    break
+        return outcome
+
+    def _match_scan_before(self, with_poles: bool) -> Match:
+        """Register to the scan before, found or not, without a prediction.
+
+        Few poles are seen from both of two places far apart: walls alone are tried first.
+        """
+        frame = self._state.tracking.last_scan or self._state.key_frames.latest
+        reference, current = (
+            features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
+            for features in (frame.features, self._features))
+        registration = register(reference, current, self._search_parameters, None)
+        pose = frame.pose @ registration.transform
+        verdict = self._gate.check_scan_before(frame.pose, pose, registration)
+        return Match(key_frame=frame, pose=pose, unresolved_direction=None, registration=registration,
+                     features=self._features, verdict=verdict)
+
+    def _match_lost_map(self, chained: Match | None) -> Match | None:
+        """Register to the map before the loss; `chained` is the match with the scans since then."""
+        lost, best = self._state.tracking.lost, self._gate.predictions.best
+        if lost is None or lost.window is self._state.window:
+            return None
+        expected = best.pose if chained is None else chained.pose
+        covariance = best.prior.covariance + displacement_covariance(lost.time, self._parameters)
+
+        def distance(frame: KeyFrame) -> float:
+            return math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y)
+        nearest = sorted(lost.window.frames, key=distance)[:self._parameters.odometry.older_key_frames]
+        references = [Reference(frame, frame.features) for frame in nearest]
+        for frame, features in (Reference(lost.window.latest, lost.window.local_map), *references):
+            prior = Prior(frame.pose.inverse() @ expected, covariance)
+            registration = register(features, self._features, self._search_parameters, prior, SearchStage.NORMAL)
+            pose = frame.pose @ registration.transform
+            verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
+            if verdict.decision is Decision.ACCEPT:
+                return Match(key_frame=frame, pose=pose, unresolved_direction=None, registration=registration,
+                             features=self._features, verdict=verdict)
+        return None
+
+    def _is_final(self, match: Match) -> bool:
+        """Whether no reference can improve the match: it is accepted, or the scan itself leaves it degenerate."""
+        if match.verdict.decision is not Decision.TENTATIVE:
+            return match.verdict.decision is Decision.ACCEPT
+        if match.registration.rotation_unobservable or match.unresolved_direction is None:
+            return True
+        information = information_along(match.features, match.pose, match.unresolved_direction, self._parameters).sum()
+        return bool(information < self._parameters.decision.min_information)
+
+    def _match(self, reference: Reference, static: Features, tentative: Match | None) -> Match:
+        """Register the `static` points to one reference, and let the gate decide on the result."""
+        frame, best = reference.key_frame, self._gate.predictions.best
+        prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
+        registration, features = self._register(reference, static, prior)
+        pose = predicted_along_degenerate(frame, registration, best.pose)
+        before = None if tentative is None else tentative.unresolved_direction
+        direction = unresolved_direction(frame, registration, before)
+        if self._gate.asks_for_search_within(pose, registration):
+            inside = register_within_gate(reference.features, features, self._search_parameters, prior)
+            if inside.status is not Status.FAILED:
+                registration = dataclasses.replace(inside, status=registration.status, reason=registration.reason)
+                pose = predicted_along_degenerate(frame, registration, best.pose)
+                direction = unresolved_direction(frame, registration, direction)
+        verdict = self._gate.check(pose, registration, tentative is not None)
+        return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
+                     features=features, verdict=verdict)
+
+    def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
+        """Register the `static` points; also return the features that were used.
+
+        The predicted pose determines the dynamic points. Where the registration fails but is recoverable, its result
+        determines them again, and the registration is retried.
+        """
+        p = self._parameters
+        stage = SearchStage.NEAR if self._search_near else SearchStage.NORMAL
+        registration = register(reference.features, static, self._search_parameters, prior, stage)
+        self._search_near = registration.score > p.prior.max_score_outside_gate
+        if registration.status is not Status.FAILED or not is_recoverable(registration, p):
+            return registration, static
+        pose = reference.key_frame.pose @ registration.transform
+        retried = without_dynamic_points(self._features, pose, self._state.key_frames, p)
+        if retried.normals is static.normals:
+            return registration, static
+        return register(reference.features, retried, self._search_parameters, prior), retried
