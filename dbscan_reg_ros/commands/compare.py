@@ -4,8 +4,6 @@ import string
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..evaluation.method_names import METHODS
 from ..paths import ready_made
 from .command_line import (
@@ -185,6 +183,7 @@ def written(folder, letter, trajectory, truth):
     """Write a trajectory and the truth at its stamps in the form of TUM; return both as they are read again."""
     from ..recordings import interpolate, read_tum, write_tum
 
+    import numpy as np
     stamps, poses = np.array(trajectory.stamps, dtype=np.int64), trajectory.pose_array()
     stamps, first = np.unique(stamps, return_index=True)
     reference = interpolate(*truth, stamps)
