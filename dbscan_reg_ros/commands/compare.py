@@ -181,9 +181,9 @@ def measures(folder, names, known, trajectories):
 
 def written(folder, letter, trajectory, truth):
     """Write a trajectory and the truth at its stamps in the form of TUM; return both as they are read again."""
-    from ..recordings import interpolate, read_tum, write_tum
-
     import numpy as np
+
+    from ..recordings import interpolate, read_tum, write_tum
     stamps, poses = np.array(trajectory.stamps, dtype=np.int64), trajectory.pose_array()
     stamps, first = np.unique(stamps, return_index=True)
     reference = interpolate(*truth, stamps)
