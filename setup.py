@@ -71,7 +71,7 @@ setup(
     cmdclass={'build_ext': BuildExtensions, 'sdist': SourceDistribution},
     python_requires='>=3.10',
     install_requires=['numpy>=1.26', 'scipy>=1.11.4', 'scikit-learn>=1.4.1', 'PyYAML'],
-    extras_require={'commands': ['matplotlib', 'rosbags', 'tqdm'], 'cluster': ['distributed'],
+    extras_require={'commands': ['matplotlib', 'pillow', 'rosbags', 'tqdm'], 'cluster': ['distributed'],
                     'tune': ['optuna'], 'test': ['hypothesis', 'pytest']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

@@ -40,6 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
+    parser.add_argument('--animation', action='store_true', help='also write animation.gif: each scan on the growing '
+                        'map, in 12 s')
     add_workers(parser)
     return run(parser, replay, argv)
 
@@ -59,7 +61,7 @@ def replay(args):
     note_unused('replay', args.params_file, parameters, REPLAYED)
     place = Path.absolute if args.scheduler else Path
     jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops,
-                args.verbose)
+                args.verbose, args.animation)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -97,6 +99,7 @@ class Job:
     close_loops : bool
     verbose : bool
         Print the traceback of a fault.
+    animation : bool
     """
 
     path: Path
@@ -105,6 +108,7 @@ class Job:
     out: Path
     close_loops: bool = False
     verbose: bool = False
+    animation: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ def replay_one(job) -> Replayed:
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
     results = Results(folder, recording, job.parameters, Trajectory(yaw=yaw), PairsToReview(),
-                      Loops() if job.close_loops else None, faults, ScanHistory(yaw))
+                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     trajectory, broken = results.trajectory, None
@@ -182,7 +186,7 @@ def _replayed(results, lines, broken) -> Replayed:
     if broken:
         code, reason = explain(broken)
         faults.insert(0, f'the results end before scan {len(results.trajectory.used)}: {reason}')
-    return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code)
+    return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code, results.entry)
 
 
 def _writes_bags() -> bool:

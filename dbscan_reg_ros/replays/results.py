@@ -11,6 +11,7 @@ from ..figures.plots import density_map, draw_map
 from ..recordings import interpolate, write_tum
 from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
+from .animation import write_animation
 from .faults import Faults
 from .loops import Loops
 from .page.entries import replay_entry
@@ -41,6 +42,8 @@ class Results:
         Collects the results that cannot be written, with the reasons.
     history : ScanHistory
         What the page shows of each scan.
+    animation : bool
+        Write animation.gif as well.
     entry : DriveEntry or None
         For the index of several replays, once the results are written.
     """
@@ -53,6 +56,7 @@ class Results:
     loops: Loops | None
     faults: Faults
     history: ScanHistory
+    animation: bool = False
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -71,6 +75,8 @@ class Results:
         density = self._draw('map.png', poses, title, truth)
         summary = [*(('note', note) for note in self.recording.notes),
                    *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
+        if density and self.animation:
+            self.faults.attempt('animation.gif', self._animate, density)
         if density:
             with self.faults.noted('report.html'):
                 lines = [('recording', str(self.recording.path)), *summary]
@@ -114,6 +120,10 @@ class Results:
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
         return density
+
+    def _animate(self, density):
+        found, scans = self.trajectory, self.trajectory.usable(self.recording.scans())
+        write_animation(self.folder / 'animation.gif', scans, found.pose_array(), found.stamps, density.extent)
 
     def _pairs(self):
         return self.faults.attempt('pairs to review', self.to_review.found) or []

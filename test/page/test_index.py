@@ -5,9 +5,11 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from bags import scan_bag
 
 from dbscan_reg_ros import SE2, Odometry
 from dbscan_reg_ros.commands.compare import write_pages
+from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.evaluation.comparison import Comparison, Difference
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
@@ -111,3 +113,15 @@ def test_no_error_is_known_without_truth(replayed, simulation, tmp_path):
     measures = replayed.trajectory.measures(2.0) | KnownMotion(None, None, None).measures([], [])
     entry = replay_entry('a', tmp_path, measures, density_map([], []), [])
     assert entry.rows[0][4:] == ['unknown', 'unknown', 'unknown']
+
+
+def test_a_replay_of_several_recordings_writes_the_index_and_moving_pictures(simulation, tmp_path, capsys):
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
+    bags = [scan_bag(tmp_path / name, simulation.scans[20:20 + count]) for name, count in (('a', 12), ('b', 15))]
+    assert replay([*map(str, bags), '--animation', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
+    assert f'index       {tmp_path}/out/index.html\n' in capsys.readouterr().out
+    text = (tmp_path / 'out' / 'index.html').read_text()
+    for name in 'ab':
+        folder = (tmp_path / 'out' / name / 'latest').resolve()
+        assert f'href="{name}/{folder.name}/report.html"' in text
+        assert (folder / 'animation.gif').read_bytes().startswith(b'GIF89a')
