@@ -3,6 +3,7 @@
 from ..features.free_space import build_free_space_profile as build_free_space_profile
 from ..features.likelihood_field import build_likelihood_field as build_likelihood_field
 from ..features.normals import estimate_normals as estimate_normals
+from ..features.oriented_points import leverage as leverage
 from ..features.point_sequence import point_sequence as point_sequence
 from ..features.range_noise import estimate_noise as estimate_noise
 from ..features.range_noise import estimate_noise_ratio as estimate_noise_ratio
@@ -21,6 +22,7 @@ from ..registration.point_to_line import next_step as next_step
 from ..registration.point_to_line import polish as polish
 from ..registration.point_to_line import refine as refine
 from ..registration.rotation import estimate_rotations as estimate_rotations
+from ..registration.rotation import pair_weights as pair_weights
 from ..registration.scoring import reverse_violation as reverse_violation
 from ..registration.scoring import score as score
 from ..registration.translation import estimate_translations as estimate_translations

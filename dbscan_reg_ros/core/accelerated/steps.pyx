@@ -55,6 +55,7 @@ include "features/surfaces.pxi"
 include "features/segments.pxi"
 include "features/likelihood_field.pxi"
 include "features/free_space.pxi"
+include "features/leverage.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
 include "registration/rotation.pxi"
@@ -69,7 +70,9 @@ include "mapping/local_map.pxi"
 STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
-    'fit', 'refine', 'next_step', 'polish', 'estimate_rotations', 'estimate_translations', 'score', 'reverse_violation',
+    'leverage',
+    'fit', 'refine', 'next_step', 'polish', 'pair_weights', 'estimate_rotations',
+    'estimate_translations', 'score', 'reverse_violation',
     'look_up_pairs', 'points_by_frame', 'pair_weights_after', 'align', 'dynamic_points', 'detached_points', 'beside',
     'newest_in_cell',
 )

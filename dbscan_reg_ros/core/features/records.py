@@ -163,7 +163,7 @@ class Features:
     @cached_property
     def leverage(self) -> FloatArray:
         """Weight of each of the `sampled_points` in a comparison, with sum 1."""
-        return leverage(self.sampled_points, self.density.leverage_ridge)
+        return self.backend.step(leverage)(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
     def likelihood_field(self) -> LikelihoodField:

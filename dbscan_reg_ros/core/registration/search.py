@@ -113,7 +113,8 @@ class Problem:
     @cached_property
     def weights(self) -> FloatArray:
         """``(n, m)`` weights of all pairs of segments."""
-        return pair_weights(self.reference.segments, self.current.segments, self.parameters.rotation)
+        return self.current.backend.step(pair_weights)(
+            self.reference.segments, self.current.segments, self.parameters.rotation)
 
     @cached_property
     def rotations(self) -> Rotations:

@@ -39,8 +39,8 @@ def timed(work):
 def ratios(times):
     """Metrics of the times ``(N, 2)`` of the compiled steps and of the reference [ms]."""
     compiled, reference = np.array(times).T
-    return {'compiled_ms_p50': np.median(compiled), 'reference_ms_p50': np.median(reference),
-            'ratio_p50': np.median(compiled) / np.median(reference), 'ratio_mean': compiled.mean() / reference.mean()}
+    return {'ms_compiled': np.median(compiled), 'ms_reference': np.median(reference),
+            'ratio_median': np.median(compiled) / np.median(reference), 'ratio_mean': compiled.mean() / reference.mean()}
 
 
 def registrations(trials, compiled):

@@ -9,6 +9,7 @@ from accelerated_inputs import SIZES, oriented_points, scan_points
 from dbscan_reg_ros import Parameters
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.normals import estimate_normals
+from dbscan_reg_ros.core.features.oriented_points import leverage
 from dbscan_reg_ros.core.features.point_sequence import point_sequence
 from dbscan_reg_ros.core.features.range_noise import estimate_noise, estimate_noise_ratio
 from dbscan_reg_ros.core.features.ring_band import ring_band_filter
@@ -73,3 +74,10 @@ def test_likelihood_field(both, rng, size):
     both(build_likelihood_field, points, P.density)
     both(build_likelihood_field, dataclasses.replace(points, points=np.round(points.points, 1)), P.density)
     both(build_likelihood_field, dataclasses.replace(points, points=1e3 * points.points), P.density)
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_leverage(both, rng, size):
+    points = oriented_points(rng, size)
+    for weights in (points.weights, None, np.zeros(size)):
+        both(leverage, dataclasses.replace(points, weights=weights), 1.0)

@@ -25,8 +25,7 @@ def dynamic_points(points, pose, free_space, double margin):
     """
     cdef const double complex[::1] own = points.points
     cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0
-    cdef const double[::1] tolerance = np.broadcast_to(points.tolerance(margin), size).copy()
-    in_free_space = contains(own, pose, free_space, tolerance)
+    in_free_space = contains(own, pose, free_space, margin, given_or_ones(points.inverse_noise, size))
     cdef const unsigned char[::1] flag = in_free_space
     for k in range(size):
         free += flag[k]
@@ -50,7 +49,7 @@ def dynamic_points(points, pose, free_space, double margin):
     return in_free_space if <double> free / size < dynamic_steps._MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
 
 
-cdef contains(const double complex[::1] own, pose, free_space, const double[::1] tolerance):
+cdef contains(const double complex[::1] own, pose, free_space, double margin, const double[::1] sharpness):
     """Return which points of a scan lie in space that a key frame saw to be free."""
     cdef const double complex[:, :] origins = free_space.origins, turns = free_space.rotations
     cdef const double[::1] near = free_space.near
@@ -67,7 +66,7 @@ cdef contains(const double complex[::1] own, pose, free_space, const double[::1]
                 dx, dy = x - origins[k, 0].real, y - origins[k, 0].imag
                 at = first[k, 0] + bin_of(turns[k, 0].real * dx - turns[k, 0].imag * dy,
                                           turns[k, 0].imag * dx + turns[k, 0].real * dy, sizes[k, 0])
-                if near[at] - hypot(dx, dy) > tolerance[p]:
+                if near[at] - hypot(dx, dy) > margin / sharpness[p]:
                     flag[p] = True
                     break
     return flags

@@ -2,6 +2,16 @@
 """Point-to-line correspondences and robust iterations, as `core.registration.point_to_line`."""
 
 
+cdef const double[::1] ones = np.ones(4096)
+
+
+cdef const double[::1] given_or_ones(values, Py_ssize_t size):
+    """Return the values of P points; where they are None as many ones."""
+    if values is not None:
+        return values
+    return ones[:size] if size <= ones.shape[0] else np.ones(size)
+
+
 def fit(candidates, points, field, double min_normal_cosine):
     """Find the `Fit` of a scan's points to the reference.
 
@@ -110,8 +120,8 @@ def refine(candidates, alignment, scales, known=None):
     cdef double[:, :, ::1] tables = equations
     cdef const double[::1] kernels = np.array(scales, dtype=float)
     cdef const double complex[::1] own = points.points, own_normals = points.normals
-    cdef const double[::1] weights = points.weighted(np.ones(len(own)))
-    cdef const double[::1] sharpness = points.sharpened(np.ones(len(own)))
+    cdef const double[::1] weights = given_or_ones(points.weights, own.shape[0])
+    cdef const double[::1] sharpness = given_or_ones(points.inverse_noise, own.shape[0])
     cdef const unsigned char[::1] table = field.index.view(np.uint8)
     cdef const double complex[::1] lines = field.normals
     cdef const double[::1] offsets = field.offsets
@@ -153,7 +163,7 @@ def next_step(found, points, double scale, double damping):
     cdef const double[:, ::1] error = found.error
     cdef const unsigned char[:, ::1] alike = found.alike
     cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef const double[::1] weights = points.weighted(np.ones(error.shape[1]))
+    cdef const double[::1] weights = given_or_ones(points.weights, error.shape[1])
     cdef double factor = -0.5 / (scale * scale), e
     cdef Py_ssize_t k
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -191,7 +201,7 @@ def polish(candidate, found, points, refinement):
     cdef double[:, ::1] error = errors
     cdef const unsigned char[:, ::1] alike = found.alike
     cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef const double[::1] weights = points.weighted(np.ones(error.shape[1]))
+    cdef const double[::1] weights = given_or_ones(points.weights, error.shape[1])
     cdef double scale = refinement.final_scale, damping = refinement.damping, factor, weight, sum_weight, e
     cdef Py_ssize_t k
     cdef Equations sums

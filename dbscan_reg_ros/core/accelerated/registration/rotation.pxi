@@ -2,6 +2,25 @@
 """Rotation hypotheses (section 2.2.1, Eq. 9), as `core.registration.rotation`."""
 
 
+def pair_weights(reference, current, parameters):
+    """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
+    if not parameters.weighted:
+        return np.ones((len(reference), len(current)))
+    cdef const double[:] length_r = reference.length, length_o = current.length
+    cdef const double[:] sigma_r = reference.sigma_direction, sigma_o = current.sigma_direction
+    cdef double width = parameters.max_width, variance
+    cdef Py_ssize_t i, j
+    weights = np.empty((length_r.shape[0], length_o.shape[0]))
+    cdef double[:, ::1] weight = weights
+    for i in range(length_r.shape[0]):
+        for j in range(length_o.shape[0]):
+            weight[i, j] = min(length_r[i], length_o[j])
+            if width:
+                variance = sigma_r[i] * sigma_r[i] + sigma_o[j] * sigma_o[j]
+                weight[i, j] /= 1.0 + variance / (width * width)
+    return weights
+
+
 def estimate_rotations(reference, current, weights, parameters):
     """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
 

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Leverage of oriented points, as `core.features.oriented_points`."""
+
+
+def leverage(cloud, double ridge):
+    """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
+
+    The weight is the statistical leverage of the normal in a regression with this `ridge`; large values make all points
+    equal.
+    """
+    cdef const double complex[::1] normals = cloud.normals
+    cdef Py_ssize_t size = normals.shape[0], k
+    cdef const double[::1] given = given_or_ones(cloud.weights, size)
+    cdef double xx = 0.0, xy = 0.0, yy = 0.0, x, y, total = 0.0
+    weights = np.empty(size)
+    cdef double[::1] weight = weights
+    with nogil:
+        for k in range(size):
+            x, y = normals[k].real, normals[k].imag
+            xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+        xx, xy, yy = xx / max(size, 1) + ridge, xy / max(size, 1), yy / max(size, 1) + ridge
+        for k in range(size):
+            x, y = normals[k].real, normals[k].imag
+            weight[k] = (yy * x * x - 2.0 * xy * x * y + xx * y * y) * given[k]
+            total += weight[k]
+        for k in range(size):
+            weight[k] /= max(total, TINY)
+    return weights
