@@ -26,6 +26,7 @@ from ..registration.rotation import pair_weights as pair_weights
 from ..registration.scoring import reverse_violation as reverse_violation
 from ..registration.scoring import score as score
 from ..registration.translation import estimate_translations as estimate_translations
+from ..registration.uncertainty import informations as informations
 
 SOURCE_HASH: str
 STEPS: tuple[str, ...]

@@ -28,6 +28,7 @@ from ..odometry.mapping import dynamic_points as dynamic_steps
 from ..odometry.mapping import key_frame_window as window_steps
 from ..odometry.mapping import local_map as local_map_steps
 from ..odometry.mapping.key_frame_window import Pairs
+from ..registration import degeneracy as degeneracy_steps
 from ..registration import rotation as rotation_steps
 from ..registration import translation as translation_steps
 from ..registration.point_to_line import Fit
@@ -62,6 +63,7 @@ include "registration/rotation.pxi"
 include "registration/clusters.pxi"
 include "registration/translation.pxi"
 include "registration/scoring.pxi"
+include "registration/uncertainty.pxi"
 include "mapping/window.pxi"
 include "mapping/correspondences.pxi"
 include "mapping/dynamic_points.pxi"
@@ -72,7 +74,7 @@ STEPS = (
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
     'leverage',
     'fit', 'refine', 'next_step', 'polish', 'pair_weights', 'estimate_rotations',
-    'estimate_translations', 'score', 'reverse_violation',
+    'estimate_translations', 'score', 'reverse_violation', 'informations',
     'look_up_pairs', 'points_by_frame', 'pair_weights_after', 'align', 'dynamic_points', 'detached_points', 'beside',
     'newest_in_cell',
 )

@@ -33,7 +33,8 @@ def decide(problem: Problem, fine: Ranking, coarse: Ranking) -> Registration:
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
     best, best_score = fine.candidates[0], float(fine.score[0])
     noise = max(reference.noise, current.noise)
-    covariance, observed = uncertainty(best, fine.best, current.sampled_points, noise, problem.parameters)
+    covariance, observed = uncertainty(
+        best, fine.best, current.sampled_points, noise, problem.parameters, current.backend)
     degenerate = observed.weak < p.min_information
     margin, rival_covariance = compare_with_rivals(fine, coarse, observed.angle if degenerate else None, p)
     status, reason = judge(best_score, margin, observed, p)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..backend import REFERENCE, Backend
 from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import DOF, turned
@@ -56,7 +57,7 @@ class Residuals(NamedTuple):
 
 
 def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise: float,
-                p: Parameters) -> tuple[FloatArray, Observability]:
+                p: Parameters, backend: Backend = REFERENCE) -> tuple[FloatArray, Observability]:
     """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
 
     Parameters
@@ -69,11 +70,13 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
     noise : float [m]
         Standard deviation of a range. It adds to the spread of the errors.
     p : Parameters
+    backend : Backend
     """
     rows = jacobian(found.normals[0], found.rotated_points[0])
     own = own_jacobian(points.sharpened(points.normals), float(candidate[2]), found.rotated_points[0])
     weight = points.weighted(found.weight(p.refinement.score_scale))[0]
-    covariance, observed = match_covariance(Residuals(found.error[0], weight, rows, own, noise), p.decision)
+    residuals = Residuals(found.error[0], weight, rows, own, noise)
+    covariance, observed = match_covariance(residuals, p.decision, backend=backend)
     return turned(covariance, -candidate[2]), observed
 
 
@@ -83,7 +86,8 @@ def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArr
 
 
 def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, latest_degenerate: bool = False,
-                     rotation_unobservable: bool = False) -> tuple[FloatArray, Observability]:
+                     rotation_unobservable: bool = False,
+                     backend: Backend = REFERENCE) -> tuple[FloatArray, Observability]:
     """Return the covariance ``(3, 3)`` of a match in the frame of the residuals, and its `Observability`.
 
     Parameters
@@ -94,14 +98,10 @@ def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, la
         Whether the translation to the latest key frame is degenerate: older ones have to constrain it beyond chance.
     rotation_unobservable : bool
         Whether the rotation is unobservable, whatever the residuals say.
+    backend : Backend
     """
-    error, weight, rows, own, noise = residuals
-    information, shared = normal_equations(rows, weight), shared_information(rows, weight, own)
-    angle, weak, _ = weakest_direction(shared)
-    if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
-        parallel, own_parallel = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows)
-                                  for each in (rows, own))
-        shared = shared_information(parallel, weight, own_parallel)
+    error, weight, _, _, noise = residuals
+    information, shared = backend.step(informations)(residuals, parameters)
     count = float(weight.sum())
     observed = observability(information, shared, count, parameters)
     if latest_degenerate:
@@ -111,6 +111,18 @@ def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, la
         observed = observed._replace(rotation=0.0)
     variance = mean_square(error, weight) + noise ** 2
     return calibrated_covariance(information, shared, variance, observed, parameters), observed
+
+
+def informations(residuals: Residuals, parameters: DecisionParameters) -> tuple[FloatArray, FloatArray]:
+    """Return the information ``(3, 3)`` of all points, and the part of it that both scans share."""
+    _, weight, rows, own, _ = residuals
+    shared = shared_information(rows, weight, own)
+    angle, weak, _ = weakest_direction(shared)
+    if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
+        parallel, own_parallel = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows)
+                                  for each in (rows, own))
+        shared = shared_information(parallel, weight, own_parallel)
+    return normal_equations(rows, weight), shared
 
 
 def observability(information: FloatArray, shared: FloatArray, count: float,

@@ -40,7 +40,8 @@ def ratios(times):
     """Metrics of the times ``(N, 2)`` of the compiled steps and of the reference [ms]."""
     compiled, reference = np.array(times).T
     return {'ms_compiled': np.median(compiled), 'ms_reference': np.median(reference),
-            'ratio_median': np.median(compiled) / np.median(reference), 'ratio_mean': compiled.mean() / reference.mean()}
+            'ratio_median': np.median(compiled) / np.median(reference),
+            'ratio_mean': compiled.mean() / reference.mean()}
 
 
 def registrations(trials, compiled):

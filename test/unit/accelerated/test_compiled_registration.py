@@ -12,6 +12,7 @@ from dbscan_reg_ros.core.registration.point_to_line import fit, next_step, polis
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.scoring import reverse_violation, score
 from dbscan_reg_ros.core.registration.translation import estimate_translations
+from dbscan_reg_ros.core.registration.uncertainty import Residuals, informations
 
 P = Parameters()
 
@@ -63,6 +64,17 @@ def test_scores(both, rng):
         found = fit(candidates, current.sampled_points, reference.likelihood_field, 0.5)
         both(score, found, reference, current, 0.05, P.density)
         both(reverse_violation, candidates, reference, current, P.density)
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_informations(both, rng, size):
+    """Of points all around, and of a corridor whose walls are nearly parallel."""
+    for spread in (3.0, 0.02):
+        angle = rng.normal(0.0, spread, size) + rng.choice([0.0, np.pi], size)
+        rows, own = (np.array((np.cos(each), np.sin(each), rng.normal(0.0, 2.0, size)))
+                     for each in (angle, angle + rng.normal(0.0, 0.1, size)))
+        weight = rng.uniform(0.0, 1.0, size)
+        both(informations, Residuals(rng.normal(0.0, 0.02, size), weight, rows, own, 0.01), P.decision)
 
 
 def test_registrations(compiled, rng):

@@ -136,7 +136,8 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
     own = _own_jacobian(features, pose, correspondences)
     covariance, observability = match_covariance(
         Residuals(error, weight, correspondences.rows[:DOF], own, features.noise), p.decision,
-        latest_degenerate=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable)
+        latest_degenerate=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable,
+        backend=features.backend)
     return turned(covariance, -pose.theta), observability
 
 
