@@ -83,14 +83,35 @@ def describe(registration) -> list:
              f'sigma       x {spread[0]:.4f} m  y {spread[1]:.4f} m  theta {math.degrees(spread[2]):.3f} deg',
              'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
              *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
-             f'overlap     {registration.overlap:.3f}']
+             f'overlap     {registration.overlap:.3f}',
+             f'confidence  {registration.confidence:.3f}',
+             *_describe_evidence(registration.evidence)]
     if registration.degenerate_direction is not None:
         lines.append(f'free        along {math.degrees(registration.degenerate_direction):.1f} deg of the reference')
     if registration.rotation_unobservable:
         lines.append('free        the rotation')
     lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
-    lines += [f'            score {h.score:.3f}  {_motion(h.transform)}' for h in registration.hypotheses]
+    lines += [f'            score {h.score:.3f}  {_motion(h.transform)}'
+              f'{"  rival" if h in registration.rivals else ""}' for h in registration.hypotheses]
     return lines
+
+
+def _describe_evidence(evidence) -> list:
+    """Describe the `Evidence` for a motion in lines of text."""
+    from ..core.registration.records import MAX_MARGIN
+
+    if evidence is None:
+        return []
+    rival = 'no rival' if evidence.margin >= MAX_MARGIN else f'the best rival scores {evidence.margin:.3f} less'
+    current, reference = evidence.current, evidence.reference
+    return [f'evidence    score {evidence.score:.3f}, {rival}',
+            f'            visible to the other scan: {100 * current.visible:.0f} % of the current scan, '
+            f'{100 * reference.visible:.0f} % of the reference',
+            f'            in free space of the other scan: {100 * current.conflicts:.1f} %, '
+            f'{100 * reference.conflicts:.1f} %',
+            f'            corners and free ends that match: {evidence.matched_ends}',
+            f'            {evidence.weak:.1f} points constrain the weakest direction, '
+            f'residual {evidence.residual:.3f} m']
 
 
 def _motion(transform):

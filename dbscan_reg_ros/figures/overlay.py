@@ -12,6 +12,7 @@ from .style import (
     REFERENCE,
     REFERENCE_LANDMARKS,
     REFERENCE_POINTS,
+    RIVAL_POINTS,
     alike,
     draw_segments,
     legend,
@@ -30,12 +31,21 @@ def draw_overlay(figure, steps):
     matched = registration.matches
     _draw_scans(axes['before'], steps, SE2(), matched)
     _draw_scans(axes['after'], steps, registration.transform, matched)
+    _draw_rival(axes['after'], steps)
     plane(axes['before'], 'before')
-    plane(axes['after'], f'after: {100.0 * registration.overlap:.0f} % of the points fit,\n'
+    plane(axes['after'], f'after, confidence {registration.confidence:.2f}:\n'
+                         f'{100.0 * registration.overlap:.0f} % of the points fit,\n'
                          f'{len(matched)} pairs of segments fit (thick)')
     alike(axes['before'], axes['after'])
     _draw_ellipse(axes['ellipse'], registration)
     legend(axes['legend'], axes['after'], 6)
+
+
+def _draw_rival(axes, steps):
+    """Draw the points of the current scan as the best rival places them, if there is one."""
+    for rival in steps.registration.rivals[:1]:
+        points = rival.transform.apply(dict(steps.scans)['current'].features.points)
+        axes.plot(*points.T, label=f'best rival, score {rival.score:.2f}', **RIVAL_POINTS)
 
 
 def _draw_scans(axes, steps, moved, matched):

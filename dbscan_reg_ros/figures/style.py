@@ -10,6 +10,7 @@ CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
 """Lines of the two scans: the second lies visibly on the first."""
 REFERENCE_POINTS = {'color': GREY, 'marker': 'o', 'markersize': 3.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+RIVAL_POINTS = {'color': '#d55e00', 'marker': 'x', 'markersize': 2.5, 'markeredgewidth': 0.5, 'linestyle': 'none'}
 REFERENCE_LANDMARKS = {'color': GREY, 'marker': 'o', 'markersize': 13.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_LANDMARKS = {'color': BLUE, 'marker': 'D', 'markersize': 9.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
 POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}

@@ -14,7 +14,8 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
                       "reference_pose": [x, y, theta], "status": "ok", "restarted": "", "prior": [x, y, theta] or null,
                       "registration": null or {"transform": [x, y, theta], "status": "ok", "reason": "",
                           "overlap": 0..1, "score": 0..1, "degenerate_direction": rad or null,
-                          "weakest_information": points or null, "rotation_unobservable": bool}}, ...]}
+                          "weakest_information": points or null, "rotation_unobservable": bool,
+                          "confidence": 0..1}}, ...]}
 
     ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older
     than the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior``
@@ -201,7 +202,8 @@ def _registration_fields(registration, k, arrays):
             'reason': registration.reason, 'overlap': float(registration.overlap), 'score': float(registration.score),
             'degenerate_direction': None if direction is None else float(direction),
             'weakest_information': None if weakest is None else float(weakest),
-            'rotation_unobservable': registration.rotation_unobservable}
+            'rotation_unobservable': registration.rotation_unobservable,
+            'confidence': float(registration.confidence)}
 
 
 def _update(fields, k, scans, arrays):
@@ -215,7 +217,7 @@ def _update(fields, k, scans, arrays):
             _pose(found['transform']), arrays[f'registration_covariance_{k}'], Status(found['status']),
             found['overlap'], found['score'], hypotheses, found['degenerate_direction'],
             partial(np.asarray, arrays[f'matches_{k}']), found['reason'], found['weakest_information'],
-            found.get('rotation_unobservable', False))
+            found.get('rotation_unobservable', False), found.get('confidence', 0.0))
     reference = None if fields['reference'] is None else scans[fields['reference']]
     return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
                           arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),

@@ -25,8 +25,8 @@ TURNED = 0.35
 """A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
 """Number of key frames, nearest first, that each key frame is registered to."""
-OVERLAP = 0.5
-"""Smallest fraction of the returns on the earlier scan's surfaces."""
+CONFIDENCE = 0.95
+"""Least confidence of the registration of a loop."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
 """Standard deviation of a motion between key frames [m, m, rad], in addition to the covariance of the registration."""
 UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
@@ -110,7 +110,7 @@ class Loops:
                 if not np.isfinite(apart[early]):
                     break
                 found = register(self._frames[early].features, frame.features, parameters)
-                if found.status is not Status.OK or found.overlap < OVERLAP:
+                if found.status is not Status.OK or found.confidence < CONFIDENCE:
                     continue
                 motion = (turn.inverse() @ found.transform @ turn).as_array()
                 off = relative(relative(places[early][None], places[late][None]), motion[None])[0]

@@ -28,12 +28,14 @@ BENCHMARKS = {
     'spinup': 'odometry that begins while the lidar spins up',
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
+    'confidence': 'calibration of the confidence of registrations, and the fit of its model',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
     'pairs': 'registration.pairs', 'relations': 'registration.relations', 'synthetic': 'registration.synthetic',
     'overlap': 'registration.overlap', 'speed': 'registration.speed', 'backends': 'registration.backends',
     'covariance': 'registration.covariance',
+    'confidence': 'registration.confidence',
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
     'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
@@ -41,7 +43,7 @@ MODULES = {
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
-OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'ablation', 'fingerprint')
+OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'fingerprint')
 """No other method has what they measure."""
 SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
 """They need no recordings."""
@@ -93,6 +95,9 @@ def make_parser():
             add_overlap(command)
         elif name == 'ablation':
             add_ablation(command)
+        elif name == 'confidence':
+            command.add_argument('--fit', action='store_true', help='fit the coefficients and print them')
+            add_processes(command)
         elif name == 'fingerprint':
             add_fingerprint(command)
     return parser

@@ -190,10 +190,6 @@ class SelectionParameters(ParameterGroup):
         1.0, unit='m', bounds=(0.0, 10.0),
         help='Small objects below this size are landmarks of the wide search. Larger values take more objects for '
              'landmarks; smaller values take only poles and trunks.')
-    wide_search_gain: float = parameter(
-        0.02, bounds=(0.0, 2.0),
-        help='Score by which the result of the wide search must exceed that of the normal search. Larger values keep '
-             'the normal result more often; smaller values replace it for a small gain.')
     top_candidates: int = parameter(
         2, bounds=(1, 1000),
         help='Number of distinct hypotheses that reach the fine refinement and are compared there. Larger values '
@@ -332,7 +328,7 @@ class DegeneracyParameters(ParameterGroup):
 class DecisionParameters(ParameterGroup):
     """Status and covariance of a registration."""
 
-    BASIC = 'min_score',
+    BASIC = 'min_confidence', 'min_score'
 
     rival_distance: float = parameter(
         0.2, unit='m', bounds=(0.0, 10.0),
@@ -342,14 +338,14 @@ class DecisionParameters(ParameterGroup):
         0.09, unit='rad', bounds=(0.0, 3.2),
         help='Hypotheses whose rotation differs from the best one by more than this are rivals. Larger values report '
              'AMBIGUOUS less often; smaller values count near solutions as rivals.')
-    min_margin: float = parameter(
-        0.05, bounds=(0.0, 2.0),
-        help='The status is AMBIGUOUS when a rival scores within this margin of the best. Larger values report '
-             'AMBIGUOUS more often; smaller values report it less often.')
+    min_confidence: float = parameter(
+        0.9, bounds=(0.0, 1.0),
+        help='The status is AMBIGUOUS when the confidence, the probability that the motion is right, is below this. '
+             'Larger values report AMBIGUOUS more often; smaller values report OK for more wrong results.')
     min_score: float = parameter(
         0.35, bounds=(-1.0, 1.0),
-        help='The status is FAILED when the best score is below this. Larger values reject more matches; smaller '
-             'values accept poorer ones.')
+        help='The status is FAILED when the best score is below this, unless the confidence without a prior is at '
+             'least decision.min_confidence. Larger values reject more matches; smaller values accept poorer ones.')
     min_information: float = parameter(
         1.5, bounds=(0.01, 100000.0),
         help='The status is DEGENERATE when fewer effective points than this constrain some direction or the rotation. '

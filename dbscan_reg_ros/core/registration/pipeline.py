@@ -61,9 +61,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
             return found
     found = search_normal(problem)
     if needs_wide_search(found, problem):
-        wide = search_wide(problem)
-        if wide.score > found.score + parameters.selection.wide_search_gain:
-            return wide
+        found = max(found, search_wide(problem), key=lambda each: each.confidence)
     return found
 
 

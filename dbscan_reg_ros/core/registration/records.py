@@ -69,6 +69,67 @@ class TranslationSamples(NamedTuple):
     find_shortest: Callable[[], FloatArray] = no_motions
 
 
+MAX_MARGIN = 0.5
+"""Largest `Evidence.margin`: that of a motion without a rival. A larger one is no better evidence."""
+
+
+class Agreement(NamedTuple):
+    """How one scan agrees with what the other saw, if a motion is right.
+
+    Attributes
+    ----------
+    visible : float
+        Fraction of the points that the other scan should see, 0..1.
+    on_outline : int
+        Number of points on the outline of the other scan.
+    conflicts : float
+        Fraction of the points in free space of the other scan, 0..1.
+    """
+
+    visible: float
+    on_outline: int
+    conflicts: float
+
+
+class Evidence(NamedTuple):
+    """Evidence for and against a motion.
+
+    Attributes
+    ----------
+    score : float
+        Score of the motion.
+    margin : float
+        Score of the motion less that of its best rival; at most `MAX_MARGIN`.
+    residual : float [m]
+        Root mean square of the errors of the current scan's points on the reference's surfaces.
+    weak : float
+        Number of points that constrain the translation along its weakest direction.
+    rotation : float
+        Number of points, as if at a distance of 1 m, that constrain the rotation.
+    current, reference : Agreement
+        Of the current scan by the reference, and of the reference by the current scan.
+    matched_ends : int
+        Number of corners and free ends of the current scan's segments that the reference has at the same place.
+    crossing : float [m]
+        Length of the matched segments across the main direction of all matched segments.
+    distance : float [m]
+    angle : float [rad]
+        Absolute values of the translation and of the rotation.
+    """
+
+    score: float
+    margin: float
+    residual: float
+    weak: float
+    rotation: float
+    current: Agreement
+    reference: Agreement
+    matched_ends: int
+    crossing: float
+    distance: float
+    angle: float
+
+
 @dataclass(frozen=True, eq=False)
 class Registration:
     """Result of registering one scan onto another.
@@ -96,6 +157,12 @@ class Registration:
         Number of points that constrain the translation along its weakest direction; None if not computed.
     rotation_unobservable : bool
         Whether the scans do not constrain the rotation.
+    confidence : float
+        Probability that the transform is right, within 0.1 m and 2 deg, 0..1.
+    evidence : Evidence or None
+        What the confidence is computed from; None if nothing was found.
+    rivals : tuple of Hypothesis
+        Those of the `hypotheses` that are different motions, best first.
     """
 
     transform: SE2
@@ -109,12 +176,16 @@ class Registration:
     reason: str = ''
     weakest_information: float | None = None
     rotation_unobservable: bool = False
+    confidence: float = 0.0
+    evidence: Evidence | None = None
+    rivals: tuple[Hypothesis, ...] = ()
 
     def __repr__(self) -> str:
         """Return one line."""
         reason = f': {self.reason}' if self.reason else ''
         return (f'Registration({self.transform.brief()}, {sigma_text(self.covariance)}, score {self.score:.3f}, '
-                f'overlap {self.overlap:.3f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
+                f'overlap {self.overlap:.3f}, confidence {self.confidence:.2f}, {len(self.hypotheses)} hypotheses, '
+                f'{self.status.name}{reason})')
 
     @cached_property
     def matches(self) -> IntArray:

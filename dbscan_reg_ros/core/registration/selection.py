@@ -9,6 +9,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
 from ..geometry.se2 import DOF
+from ..parameters.tree import Parameters
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
 from .records import Registration
@@ -37,7 +38,7 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
     fine = refine_finely(problem, coarse)
     if fine.score[0] <= min_score:
         return failed_below(min_score, fine)
-    return decide(problem, polish_best(problem, fine), coarse)
+    return decide(problem, polish_best(problem, fine))
 
 
 def failed_below(min_score: float, ranking: Ranking) -> Registration:
@@ -75,7 +76,7 @@ def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
     A single top candidate is not compared; its last iterations are left to `polish_best`.
     """
     p = problem.parameters
-    chosen = distinct(coarse.candidates, p.selection.top_candidates, p.selection.same_distance, p.selection.same_angle)
+    chosen = select_finalists(coarse, p)
     min_score = coarse.score[0] - p.selection.max_score_gap
     close = coarse.select([each for each in chosen if coarse.score[each] >= min_score])
     finalists = with_shifted_along_degenerate(problem, close)
@@ -87,6 +88,13 @@ def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
         return top
     refined, _ = problem.refine(finalists, points, scales, top.best)
     return top.with_best(refined[0], problem.fit(refined, points))
+
+
+def select_finalists(coarse: Ranking, parameters: Parameters) -> list[int]:
+    """Return the indices of the hypotheses that are compared finely: top candidates, and rivals of the best."""
+    s, d = parameters.selection, parameters.decision
+    top = distinct(coarse.candidates, s.top_candidates, s.same_distance, s.same_angle)
+    return sorted({*top, *distinct(coarse.candidates, 1 + _RIVALS, d.rival_distance, d.rival_angle)})
 
 
 def polish_best(problem: Problem, fine: Ranking) -> Ranking:
@@ -142,3 +150,7 @@ def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatAr
         return candidates
     shifted = search_degenerate_direction(candidates[degenerate], angle[degenerate], problem)
     return np.concatenate((candidates, shifted[(shifted != candidates[degenerate]).any(axis=1)]))
+
+
+_RIVALS = 3
+"""Number of rivals, which are different motions, that are compared with the best hypothesis."""

@@ -8,67 +8,59 @@ from functools import partial
 import numpy as np
 
 from ..features.records import Segments
-from ..geometry.array_types import FloatArray, IntArray
+from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
-from .records import Hypothesis, Prior, Registration, Status
+from .confidence.evidence import collect_evidence
+from .confidence.model import confidence, share_of_best
+from .records import MAX_MARGIN, Evidence, Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
 from .search import Problem, Ranking
-from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
+from .uncertainty import PRIOR_INFORMATION, uncertainty
 
 
-def decide(problem: Problem, fine: Ranking, coarse: Ranking) -> Registration:
+def decide(problem: Problem, fine: Ranking) -> Registration:
     """Make the `Registration` of the best of the refined hypotheses.
 
     Parameters
     ----------
     problem : Problem
     fine : Ranking
-        Finely refined hypotheses; the best fit is that of the current scan's `sampled_points`.
-    coarse : Ranking
-        All hypotheses after the coarse refinement; rivals are among them.
+        Finely refined hypotheses, rivals among them; the best fit is that of the current scan's `sampled_points`.
     """
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
-    best, best_score = fine.candidates[0], float(fine.score[0])
+    best, score = fine.candidates[0], float(fine.score[0])
     noise = max(reference.noise, current.noise)
     covariance, observed = uncertainty(
         best, fine.best, current.sampled_points, noise, problem.parameters, current.backend)
     degenerate = observed.weak < p.min_information
-    margin, rival_covariance = compare_with_rivals(fine, coarse, observed.angle if degenerate else None, p)
-    status, reason = judge(best_score, margin, observed, p)
+    rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p)
+    margin = min(score - float(fine.score[rivals].max(initial=-np.inf)), MAX_MARGIN)
+    evidence = collect_evidence(problem, best, fine.best, observed, (score, margin))
+    certainty = confidence(evidence, problem.prior, best)
+    status, reason = judge(evidence, certainty, p)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value)
                        for candidate, value in zip(fine.candidates.tolist(), fine.score.tolist(), strict=True))
     transform = hypotheses[0].transform
     return Registration(
-        transform, covariance + rival_covariance, status,
-        overlap=float(fine.overlap[0]), score=best_score, hypotheses=hypotheses,
+        transform, covariance + rival_covariance(fine, rivals), status,
+        overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
         find_matches=partial(match_segments, reference.segments, current.segments, transform), reason=reason,
-        weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information)
+        weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information,
+        confidence=certainty, evidence=evidence,
+        rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
 
 
-def compare_with_rivals(fine: Ranking, coarse: Ranking, direction: float | None,
-                        parameters: DecisionParameters) -> tuple[float, FloatArray]:
-    """Compare the best hypothesis with its rivals, which differ by `decision.rival_distance` or `decision.rival_angle`.
+def find_rivals(candidates: FloatArray, direction: float | None, parameters: DecisionParameters) -> BoolArray:
+    """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
 
-    Both are compared by their scores after the coarse refinement. Along a degenerate `direction` [rad] hypotheses do
-    not differ.
-
-    Returns
-    -------
-    margin : float
-        Score of the best less that of its best rival.
-    rival_covariance : (3, 3) array
-        Covariance that rivals within `decision.min_margin` add.
+    Along a degenerate `direction` [rad] hypotheses do not differ.
     """
-    best = fine.candidates[0]
-    level = coarse.candidates if direction is None else slid(coarse.candidates, best, direction)
-    rivals = ~same(level, best, parameters.rival_distance, parameters.rival_angle)
-    top = coarse.score[~rivals].max(initial=fine.score[0])
-    margin = float(top - coarse.score[rivals].max(initial=-1.0))
-    return margin, scatter(best, coarse.candidates[rivals & (coarse.score > top - parameters.min_margin)])
+    level = candidates if direction is None else slid(candidates, candidates[0], direction)
+    return ~same(level, candidates[0], parameters.rival_distance, parameters.rival_angle)
 
 
 def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
@@ -77,14 +69,19 @@ def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
     return candidates - np.outer((candidates - one) @ along, along)
 
 
-def scatter(best: FloatArray, rivals: FloatArray) -> FloatArray:
-    """Return the covariance ``(3, 3)`` that rivals ``(R, 3)`` add to that of the best ``(3,)``, in its own frame."""
-    if not len(rivals):
+def rival_covariance(fine: Ranking, rivals: BoolArray) -> FloatArray:
+    """Return the covariance ``(3, 3)`` that rivals add to that of the best, in its own frame.
+
+    Each rival counts by the probability that it is the right one of the two.
+    """
+    if not rivals.any():
         return np.zeros((DOF, DOF))
-    off = rivals - best
+    best = fine.candidates[0]
+    off = fine.candidates[rivals] - best
     off[:, 2] = wrap(off[:, 2])
     off = off @ turn_matrix(best[2])
-    covariance: FloatArray = off.T @ off / (len(off) + 1)
+    probability = [1.0 - share_of_best(float(fine.score[0]) - score) for score in fine.score[rivals].tolist()]
+    covariance: FloatArray = (off.T * probability) @ off
     return covariance
 
 
@@ -93,18 +90,18 @@ def failed(reason: str) -> Registration:
     return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, reason=reason)
 
 
-def judge(score: float, margin: float, observed: Observability, parameters: DecisionParameters) -> tuple[Status, str]:
-    """Return the status of a result and the reason for it, '' for ``OK``."""
-    if score < parameters.min_score:
-        return Status.FAILED, f'score {score:.2f}; expected at least {parameters.min_score}'
-    if margin < parameters.min_margin:
-        return Status.AMBIGUOUS, (f'a different motion scores within {max(margin, 0.0):.3f} of the best; '
-                                  f'expected a margin of {parameters.min_margin}')
-    if observed.weak < parameters.min_information:
-        return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
-    if observed.rotation < parameters.min_information:
-        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
+def judge(evidence: Evidence, certainty: float, parameters: DecisionParameters) -> tuple[Status, str]:
+    """Return the status of a result from its evidence and its confidence, and the reason for it, '' for ``OK``."""
+    if evidence.score < parameters.min_score and confidence(evidence) < parameters.min_confidence:
+        return Status.FAILED, f'score {evidence.score:.2f}; expected at least {parameters.min_score}'
+    if evidence.weak < parameters.min_information:
+        return Status.DEGENERATE, few_points_reason(evidence.weak, parameters.min_information)
+    if evidence.rotation < parameters.min_information:
+        return Status.DEGENERATE, (f'the rotation is constrained by {evidence.rotation:.2f} points (as if at 1 m); '
                                    f'expected at least {parameters.min_information}')
+    if certainty < parameters.min_confidence:
+        rival = f'; a different motion scores {evidence.margin:.3f} less' if evidence.margin < MAX_MARGIN else ''
+        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}{rival}'
     return Status.OK, ''
 
 

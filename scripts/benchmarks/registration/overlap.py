@@ -47,7 +47,7 @@ METHODS = ('dbscan', 'small_gicp')
 
 @dataclass(frozen=True)
 class Cell:
-    """What pairs are drawn of: names from the tables above."""
+    """What pairs are drawn of: names from the tables above; `lidar` may be any of `simulation.LIDARS` as well."""
 
     lidar: str
     world: str
@@ -73,16 +73,20 @@ MOTIONS = {'any': any_motion, 'near': near_motion}
 
 def sensor(cell):
     """Return the lidar of a `Cell`, all of whose beams are measured at once."""
-    lidar, factor = LIDARS[LIDARS_BY_VIEW[cell.lidar]], NOISES[cell.noise]
+    lidar, factor = LIDARS[LIDARS_BY_VIEW.get(cell.lidar, cell.lidar)], NOISES[cell.noise]
     return dataclasses.replace(lidar, duration=0.0, noise=factor * lidar.noise, noise_ratio=factor * lidar.noise_ratio)
 
 
-def worlds(name) -> list:
-    """Return the worlds of one of `WORLDS`; a busy one is another world of its kind, with people and clutter."""
-    kind = name.removeprefix('busy_')
+def worlds(name, seed=0) -> list:
+    """Return the worlds of one of `WORLDS`; a busy one is another world of its kind, with people and clutter.
+
+    Another `seed` gives other worlds.
+    """
+    kind, first = name.removeprefix('busy_'), 2 * SEEDS * seed
     if name == kind:
-        return [KINDS[kind](seed=seed) for seed in range(SEEDS)]
-    return [with_people(cluttered(KINDS[kind](seed=seed), seed), PEOPLE, seed) for seed in range(SEEDS, 2 * SEEDS)]
+        return [KINDS[kind](seed=each) for each in range(first, first + SEEDS)]
+    return [with_people(cluttered(KINDS[kind](seed=each), each), PEOPLE, each)
+            for each in range(first + SEEDS, first + 2 * SEEDS)]
 
 
 def cluttered(world, seed) -> World:
@@ -118,9 +122,9 @@ def shared_view(reference, current, truth) -> float:
     return float((inside & (np.hypot(points[:, 0], points[:, 1]) <= seen + SLACK)).mean()) if len(points) else 0.0
 
 
-def pairs(cell, wanted) -> list:
-    """`Trial`s, at most `wanted` of each class, which is the trial's group."""
-    rng, made, lidar = np.random.default_rng(0), worlds(cell.world), sensor(cell)
+def pairs(cell, wanted, seed=0) -> list:
+    """`Trial`s, at most `wanted` of each class, which is the group; other seeds draw others in other worlds."""
+    rng, made, lidar = np.random.default_rng(seed), worlds(cell.world, seed), sensor(cell)
     found = {name: [] for name in CLASSES}
     for k in range(DRAWS * wanted):
         now = rng.uniform(0.0, 60.0)

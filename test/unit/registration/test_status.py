@@ -13,7 +13,13 @@ from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
 from dbscan_reg_ros.core.registration.search import Problem, Ranking
-from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, scatter, slid
+from dbscan_reg_ros.core.registration.status import (
+    decide,
+    demoted_if_weak,
+    find_rivals,
+    rival_covariance,
+    slid,
+)
 from dbscan_reg_ros.core.registration.uncertainty import uncertainty
 
 ROOM = outline(L_ROOM)
@@ -23,11 +29,16 @@ def fitted(reference, current, motion):
     return fit(motion[None], current.sampled_points, reference.likelihood_field, Parameters().density.min_normal_cosine)
 
 
-def test_alternatives_widen_the_covariance_by_their_distance_in_the_sensor_frame():
-    best = np.array([1.0, 2.0, 0.5 * math.pi])
-    found = scatter(best, np.array([[1.0, 5.0, 0.5 * math.pi + 2.0 * math.pi]]))
-    assert found == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
-    assert not scatter(best, np.empty((0, 3))).any()
+def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
+    """By half of its square where the scores are equal."""
+    candidates = np.array([(1.0, 2.0, 0.5 * math.pi), (1.0, 5.0, 2.5 * math.pi), (1.0, 2.1, 0.5 * math.pi)])
+    fine = ranking(candidates, [0.8, 0.8, 0.8], None)
+    rivals = find_rivals(candidates, None, Parameters().decision)
+    assert rivals.tolist() == [False, True, False]
+    assert rival_covariance(fine, rivals) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
+    assert not rival_covariance(fine, np.zeros(3, dtype=bool)).any()
+    far = ranking(candidates, [0.8, 0.5, 0.8], None)
+    assert np.abs(rival_covariance(far, rivals)).max() < 1e-6
 
 
 def test_hypotheses_are_slid_along_a_direction_to_the_best():
@@ -42,30 +53,25 @@ def ranking(candidates, score, best):
     return Ranking(candidates, np.array(score), np.ones(len(score)), np.zeros((len(score), 4, 4)), best)
 
 
-def test_an_alternative_along_a_constrained_direction_makes_ambiguous():
+def test_a_rival_along_a_constrained_direction_makes_ambiguous():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
     best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
     found = fitted(reference, current, best)
     _, held = uncertainty(best, found, current.sampled_points, current.noise, parameters)
     assert held.weak > parameters.decision.min_information
-    coarse = best + np.array([(0.0, 0.0, 0.0), (math.cos(held.angle), math.sin(held.angle), 0.0)])
-    for rival, status, variance in ((0.6, Status.OK, 0.0), (0.88, Status.AMBIGUOUS, 0.5)):
-        result = decide(Problem(reference, current, parameters), ranking(best[None], [0.9], found),
-                        ranking(coarse, [0.9, rival], found))
+    fine = best + np.array([(0.0, 0.0, 0.0), (math.cos(held.angle), math.sin(held.angle), 0.0)])
+    for rival, status, variance in ((0.6, Status.OK, 0.0), (0.9, Status.AMBIGUOUS, 0.5)):
+        result = decide(Problem(reference, current, parameters), ranking(fine, [0.9, rival], found))
         assert result.status is status
+        assert [each.score for each in result.rivals] == [rival]
+        assert result.evidence.margin == pytest.approx(0.9 - rival)
         assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
 
 
-def test_alternatives_are_compared_by_their_scores_after_the_coarse_refinement():
-    """A fine score is less by what of the reference lies in the current scan's free space."""
-    reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
-    best = np.array([0.1, 0.0, 0.2])
-    coarse = best + np.array([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
-    for rival, status in ((0.8, Status.OK), (0.88, Status.AMBIGUOUS)):
-        found = fitted(reference, current, best)
-        result = decide(Problem(reference, current, Parameters()), ranking(best[None], [0.7], found),
-                        ranking(coarse, [0.9, rival], found))
-        assert result.status is status
+def test_along_a_degenerate_direction_there_is_no_rival():
+    candidates = np.array([(0.0, 0.0, 0.0), (3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0)])
+    for direction, different in ((None, True), (0.4, False), (0.4 + 0.5 * math.pi, True)):
+        assert find_rivals(candidates, direction, Parameters().decision).tolist() == [False, different]
 
 
 @pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [

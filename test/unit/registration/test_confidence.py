@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Confidence of a registration: evidence, rivals, and calibration on worlds that the model was not fitted to."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from benchmarks.registration import confidence as benchmark
+from benchmarks.registration import overlap
+from rooms import FULL, HALF, L_ROOM, look, outline
+
+from dbscan_reg_ros import SE2, Parameters, Prior, Status, register
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.confidence.evidence import count_matches, fixed_ends, seen
+from dbscan_reg_ros.core.registration.confidence.model import confidence, log_odds
+from dbscan_reg_ros.core.registration.records import MAX_MARGIN
+
+ROOM = outline(L_ROOM)
+START, END = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
+HALL = outline([(-6.0, -1.5), (6.0, -1.5), (6.0, 1.5), (-6.0, 1.5)])
+
+
+def features(pose, geometry=FULL, walls=ROOM, seed=0):
+    return extract_features(look(walls, pose, geometry, 0.01, seed))
+
+
+def test_the_points_of_the_same_scan_are_visible_and_on_its_outline():
+    scan = features(START)
+    places = scan.sampled_points.points
+    visible, on_outline, conflicts = seen(places, 1.0, scan.free_space, 0.15)
+    assert visible == 1.0 and on_outline == len(places) and conflicts == 0.0
+
+
+def test_points_in_front_of_the_outline_conflict_and_points_behind_it_are_hidden():
+    scan = features(START)
+    places = scan.sampled_points.points
+    visible, on_outline, conflicts = seen(0.5 * places, 1.0, scan.free_space, 0.15)
+    assert visible == 1.0 and on_outline == 0 and conflicts > 0.9
+    assert seen(0.5 * places, 0.0, scan.free_space, 0.15)[2] == 0.0
+    assert seen(2.0 * places, 1.0, scan.free_space, 0.15) == (0.0, 0, 0.0)
+
+
+def test_corners_are_counted_once_and_matched_by_their_place():
+    scan = features(SE2())
+    ends = fixed_ends(scan.segments)
+    apart = np.abs(ends[:, None] - ends)[np.triu_indices(len(ends), 1)]
+    assert len(ends) >= 5 and apart.min() > 0.1
+    assert count_matches(ends, ends) == len(ends)
+    assert count_matches(ends, ends[:2]) == 2
+    assert count_matches(ends, ends[:0]) == count_matches(ends[:0], ends) == 0
+
+
+@pytest.mark.parametrize(('walls', 'turn'), [(ROOM, 0.6), (HALL, 0.4)])
+def test_the_margin_is_that_of_the_listed_scores(walls, turn):
+    found = register(features(SE2(), walls=walls), features(SE2(0.3, 0.1, turn), walls=walls, seed=1))
+    assert found.hypotheses[0] not in found.rivals
+    assert set(found.rivals) <= set(found.hypotheses)
+    rival = max((each.score for each in found.rivals), default=-math.inf)
+    assert found.evidence.margin == pytest.approx(min(found.score - rival, MAX_MARGIN), abs=1e-12)
+    assert found.score == found.hypotheses[0].score == found.evidence.score
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.4, -2.0, 3.0])
+def test_half_a_turn_in_a_symmetric_corridor_is_ambiguous_and_listed(turn):
+    motion = SE2(0.5, 0.2, turn)
+    found = register(features(SE2(), walls=HALL), features(motion, walls=HALL, seed=1))
+    other = SE2(theta=math.pi) @ motion
+    assert found.status is Status.AMBIGUOUS
+    assert found.confidence < 0.7
+    candidates = [found.transform, *(rival.transform for rival in found.rivals)]
+    for truth in (motion, other):
+        errors = [truth.inverse() @ each for each in candidates]
+        assert min(math.hypot(each.x, each.y) + abs(each.theta) for each in errors) < 0.05
+
+
+def test_a_prior_rules_rivals_out():
+    reference, current = features(SE2(), walls=HALL), features(SE2(0.5, 0.2, 0.4), walls=HALL, seed=1)
+    prior = Prior(SE2(0.5, 0.2, 0.4), np.diag([0.1, 0.1, 0.05]) ** 2)
+    found = register(reference, current, prior=prior)
+    assert found.status is Status.OK
+    assert found.confidence > register(reference, current).confidence
+
+
+def test_a_room_seen_again_is_certain():
+    found = register(features(START), features(END, seed=1))
+    assert found.status is Status.OK and found.confidence > 0.95
+
+
+def test_conflicts_with_free_space_lower_the_confidence():
+    evidence = register(features(START), features(END, seed=1)).evidence
+    for side in ('current', 'reference'):
+        view = getattr(evidence, side)
+        values = [log_odds(evidence._replace(**{side: view._replace(conflicts=each)})) for each in (0.0, 0.1, 0.3)]
+        assert values == sorted(values, reverse=True)
+    assert 0.0 < confidence(evidence._replace(score=0.0, margin=0.0, weak=0.0)) < confidence(evidence) <= 1.0
+
+
+def test_nothing_found_has_no_confidence():
+    empty = features(START).without(np.ones(len(features(START).oriented_points), dtype=bool))
+    assert register(features(START), empty).confidence == 0.0
+
+
+def test_the_least_confidence_decides_on_ok():
+    pair = features(START), features(END, seed=1)
+    found = register(*pair)
+    asked = Parameters().replace({'decision.min_confidence': min(found.confidence + 1e-3, 1.0)})
+    assert register(*pair, asked).status is Status.AMBIGUOUS
+
+
+@pytest.mark.parametrize('seed', [11, 12, 13])
+def test_the_confidence_is_calibrated_on_worlds_that_it_was_not_fitted_to(seed):
+    """The sum of the confidences is the number of right results, within three standard deviations."""
+    assert seed not in benchmark.FITTED
+    cell = overlap.Cell('rplidar_a' if seed % 2 else 'sick_lms200', 'rooms', 'any', 'low')
+    cells = [dataclasses.replace(cell, world=world) for world in ('rooms', 'corridors', 'busy_halls')]
+    rows = [row for each in cells for row in benchmark.table(each, 5, seed, False)]
+    certainty, right, ok = np.array([row[1:] for row in rows], dtype=float).T
+    sigma = math.sqrt((certainty * (1.0 - certainty)).sum())
+    assert abs(certainty.sum() - right.sum()) < 3.0 * sigma + 1.0
+    assert (ok * (1.0 - right)).sum() <= 1 and ok.sum() > 0.3 * right.sum()
+
+
+def test_with_less_of_the_room_in_common_the_confidence_is_lower():
+    far = register(features(SE2(theta=1.2), HALF), features(SE2(theta=-1.2), HALF, seed=1))
+    near = register(features(SE2(), HALF), features(SE2(theta=0.1), HALF, seed=1))
+    assert far.confidence < near.confidence
