@@ -25,6 +25,8 @@ BENCHMARKS = {
     'sparse': 'key frames far apart: the odometry beside registrations without a guess',
     'narrow': 'odometry of depth cameras with narrow fields of view',
     'passers': 'odometry while people cross close in front of the lidar',
+    'covered': 'odometry of a lidar with a box over it for a while',
+    'spin': 'turn rates of published twists while the robot rotates in place',
     'spinup': 'odometry that begins while the lidar spins up',
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
@@ -39,18 +41,19 @@ MODULES = {
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
     'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
+    'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
 OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'fingerprint')
 """No other method has what they measure."""
-SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'spinup', 'overlap')
+SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees',
            'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
-           'sparse', 'narrow', 'passers', 'spinup')
+           'sparse', 'narrow', 'passers', 'covered', 'spin', 'spinup')
 
 
 def main(argv=None) -> int:
@@ -88,7 +91,7 @@ def make_parser():
                                  help='mean and two standard errors (+-) over N copies '
                                  'of each course with 2 mm of noise on the ranges, without bounds')
             add_processes(command)
-        elif name in ('narrow', 'passers', 'spinup'):
+        elif name in ('narrow', 'passers', 'covered', 'spin', 'spinup'):
             command.add_argument('--seeds', type=positive, default=10, metavar='N',
                                  help='the first N of the ten seeds (default: 10)')
         elif name == 'overlap':

@@ -129,7 +129,7 @@ def test_what_is_called_ok_and_is_wrong_is_counted():
     assert seeds.summary([found, found | {'error_m': 0.75}])['error_worst_m'] == 0.75
 
 
-@pytest.mark.parametrize('name', ['narrow', 'passers', 'spinup'])
+@pytest.mark.parametrize('name', ['narrow', 'passers', 'covered', 'spinup'])
 def test_hard_courses_are_run_by_ours_and_others(name, tmp_path, capsys):
     path = tmp_path / 'rates.json'
     assert main([name, '--seeds', '1', '--limit', '25', '--method', 'dbscan', 'identity', '--json', str(path)]) == 0
@@ -137,6 +137,16 @@ def test_hard_courses_are_run_by_ours_and_others(name, tmp_path, capsys):
     metrics = json.loads(path.read_text())
     assert metrics['identity'].keys() == metrics['dbscan'].keys()
     assert all(name.rsplit('_', 1)[1] in ('m', 'deg', 'count', 'ok', 'failed', 's') for name in metrics['dbscan'])
+
+
+def test_turn_rates_of_published_twists_are_right_while_the_robot_rotates(tmp_path):
+    path = tmp_path / 'rates.json'
+    assert main(['spin', '--seeds', '1', '--json', str(path)]) == 0
+    metrics = json.loads(path.read_text())['dbscan']
+    rates = [value for name, value in metrics.items() if name.endswith('rms_deg')]
+    assert len(rates) == 9 and max(rates) < math.degrees(0.05)
+    steady = [value for name, value in metrics.items() if 'steady' in name and name.endswith('rms_deg')]
+    assert max(steady) < math.degrees(0.03)
 
 
 def test_the_whole_view_is_shared_with_itself_and_none_with_what_is_behind():

@@ -22,7 +22,7 @@ RECORDINGS = {'intel': 'intel/intel.log.gz', 'aces': 'aces/aces.log.gz', 'urg04l
               'ccny_demo': 'ccny_demo/demo.bag'}
 SIMULATED = ('rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs', 'trees', 'lidars', 'leader', 'far_noise',
              'losses',
-             'bursts', 'outages', 'sparse', 'narrow', 'passers', 'spinup')
+             'bursts', 'outages', 'sparse', 'narrow', 'passers', 'covered', 'spin', 'spinup')
 PLACE = SE2(0.3, -0.2, math.radians(135.0))
 MOUNTED = ('mounted', 'upside_down', 'moving')
 SWAY, SWAY_PERIOD = (0.1, 0.05, math.radians(30.0)), 7.0

@@ -13,6 +13,8 @@ from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
+from dbscan_reg_ros.simulation.raycasting import cast
+from dbscan_reg_ros.simulation.worlds import sides
 
 from ..intel import Intel
 from .course import Course, simulated
@@ -39,6 +41,18 @@ NARROW_SECONDS = 25.0
 PASSING_SECONDS = 20.0
 PASSERS = 4
 SPINUP_SECONDS = 8.0
+COVERED = (0.5, 1.5, 3.0)
+"""How long the box is over the lidar [s]."""
+COVERED_FROM = 5.0
+COVERED_LIDARS = 'rplidar_a', 'hokuyo_urg04lx', 'sick_lms200'
+COVER = np.array([(-0.2, -0.25), (0.25, -0.22), (0.24, 0.3), (-0.18, 0.28)])
+"""Corners of the box [m], in the frame of the sensor."""
+SPIN_SECONDS = 8.0
+SPIN_LIDARS = 'lds', 'rplidar_a', 'hokuyo_urg04lx'
+SPINS: dict[str, Callable] = {
+    'steady_1': lambda times: 1.0 * times, 'steady_3': lambda times: 3.0 * times,
+    'changing': lambda times: 2.0 * times - np.cos(1.5 * times) / 1.5}
+"""Name -> heading [rad] at times [s]."""
 SPINUPS = {'standing_100_of_720': (1.0, (100,)), 'driving_100_of_720': (0.0, (100,)),
            'driving_0_0_200_of_720': (0.0, (0, 0, 200))}
 """Name -> how long the robot rests [s], and how many beams of the first scans return."""
@@ -162,5 +176,36 @@ def _spun_up(pause, returns, seed):
     return dataclasses.replace(course, scans=scans, judged=np.arange(len(scans)) >= len(returns))
 
 
-COURSES = {'sparse': sparse, 'narrow': narrow, 'passers': passers, 'spinup': spinup}
+def covered(folder=None, seeds=SEEDS) -> list:
+    """Return lidars under a box for 0.5 to 3 s, in furnished rooms; scans of the box are not judged."""
+    return [_covered(LIDARS[name], seconds, seed) for seed in seeds for name in COVERED_LIDARS for seconds in COVERED]
+
+
+def _covered(lidar, seconds, seed):
+    course = _begun(rooms(seed), lidar, COVERED_FROM + 7.0, seed)
+    under = (course.seconds >= COVERED_FROM) & (course.seconds < COVERED_FROM + seconds)
+    rng, scans = np.random.default_rng(seed), list(course.scans)
+    for k in under.nonzero()[0]:
+        geometry = scans[k].geometry
+        ranges = cast(np.zeros((1, 2)), geometry.directions, sides(COVER), np.empty((0, 3)))
+        ranges += rng.normal(0.0, 0.005, geometry.size)
+        scans[k] = dataclasses.replace(scans[k], ranges=np.maximum(ranges, geometry.range_min + 0.001))
+    return dataclasses.replace(course, scans=scans, judged=~under)
+
+
+def spin(folder=None, seeds=SEEDS) -> list:
+    """Return lidars that rotate in place in furnished rooms, steadily or not."""
+    return [_spun(LIDARS[name], motion, seed) for seed in seeds for name in SPIN_LIDARS for motion in SPINS.values()]
+
+
+def _spun(lidar, motion, seed):
+    world = rooms(seed)
+    x, y, heading = follow(world.tour).poses_at(np.array([10.0]))[0]
+    times = np.arange(0.0, SPIN_SECONDS + 0.5, 0.01)
+    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), heading + motion(times))))
+    result = simulate(world, path, lidar, seed)
+    return Course(result.scans, reference=result.truth)
+
+
+COURSES = {'covered': covered, 'spin': spin, 'sparse': sparse, 'narrow': narrow, 'passers': passers, 'spinup': spinup}
 """Name -> ``courses(folder)``, as `courses.COURSES`."""

@@ -63,7 +63,8 @@ def error_behind_a_person(room, walk, **changes):
     world = rooms(room)
     result = simulate(world, follow(world.tour), Lidar())
     rng, bearing = np.random.default_rng(walk), 0.0
-    odometry, ok = Odometry(Parameters().replace({f'odometry.{name}': value for name, value in changes.items()})), 0
+    parameters = Parameters().replace({f'advanced.odometry.{name}': value for name, value in changes.items()})
+    odometry, ok = Odometry(parameters), 0
     for scan in result.scans[:150]:
         bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
         update = odometry.process(with_person(scan, bearing)[0])
@@ -131,7 +132,7 @@ def lag_behind_a_person(hidden, seed, **changes):
     """Lag [m] after 6 s along a bare corridor whose end a person hides in some scans, and statuses."""
     world = dataclasses.replace(corridor(length=16.0, doors=0), tour=np.array([(2.0, 0.0), (12.0, 0.0)]))
     result = simulate(world, follow(world.tour), Lidar(), seed=seed)
-    odometry = Odometry(Parameters().replace({f'odometry.{name}': value for name, value in changes.items()}))
+    odometry = Odometry(Parameters().replace({f'advanced.odometry.{name}': value for name, value in changes.items()}))
     statuses = []
     for k, scan in enumerate(result.scans[:60]):
         update = odometry.process(with_person(scan, 0.0)[0] if hidden(k) else scan)
