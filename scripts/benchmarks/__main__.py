@@ -31,6 +31,7 @@ BENCHMARKS = {
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
     'confidence': 'calibration of the confidence of registrations, and the fit of its model',
+    'page': 'the page of the Intel log in a browser: time to open, time of a frame, memory',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
@@ -43,10 +44,11 @@ MODULES = {
     'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
     'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
+    'page': 'page.page',
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
-OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'fingerprint')
+OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'page', 'fingerprint')
 """No other method has what they measure."""
 SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
 """They need no recordings."""

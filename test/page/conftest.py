@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from browser import Browser, find_browser
+from benchmarks.page.browser import Browser, find_browser
 
 from dbscan_reg_ros import Odometry, Parameters
 from dbscan_reg_ros.core.registration.records import Status

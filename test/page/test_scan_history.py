@@ -74,7 +74,7 @@ def test_short_drives_are_kept_whole():
 
 def test_fewer_scans_and_beams_are_kept_evenly():
     history = ScanHistory(most_scans=10, most_points=50)
-    segments = SimpleNamespace(start=np.zeros((1, 2)), end=np.ones((1, 2)))
+    segments = SimpleNamespace(start=np.zeros((0, 2)), end=np.ones((0, 2)))
     points = np.column_stack((np.arange(16.0), np.zeros(16)))
     for number in range(100):
         history.add(update(number, Status.FAILED if number == 41 else Status.OK, points, segments))

@@ -2,7 +2,13 @@
 'use strict';
 // The drive as typed arrays, one value for each scan that the page holds.
 
-const data = JSON.parse(document.getElementById('data').textContent);
+function content(id) {
+  const element = document.getElementById(id), text = element.textContent;
+  element.remove();
+  return text;
+}
+
+const data = JSON.parse(content('data'));
 
 function bytes(text) {
   const letters = atob(text), result = new Uint8Array(letters.length);
@@ -36,7 +42,7 @@ const drive = (() => {
 
 // Returns and segments of all scans: differences of coordinates that are added up here, then the ends of the segments.
 async function unpackScans() {
-  const packed = new Blob([bytes(document.getElementById('scans').textContent)]);
+  const packed = new Blob([bytes(content('scans'))]);
   const buffer = await new Response(packed.stream().pipeThrough(new DecompressionStream('deflate'))).arrayBuffer();
   const numbers = new Int16Array(buffer), count = 2 * drive.firstPoint[drive.count];
   for (let i = 2; i < count; i++) numbers[i] += numbers[i - 2];

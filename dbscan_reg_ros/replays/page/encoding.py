@@ -18,13 +18,17 @@ def rounded(values, digits=3) -> list:
 
 
 def picture(ink) -> str:
-    """Return the ink of each cell ``(rows, columns)``, 0..1, lowest row first, as the data URL of a grey PNG."""
+    """Return the ink of each cell ``(rows, columns)``, 0..1, lowest row first, as the data URL of a PNG.
+
+    Its pixels are black, and transparent where there is no ink.
+    """
     from PIL import Image
 
     file = io.BytesIO()
     # 16 levels are enough for a density and halve the file.
-    levels = np.round(15.0 * np.asarray(ink, dtype=float)[::-1]).astype(np.uint8) * 17
-    Image.fromarray(levels).save(file, format='PNG', optimize=True)
+    image = Image.fromarray(np.round(15.0 * np.asarray(ink, dtype=float)[::-1]).astype(np.uint8)).convert('L')
+    image.putpalette([0, 0, 0] * 16)
+    image.save(file, format='PNG', bits=4, transparency=bytes(range(0, 256, 17)), optimize=True)
     return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()
 
 

@@ -23,7 +23,7 @@ class MapView {
     this.shown = {};
     this.pointers = new Map();
     this.closed = false;
-    this.maps = [this.load(data.map), data.closedMap && this.load(data.closedMap)];
+    this.maps = [this.load(data.map), null];
     this.paths();
     this.resize();
     this.showAll();
@@ -51,11 +51,8 @@ class MapView {
   tint(map) {
     const canvas = map.tinted = document.createElement('canvas');
     [canvas.width, canvas.height] = [map.image.naturalWidth, map.image.naturalHeight];
-    const context = canvas.getContext('2d', {willReadFrequently: true});
+    const context = canvas.getContext('2d');
     context.drawImage(map.image, 0, 0);
-    const pixels = context.getImageData(0, 0, canvas.width, canvas.height), values = pixels.data;
-    for (let i = 0; i < values.length; i += 4) { values[i + 3] = values[i]; values[i] = values[i + 1] = values[i + 2] = 0; }
-    context.putImageData(pixels, 0, 0);
     context.globalCompositeOperation = 'source-in';
     context.fillStyle = this.colours.density;
     context.fillRect(0, 0, canvas.width, canvas.height);
@@ -101,6 +98,12 @@ class MapView {
       context.canvas.height = Math.round(this.height * ratio);
     }
     this.ratio = ratio;
+  }
+
+  // The closed map is decoded when it is shown for the first time.
+  showClosed(on) {
+    if (on && !this.maps[1]) this.maps[1] = this.load(data.closedMap);
+    this.closed = on;
   }
 
   get poses() { return this.closed ? drive.closed.pose : drive.pose; }

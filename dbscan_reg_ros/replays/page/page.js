@@ -23,7 +23,9 @@ class Page {
     this.texts();
     this.view = new MapView(this);
     this.layers();
-    this.plots = this.makePlots();
+    this.plots = [];
+    // The map comes first: the plots are drawn after its first frame.
+    this.plotted = new Promise(done => requestAnimationFrame(() => setTimeout(() => { this.plots = this.makePlots(); done(); })));
     this.review();
     this.controls();
     this.recolour();
@@ -69,7 +71,7 @@ class Page {
                                       style: `stroke: var(--${name}); stroke-width: ${width}`});
     }
     this.toggle('follow', 'follow the sensor', false, value => { this.view.shown.follow = value; });
-    if (drive.closed) this.toggle('closed', 'closed map', false, value => { this.view.closed = value; }).setAttribute('role', 'switch');
+    if (drive.closed) this.toggle('closed', 'closed map', false, value => this.view.showClosed(value)).setAttribute('role', 'switch');
   }
 
   toggle(name, label, on, set) {
@@ -226,7 +228,7 @@ class Page {
 const isDark = () => document.documentElement.dataset.theme === 'dark';
 document.documentElement.dataset.theme = matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light';
 const page = new Page();
-const ready = Promise.all([unpackScans(), ...page.view.maps.map(map => map && map.ready)]).then(() => {
+const ready = Promise.all([unpackScans(), page.plotted, ...page.view.maps.map(map => map && map.ready)]).then(() => {
   page.view.changed();
   document.body.dataset.ready = 'yes';
 });

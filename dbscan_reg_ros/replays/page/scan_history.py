@@ -17,7 +17,7 @@ MOST_SCANS = 20_000
 MOST_NOT_OK = 60_000
 """and of the others."""
 MOST_POINTS = 2_500_000
-"""Number of returns that are kept of all scans together."""
+"""Number of returns, and of ends of segments, that are kept of all scans together."""
 
 
 class ScanRecord(NamedTuple):
@@ -108,7 +108,7 @@ class ScanHistory:
         record = make_record()
         self._records.append((place, record))
         self._counts[ok] += 1
-        self._points += len(record.points)
+        self._points += _size(record)
         if self._counts[ok] > self._most[ok]:
             self._drop_scans(ok)
         if self._points > self._most_points:
@@ -136,13 +136,18 @@ class ScanHistory:
         self._records = [(place, record) for place, record in self._records if (record.status is Status.OK) is not ok
                          or place % self._steps[ok] == 0 or record.number == 0]
         self._counts[ok] = sum((record.status is Status.OK) is ok for _, record in self._records)
-        self._points = sum(len(record.points) for _, record in self._records)
+        self._points = sum(_size(record) for _, record in self._records)
 
     def _drop_beams(self):
         """Keep every other return of all scans."""
         self.beam_step *= 2
         self._records = [(place, record._replace(points=record.points[::2].copy())) for place, record in self._records]
-        self._points = sum(len(record.points) for _, record in self._records)
+        self._points = sum(_size(record) for _, record in self._records)
+
+
+def _size(record):
+    """Return the number of positions in a record."""
+    return len(record.points) + 2 * len(record.segments)
 
 
 def _stored(coordinates):

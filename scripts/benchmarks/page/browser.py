@@ -13,6 +13,8 @@ NAMES = 'chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable',
 OPTIONS = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--hide-scrollbars',
            '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage',
            '--remote-debugging-pipe', '--window-size=1120,900')
+NARROW = 700
+"""Width [pixels] below which a screen is that of a phone."""
 LAUNCH = """
 import fcntl, os, sys
 for target, pipe in enumerate([fcntl.fcntl(int(number), fcntl.F_DUPFD, 10) for number in sys.argv[1:3]], 3):
@@ -93,7 +95,7 @@ class Browser:
 
     def screen(self, width, height, dark=False):
         """Set the size of the screen, with touch where it is narrow, and what theme the user prefers."""
-        narrow = width < 700
+        narrow = width < NARROW
         self.call('Emulation.setDeviceMetricsOverride', width=width, height=height, deviceScaleFactor=1, mobile=narrow)
         self.call('Emulation.setTouchEmulationEnabled', enabled=narrow, maxTouchPoints=5 if narrow else 1)
         self.call('Emulation.setEmulatedMedia', features=[
@@ -131,7 +133,13 @@ class Browser:
         """Write what is to be seen as a PNG."""
         path.write_bytes(base64.b64decode(self.call('Page.captureScreenshot')['data']))
 
+    @property
+    def process(self) -> int:
+        """Number of the browser's first process, which leads a session of all."""
+        return self._process.pid
+
     def close(self):
+        """End all processes of the browser."""
         os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         os.close(self._in)

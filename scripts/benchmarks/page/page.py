@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of the Intel log in a headless browser: time to open, time of a frame, memory."""
+import os
+import tempfile
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from dbscan_reg_ros.commands.replay import Job, replay_one
+from dbscan_reg_ros.core.errors import DbscanRegError
+from dbscan_reg_ros.recordings import data_folder
+from dbscan_reg_ros.robot.parameters import NodeParameters
+
+from ..bounds import at_most
+from ..report import Report
+from .browser import Browser, find_browser
+
+BOUNDS = {'megabytes': at_most(8.0), 'open_ratio': at_most(2.0), 'memory_mb': at_most(500.0)}
+"""Size of the file; time until the map is drawn, beside a blank page of the same size; memory of all processes."""
+TURNS = 8
+SIZE = 1400, 900
+DRAG = """new Promise(done => {
+  const times = [];
+  let last = performance.now(), k = 0;
+  const step = now => {
+    times.push(now - last);
+    last = now;
+    k += 1 + Math.floor(drive.count / 600);
+    if (k >= drive.count) { done(times); return; }
+    page.go(k);
+    requestAnimationFrame(step);
+  };
+  requestAnimationFrame(step);
+})"""
+
+
+def measure(args):
+    """Return a `Report`."""
+    if find_browser() is None:
+        raise DbscanRegError('bench page: needs a chromium on the PATH')
+    with tempfile.TemporaryDirectory() as folder:
+        log = data_folder(args.data) / 'intel' / 'intel.log.gz'
+        replay_one(Job(log, None, NodeParameters(), Path(folder)))
+        page = Path(folder, 'intel', 'latest', 'report.html')
+        row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
+    report = Report()
+    report.add('page of the Intel log', {'dbscan': row}, BOUNDS)
+    return report
+
+
+def in_browser(page, blank, profile):
+    """Return the figures of the page; `blank` is where a page of the same size is written."""
+    size = page.stat().st_size
+    frame = '<!DOCTYPE html><script type="text/plain">{}</script>'
+    blank.write_text(frame.format('x' * (size - len(frame) + 2)))
+    with closing(Browser(f'{profile}_once')) as browser:
+        browser.screen(*SIZE)
+        browser.open(page.as_uri())
+        browser.value('ready.then(() => 0)')
+        frames = browser.value(DRAG)[1:]
+        browser.call('HeapProfiler.collectGarbage')
+        memory = memory_of(browser.process)
+    opened, scans = {page: [], blank: []}, []
+    with closing(Browser(f'{profile}_turns')) as browser:
+        browser.screen(*SIZE)
+        for _ in range(TURNS):
+            for file, times in opened.items():
+                browser.open(file.as_uri())
+                browser.frame()
+                times.append(browser.value('performance.now()'))
+                if file is page:
+                    browser.value('ready.then(() => 0)')
+                    scans.append(browser.value('performance.now()'))
+    ours, empty = map(min, opened.values())
+    return {'megabytes': size / 1e6, 'open_ms': ours, 'blank_ms': empty, 'open_ratio': ours / empty,
+            'scans_ms': min(scans),
+            'frame_p50_ms': float(np.median(frames)), 'frame_p95_ms': float(np.percentile(frames, 95)),
+            'memory_mb': memory / 1e6}
+
+
+def memory_of(process):
+    """Return the memory [bytes] of the processes of a session, shared pages divided among those that share them."""
+    total = 0
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            if os.getsid(int(folder.name)) == process:
+                words = (folder / 'smaps_rollup').read_text().partition('Pss:')[2].split()
+                total += 1024 * int(words[0])
+        except (OSError, IndexError):
+            continue
+    return total
