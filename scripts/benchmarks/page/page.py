@@ -16,7 +16,7 @@ from ..bounds import at_most
 from ..report import Report
 from .browser import Browser, find_browser
 
-BOUNDS = {'megabytes': at_most(8.0), 'open_ratio': at_most(2.0), 'memory_mb': at_most(500.0)}
+BOUNDS = {'file_mb': at_most(8.0), 'ratio_open': at_most(2.0), 'memory_mb': at_most(500.0)}
 """Size of the file; time until the map is drawn, beside a blank page of the same size; memory of all processes."""
 TURNS = 8
 SIZE = 1400, 900
@@ -73,9 +73,9 @@ def in_browser(page, blank, profile):
                     browser.value('ready.then(() => 0)')
                     scans.append(browser.value('performance.now()'))
     ours, empty = map(min, opened.values())
-    return {'megabytes': size / 1e6, 'open_ms': ours, 'blank_ms': empty, 'open_ratio': ours / empty,
-            'scans_ms': min(scans),
-            'frame_p50_ms': float(np.median(frames)), 'frame_p95_ms': float(np.percentile(frames, 95)),
+    return {'file_mb': size / 1e6, 'ms_open': ours, 'ms_blank': empty, 'ratio_open': ours / empty,
+            'ms_scans': min(scans),
+            'ms_frame_p50': float(np.median(frames)), 'ms_frame_p95': float(np.percentile(frames, 95)),
             'memory_mb': memory / 1e6}
 
 
