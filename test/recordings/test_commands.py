@@ -134,7 +134,7 @@ def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
             'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
     with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE) as process:
-        assert process.stdout.readline() == b'a line that nobody reads\n'
+        assert process.stdout.readline() == b'a line that is not read\n'
         process.stdout.close()
         assert process.stderr.read() == b''
         assert process.wait(60) == 1

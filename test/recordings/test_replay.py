@@ -256,7 +256,7 @@ def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(dat
         words = lines[k].split()
         lines[k] = ' '.join([*words[:2], *(['81.83'] * 180), *words[182:]]) + '\n'
     (tmp_path / 'a.log').write_text(''.join(lines[:scans[-1] + 1]))
-    (tmp_path / 'p.yaml').write_text(f'/**:\n  ros__parameters:\n    scan: {{min_returns: {returns}}}\n')
+    (tmp_path / 'p.yaml').write_text(f'/**:\n  ros__parameters:\n    advanced: {{scan: {{min_returns: {returns}}}}}\n')
     assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path), '--params-file', str(tmp_path / 'p.yaml')]) == code
     printed = ''.join(capsys.readouterr())
     assert says in printed and printed.count('not used') <= 5

@@ -44,7 +44,7 @@ def processed(odometry, scan):
 
 @pytest.mark.parametrize('name', RECORDINGS)
 def test_from_the_same_state_both_give_the_same(data, compiled, size, name):
-    """Poses, covariances and twists within 1e-8; the same status and key frames."""
+    """Poses and covariances within 1e-8, twists (over intervals from 10 ms on) in proportion; equal status, key frames."""
     one, other = Odometry(backend=REFERENCE), Odometry(backend=compiled)
     window = None
     for scan in scans(data, name, size(60, 2000)):
@@ -60,8 +60,8 @@ def test_from_the_same_state_both_give_the_same(data, compiled, size, name):
             assert compared == found
             continue
         assert (compared.status, compared.reference_changed) == (found.status, found.reference_changed), found
-        for part in ('covariance', 'twist', 'twist_covariance'):
-            np.testing.assert_allclose(getattr(compared, part), getattr(found, part), rtol=1e-7, atol=1e-8)
+        for part, most in (('covariance', 1e-8), ('twist', 1e-6), ('twist_covariance', 1e-6)):
+            np.testing.assert_allclose(getattr(compared, part), getattr(found, part), rtol=1e-7, atol=most)
         np.testing.assert_allclose(compared.pose.as_array(), found.pose.as_array(), atol=1e-8)
 
 

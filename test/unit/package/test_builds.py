@@ -61,6 +61,9 @@ def installed_backend(run, tmp_path_factory):
 
     The name of the backend that runs.
     """
+    if not (importlib.util.find_spec('wheel') or importlib.util.find_spec('setuptools.command.bdist_wheel')):
+        pytest.skip('needs setuptools 70.1, or the package wheel')
+
     def installed_backend(folder, **environment):
         target = tmp_path_factory.mktemp('target')
         run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation',

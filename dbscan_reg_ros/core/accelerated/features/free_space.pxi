@@ -22,7 +22,9 @@ def build_free_space_profile(const double[:, ::1] points, double increment):
     cdef Py_ssize_t count = points.shape[0], k, b, before, after, next_before, next_after
     cdef Py_ssize_t size = min(max(round(2.0 * math.pi / abs(increment)), free_space_steps._MIN_BINS),
                                free_space_steps._MAX_BINS)
-    cdef double[::1] angle = np.empty(count), radius = np.empty(count + 2), bearing = np.empty(count + 2)
+    # By numpy: beams may lie on the edges of bins, where the last bit of another arctangent would decide.
+    cdef const double[::1] angle = np.arctan2(points[:, 1], points[:, 0])
+    cdef double[::1] radius = np.empty(count + 2), bearing = np.empty(count + 2)
     cdef Py_ssize_t[::1] order = np.empty(count, np.intp), scratch = np.empty(count, np.intp)
     cdef const double[::1] edges = free_space_steps._edges(size)
     cdef double widest = 3.0 * max(fabs(increment), 2.0 * M_PI / size), low, high
@@ -31,8 +33,6 @@ def build_free_space_profile(const double[:, ::1] points, double increment):
     if not count:
         raise IndexError('a scan without points')
     with nogil:
-        for k in range(count):
-            angle[k] = atan2(points[k, 1], points[k, 0])
         sort_stably(angle, order, scratch)
         for k in range(count):
             bearing[k + 1], radius[k + 1] = angle[order[k]], hypot(points[order[k], 0], points[order[k], 1])
