@@ -44,7 +44,7 @@ def processed(odometry, scan):
 
 @pytest.mark.parametrize('name', RECORDINGS)
 def test_from_the_same_state_both_give_the_same(data, compiled, size, name):
-    """Poses and covariances within 1e-8, twists (over intervals from 10 ms on) in proportion; equal status, key frames."""
+    """Poses and covariances within 1e-8, twists (by intervals from 10 ms on) 1e-6; equal status and key frames."""
     one, other = Odometry(backend=REFERENCE), Odometry(backend=compiled)
     window = None
     for scan in scans(data, name, size(60, 2000)):
