@@ -53,9 +53,8 @@ OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', '
 SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
-           'trees',
-           'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
-           'sparse', 'narrow', 'passers', 'covered', 'spin', 'spinup')
+           'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
+           'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup')
 
 
 def main(argv=None) -> int:

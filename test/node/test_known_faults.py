@@ -233,7 +233,7 @@ def test_a_parameter_that_is_set_changes_what_the_node_does(node, player, peer, 
     parameters = Parameters(peer)
     assert played(player, scans[:3]).lost == 0
     for value, lost in ((100000, 1), (20, 0)):
-        [result] = parameters.set(scan__min_returns=value)
+        [result] = parameters.set(advanced__scan__min_returns=value)
         assert result.successful
         assert player.play(scans[3:4], patience=0.5).lost == lost
 

@@ -6,12 +6,17 @@ import math
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from ros_helpers import transform
+from ros_helpers import transform as transform_at
 
+from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.errors import NoTransformError
 from dbscan_reg_ros.node.frames.transform_store import Tf2Store, TransformStore
 
 SECOND = 1_000_000_000
+
+
+def transform(parent, child, x=0.0, y=0.0, yaw=0.0, **more):
+    return transform_at(parent, child, SE2(x, y, yaw), **more)
 
 
 @pytest.fixture(params=[TransformStore, pytest.param(Tf2Store, marks=pytest.mark.skipif(
