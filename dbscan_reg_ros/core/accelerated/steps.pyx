@@ -9,7 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, fmod, hypot, isfinite, isnan, rint, sin, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, fmod, hypot, isfinite, isnan, rint
+from libc.math cimport sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
 from ..features import free_space as free_space_steps

@@ -59,9 +59,9 @@ class LikelihoodField:
         return self.index.take(np.ravel_multi_index(cells, self.shape, mode='clip')).astype(np.intp)
 
 
-def build_likelihood_field(cloud: OrientedPoints, parameters: DensityParameters) -> LikelihoodField:
+def build_likelihood_field(oriented: OrientedPoints, parameters: DensityParameters) -> LikelihoodField:
     """Build the `LikelihoodField` of oriented points."""
-    size, x, y = len(cloud), cloud.points.real, cloud.points.imag
+    size, x, y = len(oriented), oriented.points.real, oriented.points.imag
     low, high = (complex(x.min(), y.min()), complex(x.max(), y.max())) if size else (0j, 0j)
     wide = high - low
     cell = max(parameters.cell_size, (max(wide.real, wide.imag) + 2.0 * parameters.max_distance) / parameters.max_cells)
@@ -71,9 +71,9 @@ def build_likelihood_field(cloud: OrientedPoints, parameters: DensityParameters)
     rows, columns = (int(side / cell) + 2 * margin + 1 for side in (wide.real, wide.imag))
     positions = (x - origin.real) / cell, (y - origin.imag) / cell
     index = _nearest_points(positions, (rows, columns), parameters.max_distance / cell)
-    normals = np.append(cloud.normals.conj(), 0.0)
-    parts = normals * np.append(cloud.points, 0.0)
-    gaps = np.concatenate(([np.inf], np.abs(cloud.points[1:] - cloud.points[:-1]), [np.inf]))
+    normals = np.append(oriented.normals.conj(), 0.0)
+    parts = normals * np.append(oriented.points, 0.0)
+    gaps = np.concatenate(([np.inf], np.abs(oriented.points[1:] - oriented.points[:-1]), [np.inf]))
     extents = np.maximum(np.append(np.minimum(gaps[1:], gaps[:-1])[:size], 0.0), cell)
     return LikelihoodField(origin=origin, cell=cell, shape=(rows, columns), index=index, normals=normals,
                            offsets=parts.real.copy(), along=parts.imag.copy(), extents=extents)

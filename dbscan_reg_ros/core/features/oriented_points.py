@@ -85,16 +85,16 @@ def build_oriented_points(points: ArrayLike, normals: ArrayLike, beams: IntArray
     return OrientedPoints(as_complex(points)[known], directions[known], beams[known])
 
 
-def leverage(cloud: OrientedPoints, ridge: float) -> FloatArray:
+def leverage(oriented: OrientedPoints, ridge: float) -> FloatArray:
     """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
     In a corridor the few points that face along it decide, not the hundreds on its walls. The weight is the statistical
     leverage of the normal in a regression with this `ridge`; large values make all points equal.
     """
-    size = max(len(cloud), 1)
-    nx, ny = cloud.normals.real, cloud.normals.imag
+    size = max(len(oriented), 1)
+    nx, ny = oriented.normals.real, oriented.normals.imag
     xx, xy, yy = nx @ nx / size + ridge, nx @ ny / size, ny @ ny / size + ridge
-    weight = cloud.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
+    weight = oriented.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
     return weight / max(float(weight.sum()), TINY)
 
 
@@ -121,10 +121,10 @@ def high_leverage(normals: ComplexArray) -> BoolArray:
     return rare
 
 
-def sample(cloud: OrientedPoints, count: int) -> OrientedPoints:
+def sample(oriented: OrientedPoints, count: int) -> OrientedPoints:
     """Return at most `count` of the points, evenly along the scan, and all points of `high_leverage`."""
-    if len(cloud) <= count:
-        return cloud
-    chosen = high_leverage(cloud.normals)
-    chosen[::stride(len(cloud), count)] = True
-    return cloud.select(chosen.nonzero()[0])
+    if len(oriented) <= count:
+        return oriented
+    chosen = high_leverage(oriented.normals)
+    chosen[::stride(len(oriented), count)] = True
+    return oriented.select(chosen.nonzero()[0])

@@ -149,11 +149,11 @@ class Features:
     @cached_property
     def oriented_points(self) -> OrientedPoints:
         """The `wall_points` and then the `poles`, Q in all, with weights and inverse noise scales."""
-        cloud = self.wall_points.joined(self.poles) if self.poles else self.wall_points
-        noise_scale = self.noise_ratio / TYPICAL_NOISE * np.abs(cloud.points)
+        oriented = self.wall_points.joined(self.poles) if self.poles else self.wall_points
+        noise_scale = self.noise_ratio / TYPICAL_NOISE * np.abs(oriented.points)
         inverse_noise = 1.0 / np.maximum(noise_scale, 1.0) if (noise_scale > 1.0).any() else None
-        weights = cloud.weights if self.weights is None else self.weights
-        return dataclasses.replace(cloud, weights=weights, inverse_noise=inverse_noise)
+        weights = oriented.weights if self.weights is None else self.weights
+        return dataclasses.replace(oriented, weights=weights, inverse_noise=inverse_noise)
 
     @cached_property
     def sampled_points(self) -> OrientedPoints:
@@ -168,9 +168,9 @@ class Features:
     @cached_property
     def likelihood_field(self) -> LikelihoodField:
         """The density of this scan as a reference."""
-        cloud = self.oriented_points
-        cloud = cloud.joined(self.map_points) if self.map_points else cloud
-        return self.backend.step(build_likelihood_field)(cloud, self.density)
+        oriented = self.oriented_points
+        oriented = oriented.joined(self.map_points) if self.map_points else oriented
+        return self.backend.step(build_likelihood_field)(oriented, self.density)
 
     @cached_property
     def free_space(self) -> FreeSpaceProfile:

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leverage of oriented points, as `core.features.oriented_points`."""
+"""Leverage of oriented points, as `core.features.oriented`."""
 
 
-def leverage(cloud, double ridge):
+def leverage(oriented, double ridge):
     """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
     The weight is the statistical leverage of the normal in a regression with this `ridge`; large values make all points
     equal.
     """
-    cdef const double complex[::1] normals = cloud.normals
+    cdef const double complex[::1] normals = oriented.normals
     cdef Py_ssize_t size = normals.shape[0], k
-    cdef const double[::1] given = given_or_ones(cloud.weights, size)
+    cdef const double[::1] given = given_or_ones(oriented.weights, size)
     cdef double xx = 0.0, xy = 0.0, yy = 0.0, x, y, total = 0.0
     weights = np.empty(size)
     cdef double[::1] weight = weights

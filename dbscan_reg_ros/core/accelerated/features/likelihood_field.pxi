@@ -10,9 +10,10 @@ ctypedef fused Index:
     Index4
 
 
-def build_likelihood_field(cloud, parameters):
+def build_likelihood_field(oriented, parameters):
     """Build the `LikelihoodField` of oriented points."""
-    cdef const double complex[::1] points = np.ascontiguousarray(cloud.points), known = np.ascontiguousarray(cloud.normals)
+    cdef const double complex[::1] points = np.ascontiguousarray(oriented.points)
+    cdef const double complex[::1] known = np.ascontiguousarray(oriented.normals)
     cdef Py_ssize_t size = points.shape[0], k
     cdef double x_low = 0.0, y_low = 0.0, x_high = 0.0, y_high = 0.0, gap
     if size:

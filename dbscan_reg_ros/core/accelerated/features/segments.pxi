@@ -36,7 +36,8 @@ cdef struct SegmentLimits:
 
 cdef SegmentLimits segment_limits(p) except *:
     """Return the `SegmentParameters` as numbers."""
-    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.min_points, p.min_length, p.split_levels)
+    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.min_points, p.min_length,
+                         p.split_levels)
 
 
 def extract_segments(sequence, const double[::1] noise, parameters):
@@ -83,7 +84,7 @@ def extract_segments(sequence, const double[::1] noise, parameters):
 
 cdef int split(const double complex[::1] points, const unsigned char[::1] breaks, const double[::1] noise,
                SegmentLimits *limits, unsigned char[::1] edges) except -1 nogil:
-    """Flag the first point of each piece: surfaces are split level by level at the points farthest from their chords."""
+    """Flag the first point of each piece: surfaces are split level by level, farthest from their chords."""
     cdef Py_ssize_t size = points.shape[0], first, end, k, level
     cdef double largest, length, area
     cdef double complex chord
@@ -118,7 +119,8 @@ cdef inline double split_distance(double noise, SegmentLimits *limits) noexcept 
     return max(SIGMAS * noise + limits.split_distance, TINY)
 
 
-cdef inline double beyond_chord(double complex offset, double complex chord, double length, double limit) noexcept nogil:
+cdef inline double beyond_chord(double complex offset, double complex chord, double length,
+                                double limit) noexcept nogil:
     """Return the distance from the chord beyond the limit, times the length of the chord."""
     return fabs(cross(chord, offset)) - limit * length
 
@@ -212,7 +214,7 @@ cdef Py_ssize_t place_ends(const double complex[::1] points, SegmentLimits *limi
 
 
 cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count, Py_ssize_t most) except -1:
-    """Keep the longest pieces, at most so many, in beam order; return their number."""
+    """Keep the longest pieces, at most `max_segments`, in beam order; return their number."""
     cdef Py_ssize_t k
     if count <= most:
         return count
@@ -249,7 +251,7 @@ cdef int find_corners(const double complex[::1] points, const unsigned char[::1]
 
 cdef make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, const double[::1] noise,
                    const Py_ssize_t[::1] beams, double depth_margin):
-    """Return the `Segments` of the pieces; an end beside deeper space is free."""
+    """Return the `Segments` of the pieces; an end beside free space is free."""
     starts, ends, numbers = np.empty((count, 2)), np.empty((count, 2)), np.empty((4, count))
     end_kinds, end_beams = np.empty((count, 2), dtype=int), np.empty((count, 2), np.intp)
     cdef double[:, ::1] start = starts, end = ends, number = numbers

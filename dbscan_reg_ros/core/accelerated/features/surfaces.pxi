@@ -90,8 +90,9 @@ def estimate_normals(sequence, const double[::1] noise, parameters):
     return found
 
 
-cdef int measure_path(const double complex[::1] points, const unsigned char[::1] breaks, double[::1] path) except -1 nogil:
-    """Write the distance along the surfaces up to each point [m], measured over three beams at a time where unbroken."""
+cdef int measure_path(const double complex[::1] points, const unsigned char[::1] breaks,
+                      double[::1] path) except -1 nogil:
+    """Write the distance along the surfaces up to each point [m], over three beams at a time where unbroken."""
     cdef Py_ssize_t k, size = points.shape[0]
     cdef double step
     for k in range(size - 1):

@@ -53,7 +53,8 @@ def align(correspondences, start, prior, scales, double damping):
     pose = correspondences.pose
     cdef const double[:, ::1] rows = correspondences.rows, known = prior.information
     cdef const Py_ssize_t[::1] index = correspondences.index
-    cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1]), step = correspondences.step(start)
+    cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1])
+    cdef double[::1] step = correspondences.step(start)
     cdef double x = pose.x - prior.pose.x, y = pose.y - prior.pose.y, t = wrap(pose.theta - prior.pose.theta)
     cdef Py_ssize_t k
     cdef double[3] found

@@ -49,7 +49,7 @@ def dynamic_points(points, pose, free_space, double margin):
     return in_free_space if <double> free / size < dynamic_steps._MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
 
 
-cdef contains(const double complex[::1] own, pose, free_space, double margin, const double[::1] sharpness):
+cdef contains(const double complex[::1] own, pose, free_space, double margin, const double[::1] inverse_noise):
     """Return which points of a scan lie in space that a key frame saw to be free."""
     cdef const double complex[:, :] origins = free_space.origins, turns = free_space.rotations
     cdef const double[::1] near = free_space.near
@@ -66,14 +66,14 @@ cdef contains(const double complex[::1] own, pose, free_space, double margin, co
                 dx, dy = x - origins[k, 0].real, y - origins[k, 0].imag
                 at = first[k, 0] + bin_of(turns[k, 0].real * dx - turns[k, 0].imag * dy,
                                           turns[k, 0].imag * dx + turns[k, 0].real * dy, sizes[k, 0])
-                if near[at] - hypot(dx, dy) > margin / sharpness[p]:
+                if near[at] - hypot(dx, dy) > margin / inverse_noise[p]:
                     flag[p] = True
                     break
     return flags
 
 
 def detached_points(points, double size, double margin, bint closed):
-    """Determine which points belong to small detached objects: deeper space, or the end of the scan, is on both sides.
+    """Determine which points belong to small detached objects: free space, or the end of the scan, is on both sides.
 
     Parameters
     ----------
@@ -130,7 +130,8 @@ cdef double extent(const double complex[::1] points, Py_ssize_t start, Py_ssize_
     cdef Py_ssize_t k
     for k in range(start + 1, start + count):
         point = points[k % points.shape[0]]
-        left, right, low, high = min(left, point.real), max(right, point.real), min(low, point.imag), max(high, point.imag)
+        left, right = min(left, point.real), max(right, point.real)
+        low, high = min(low, point.imag), max(high, point.imag)
     return hypot(right - left, high - low)
 
 

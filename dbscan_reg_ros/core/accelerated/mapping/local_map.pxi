@@ -19,7 +19,8 @@ def newest_in_cell(const double complex[::1] points, const Py_ssize_t[::1] age_r
             slot = slot_of(key, newest, rint(latest[k].real / cell_size) * row + rint(latest[k].imag / cell_size))
             newest[slot] = total
         for k in range(size):
-            home[k] = slot = slot_of(key, newest, rint(points[k].real / cell_size) * row + rint(points[k].imag / cell_size))
+            home[k] = slot = slot_of(key, newest,
+                                     rint(points[k].real / cell_size) * row + rint(points[k].imag / cell_size))
             newest[slot] = max(newest[slot], age_rank[k])
         for k in range(size):
             flag[k] = age_rank[k] == newest[home[k]]

@@ -4,7 +4,7 @@
 
 cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
                           double max_width):
-    """Return the cluster of each sample; clusters wider than `max_width` are clustered again with half the neighbourhood.
+    """Return the cluster of each sample; those wider than `max_width` are clustered again with half the radius.
 
     Samples of each rotation are moved along x, so that those of different rotations are no neighbours.
     """
@@ -70,7 +70,8 @@ cdef int connect(const double complex[::1] samples, const double[::1] x, const P
 
 
 cdef int flag_chains(const double complex[::1] samples, const Py_ssize_t[::1] labels, Py_ssize_t offset,
-                     Py_ssize_t count, double max_variance, unsigned char[::1] chosen, double[:, ::1] sums) except -1 nogil:
+                     Py_ssize_t count, double max_variance, unsigned char[::1] chosen,
+                      double[:, ::1] sums) except -1 nogil:
     """Keep those samples chosen whose cluster has a variance above `max_variance` [m^2]."""
     cdef Py_ssize_t k, at
     cdef double off

@@ -121,7 +121,7 @@ def refine(candidates, alignment, scales, known=None):
     cdef const double[::1] kernels = np.array(scales, dtype=float)
     cdef const double complex[::1] own = points.points, own_normals = points.normals
     cdef const double[::1] weights = given_or_ones(points.weights, own.shape[0])
-    cdef const double[::1] sharpness = given_or_ones(points.inverse_noise, own.shape[0])
+    cdef const double[::1] inverse_noise = given_or_ones(points.inverse_noise, own.shape[0])
     cdef const unsigned char[::1] table = field.index.view(np.uint8)
     cdef const double complex[::1] lines = field.normals
     cdef const double[::1] offsets = field.offsets
@@ -148,8 +148,8 @@ def refine(candidates, alignment, scales, known=None):
                     if min_cosine < 0.0 and at == none:
                         continue
                     # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
-                    e = (nx * (x + poses[h, 0]) - ny * (y + poses[h, 1]) - offsets[at]) * sharpness[k]
-                    nx, ny = nx * sharpness[k], ny * sharpness[k]
+                    e = (nx * (x + poses[h, 0]) - ny * (y + poses[h, 1]) - offsets[at]) * inverse_noise[k]
+                    nx, ny = nx * inverse_noise[k], ny * inverse_noise[k]
                     add_row(&sums, exp(factor * e * e) * weights[k], nx, -ny, -(nx * y + ny * x), e)
                 solve_step(&sums, damping, step)
                 for k in range(3):
@@ -215,7 +215,8 @@ def polish(candidate, found, points, refinement):
                 e = error[0, k]
                 weight = exp(factor * e * e) * weights[k]
                 sum_weight += weight
-                add_row(&sums, weight, normal[0, k].real, -normal[0, k].imag, -product_imag(normal[0, k], rotated[0, k]), e)
+                add_row(&sums, weight, normal[0, k].real, -normal[0, k].imag,
+                        -product_imag(normal[0, k], rotated[0, k]), e)
         solve_step(&sums, damping, step)
         scale = refinement.narrowed(scale, sqrt(sums.e / max(sum_weight, 1e-9)))
         for k in range(3):

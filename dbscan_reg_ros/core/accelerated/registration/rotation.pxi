@@ -37,7 +37,8 @@ def estimate_rotations(reference, current, weights, parameters):
     if parameters.clustering != 'built_in' or parameters.min_samples > 1 or parameters.median_scale > 0.0:
         return rotation_steps.estimate_rotations(reference, current, weights, parameters)
     cdef double period = 2.0 * M_PI if parameters.directed else M_PI, eps = parameters.eps
-    cdef const double[::1] ours = np.ascontiguousarray(reference.direction), theirs = np.ascontiguousarray(current.direction)
+    cdef const double[::1] ours = np.ascontiguousarray(reference.direction)
+    cdef const double[::1] theirs = np.ascontiguousarray(current.direction)
     cdef Py_ssize_t n = ours.shape[0], m = theirs.shape[0], size = n * m, i, j
     differences = np.empty((n, m))
     cdef double[::1] samples = differences.reshape(-1)

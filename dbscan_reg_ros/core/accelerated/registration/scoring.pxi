@@ -33,7 +33,7 @@ def score(fits, reference, current, double scale, parameters):
     cdef const double complex[:, ::1] place = fits.places
     cdef const double[::1] near = reference.free_space.near, share = current.leverage
     cdef Py_ssize_t size = error.shape[1], h, k
-    cdef const double[::1] sharpness = given_or_ones(current.sampled_points.inverse_noise, size)
+    cdef const double[::1] inverse_noise = given_or_ones(current.sampled_points.inverse_noise, size)
     cdef double tolerance = parameters.violation_tolerance
     cdef double factor = -0.5 / (scale * scale), against = parameters.violation_weight, weight, lost
     values, overlaps = np.zeros(error.shape[0]), np.zeros(error.shape[0])
@@ -43,7 +43,8 @@ def score(fits, reference, current, double scale, parameters):
             for k in range(size):
                 # Gaussian kernel (Eq. 18), 0 where the normals disagree.
                 weight = exp(factor * error[h, k] * error[h, k]) if alike[h, k] else 0.0
-                lost = violation(near, place[h, k].real, place[h, k].imag, tolerance / sharpness[k]) * (1.0 - weight)
+                lost = (violation(near, place[h, k].real, place[h, k].imag, tolerance / inverse_noise[k])
+                        * (1.0 - weight))
                 value[h] += (weight - against * lost) * share[k]
                 overlap[h] += weight
             overlap[h] /= <double> max(size, 1)
@@ -56,7 +57,7 @@ def reverse_violation(const double[:, :] candidates, reference, current, paramet
     cdef const double complex[::1] own = points.points
     cdef const double[::1] near = current.free_space.near, share = reference.leverage
     cdef Py_ssize_t size = own.shape[0], h, k
-    cdef const double[::1] sharpness = given_or_ones(points.inverse_noise, size)
+    cdef const double[::1] inverse_noise = given_or_ones(points.inverse_noise, size)
     cdef double tolerance = parameters.violation_tolerance
     fractions = np.zeros(candidates.shape[0])
     cdef double[::1] fraction = fractions
@@ -66,5 +67,5 @@ def reverse_violation(const double[:, :] candidates, reference, current, paramet
             c, s = cos(candidates[h, 2]), sin(candidates[h, 2])
             for k in range(size):
                 x, y = own[k].real - candidates[h, 0], own[k].imag - candidates[h, 1]
-                fraction[h] += violation(near, c * x + s * y, c * y - s * x, tolerance / sharpness[k]) * share[k]
+                fraction[h] += violation(near, c * x + s * y, c * y - s * x, tolerance / inverse_noise[k]) * share[k]
     return fractions

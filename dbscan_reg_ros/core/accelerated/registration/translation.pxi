@@ -23,7 +23,8 @@ def estimate_translations(reference, current, rotations, weights, parameters):
                               p.max_pairs)
     equations = signed_equations(reference, current, rotations.phi, pairs, offs)
     samples = line_samples(pairs, equations, p.min_crossing_sine)
-    samples = end_samples(reference, current, rotations.phi, pairs, p.end_weight * translation_steps._END_WEIGHT, samples)
+    samples = end_samples(reference, current, rotations.phi, pairs, p.end_weight * translation_steps._END_WEIGHT,
+                          samples)
     translation, weight, rotation = samples
     find_shortest = partial(translation_steps.shortest_translations, pairs, equations,
                             rotations.phi[:p.shortest_rotations])
@@ -45,7 +46,8 @@ cdef match_lines(const double[:, ::1] difference, const double[::1] phi, const d
     cdef Py_ssize_t[:, ::1] index = indices
     cdef double[:, ::1] number = numbers
     cdef double[::1] heavy = np.empty(size), off = np.empty(size)
-    cdef Py_ssize_t[::1] pair = np.empty(size, np.intp), order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
+    cdef Py_ssize_t[::1] pair = np.empty(size, np.intp), order = np.empty(size, np.intp)
+    cdef Py_ssize_t[::1] scratch = np.empty(size, np.intp)
     cdef double angle
     with nogil:
         for k in range(phi.shape[0]):
@@ -108,7 +110,8 @@ cdef line_samples(pairs, equations, double min_crossing_sine):
                     break
                 determinant = cross(along[first], along[second])
                 if fabs(determinant) > min_crossing_sine:
-                    translation[count] = (distance[first] * along[second] - distance[second] * along[first]) / determinant
+                    translation[count] = (
+                        distance[first] * along[second] - distance[second] * along[first]) / determinant
                     sample_weight[count] = min(weight[first], weight[second]) * fabs(determinant)
                     group[count] = rotation[first]
                     count += 1

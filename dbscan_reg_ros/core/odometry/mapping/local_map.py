@@ -26,12 +26,12 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     """
     features, clouds = latest.features, [frame.features.sampled_points for frame in older]
     to_latest = latest.pose.inverse()
-    sizes, motions = [len(cloud) for cloud in clouds], [to_latest @ frame.pose for frame in older]
+    sizes, motions = [len(oriented) for oriented in clouds], [to_latest @ frame.pose for frame in older]
     rotation = np.repeat([cmath.rect(1.0, motion.theta) for motion in motions], sizes)
     translation = np.repeat([complex(motion.x, motion.y) for motion in motions], sizes)
     age_rank = np.repeat(np.arange(len(older)), sizes)
     points, normals, beams = (
-        np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in ('points', 'normals', 'beams'))
+        np.concatenate([getattr(oriented, name) for oriented in clouds]) for name in ('points', 'normals', 'beams'))
     own_points = features.oriented_points.points
     max_range = max(np.abs(each).max(initial=0.0) for each in (points, own_points))
     points = rotation * points + translation
