@@ -103,6 +103,11 @@ class Outcome(NamedTuple):
             return self._replace(match=match, registration=match.registration)
         if verdict.decision is not Decision.REJECT or verdict.reason is Reason.FAILED:
             return self
+        return self._without(match)
+
+    def _without(self, match: Match) -> 'Outcome':
+        """Keep what a rejected match tells: a better guess, a first pose to confirm, the first reason."""
+        verdict = match.verdict
         if verdict.reason is Reason.GUESS:
             return self if self.guess else self._replace(guess=match.pose)
         outcome = self if self.rejection else self._replace(rejection=verdict.reason)

@@ -94,20 +94,13 @@ def coast(state: TrackState, features: Features, outcome: Outcome, predictions: 
         if predictions.external is not None:
             state.pose = best.pose
         return start(state, features, interval.reason or f'lost for {lost_time:.1f} s')
-    pose, mode, lost = best.pose, Mode.COASTING, _lost_map(state, interval)
+    lost, mode = _lost_map(state, interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
-        if state.motion.has_velocity:
-            reset_velocity(state)
-        state.motion.forget_position()
-        if predictions.by_motion_model:
-            pose = state.pose
-    pose = outcome.guess or pose
-    prior = best.prior
-    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
-        # The motion model has no velocity yet.
-        prior = Prior(prior.transform, unknown_motion_covariance(interval, p))
-    _propagate(state, pose, prior, interval)
+        _forget_motion(state)
+    stopped = mode is Mode.LOST and predictions.by_motion_model
+    pose = outcome.guess or (state.pose if stopped else best.pose)
+    _propagate(state, pose, _coasting_prior(state, predictions, p), interval)
     state.pose = pose
     last_scan = KeyFrame(features, pose, number=state.output.number)
     state.tracking = dataclasses.replace(
@@ -116,6 +109,21 @@ def coast(state: TrackState, features: Features, outcome: Outcome, predictions: 
     return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=registration.status, registration=registration,
         key_frame=state.key_frames.latest))
+
+
+def _coasting_prior(state: TrackState, predictions: Predictions, p: Parameters) -> Prior:
+    """Return the best prior; any motion is possible while the motion model has no velocity yet."""
+    prior = predictions.best.prior
+    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
+        return Prior(prior.transform, unknown_motion_covariance(predictions.interval, p))
+    return prior
+
+
+def _forget_motion(state: TrackState) -> None:
+    """Reset the velocity, and the position that it is taken from."""
+    if state.motion.has_velocity:
+        reset_velocity(state)
+    state.motion.forget_position()
 
 
 def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
