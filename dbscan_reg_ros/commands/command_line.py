@@ -42,7 +42,7 @@ class CommandParser(argparse.ArgumentParser):
         self._lists = {}
 
     def end_list(self, option, belongs):
-        """End the list of `option` at the first word after its first that does not pass ``belongs(word)``."""
+        """End the values of `option` before the first word after the first for which ``belongs(word)`` is false."""
         self._lists[option] = belongs
 
     def parse_args(self, args=None, namespace=None):

@@ -85,7 +85,7 @@ def _wait_for(node, player):
 
 
 def _report(recording, answers, out, faults):
-    """Write what was answered, print where it is and how good; the exit status."""
+    """Write trajectory and map of the answered scans, print paths and errors; return the exit status."""
     import numpy as np
 
     from ..figures.plots import plot_map

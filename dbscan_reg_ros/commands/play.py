@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def play(args, ros_arguments):
-    """Play the recording and print how much of it was answered, also where it is stopped."""
+    """Play the recording and print how many scans the node answered, even if it is interrupted."""
     from tqdm import tqdm
 
     from ..node.playback.player import Player

@@ -11,7 +11,7 @@ SECOND = 1_000_000_000
 STEADY = SECOND
 """Assumed interval of scans whose stamps cannot be used [ns]."""
 START = SECOND
-"""First stamp of scans whose stamps are shifted [ns]; a stamp of 0 means none."""
+"""First stamp of scans whose stamps are shifted [ns]; not 0, which means that there is no stamp."""
 WRAPS = {'s': 2**32 * SECOND, 'ms': 2**32 * SECOND // 1000, 'us': 2**32 * SECOND // 1_000_000}
 """Unit of a counter of 32 bits -> after how long it starts at 0 again [ns]."""
 NEAR = 0.1

@@ -113,7 +113,7 @@ class _Loader(yaml.SafeLoader):
     """Reads YAML as ROS does, without aliases: a few lines of nested aliases would expand without limit."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Compose a node; YAML error for an alias."""
+        """Compose a YAML node; raise a YAML error for an alias."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.MarkedYAMLError(problem='an alias is used; expected the value itself',
                                        problem_mark=self.peek_event().start_mark)

@@ -40,7 +40,7 @@ class RobotRecording:
     turning: tuple = field(default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0)))
 
     def write(self, target) -> Counter:
-        """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or else a ROS 2 bag; how many of which message.
+        """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or else a ROS 2 bag; return numbers of messages by kind.
 
         In a bag the truth is the sensor's pose on ``/truth``, the laser's place on the robot on ``/tf_static``. In a
         log the laser's poses are the truth and the robot's those of the wheels; it has no room for the gyroscope.

@@ -16,8 +16,9 @@ def slope_stretches(sequence: PointSequence, noise: FloatArray,
 
     Only local maxima of the slope difference (Eq. 6) can be corners, so only so many thresholds differ; each of them,
     or `corner_thresholds` of them evenly by rank, is tried. Without a penalty the least mean squared error of all
-    segments wins, as in the paper, which nearly always means the most corners. With one, the sum of the squared errors
-    in units of the noise, plus the penalty for every segment, is minimised; of equal costs the fewest corners win.
+    segments wins, as in the paper, which nearly always means the most corners. With a penalty, the sum of the squared
+    errors in units of the noise, plus the penalty for every segment, is minimised; of equal costs the fewest corners
+    win.
 
     Parameters
     ----------

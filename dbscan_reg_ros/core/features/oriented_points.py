@@ -88,8 +88,8 @@ def build_oriented_points(points: ArrayLike, normals: ArrayLike, beams: IntArray
 def leverage(oriented: OrientedPoints, ridge: float) -> FloatArray:
     """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
-    In a corridor the few points that face along it decide, not the hundreds on its walls. The weight is the statistical
-    leverage of the normal in a regression with this `ridge`; large values make all points equal.
+    In a corridor the few points whose normals point along it count, not only the hundreds on its walls. The weight is
+    the statistical leverage of the normal in a regression with this `ridge`; large values make all points equal.
     """
     size = max(len(oriented), 1)
     nx, ny = oriented.normals.real, oriented.normals.imag

@@ -30,7 +30,7 @@ class Mounting:
     pose : SE2
         Pose in the base frame of an upright sensor with the lidar's x axis.
     upside_down : bool
-        Whether the lidar's z axis points down.
+        Whether the lidar's z axis points down; `Scan.from_message` then mirrors the bearings.
     """
 
     pose: SE2 = _IDENTITY

@@ -56,7 +56,7 @@ def solve_one(equations: FloatArray, damping: float) -> FloatArray:
 
 
 def _step(equations: list[float], damping: float) -> Triple:
-    """Solve one system, given as 16 coefficients row by row, for its damped step."""
+    """Solve one system of normal equations for its damped step: (3, 3) and right-hand side as (4, 4) by rows."""
     xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ = equations
     added = damping * (xx + yy + 1e-6)
     (a, b, c), (p, q, r) = _factors((xx + added, xy, xt), (yy + added, yt), tt + added)

@@ -229,8 +229,8 @@ class Gate:
     def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
         """Return the registration, no longer ``OK`` where the pose or the motion is not known in every direction.
 
-        So it is where few points constrain a motion that was not predicted well, where the result is a correction, and,
-        if `chained`, while the scans since a loss are not found in the map before it.
+        A match is tentative where few points constrain a motion that was not predicted well, where the result is a
+        correction, and, if `chained`, while the scans since a loss are not found in the map before it.
         """
         registration = demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
         if registration.status is not Status.OK or not (chained or self.is_correction(pose, verdict)):

@@ -48,7 +48,7 @@ class RightOfWay:
         return self.state is State.WAITING
 
     def conflict(self, now: float) -> None:
-        """Yield: a transform of another sender was received."""
+        """Stop sending our transform: a transform of another sender was received."""
         self._last_conflict = now
         if self.gives_way:
             return

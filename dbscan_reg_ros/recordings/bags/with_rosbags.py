@@ -113,7 +113,7 @@ class BagWriter:
 def serializer(target):
     """Return the function from type and fields to the bytes of a message, in the form that the bag `target` holds.
 
-    Fields that are left out are zero, empty, or no rotation.
+    Fields that are left out are zero, empty, or the identity quaternion.
     """
     maker = MessageMaker()
     if target.suffix != '.bag':

@@ -170,7 +170,7 @@ def _before(limit):
 
 
 def _after(range_max):
-    """Return the inverse of `_before`."""
+    """Return the next float above: the maximum range of a log from the `range_max` of its scan."""
     return np.nextafter(np.float32(range_max), np.float32(np.inf))
 
 

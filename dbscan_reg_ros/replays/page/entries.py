@@ -49,7 +49,7 @@ def write_replay_index(out, entries):
 
 
 def write_comparison_page(path, recording, known, trajectories, names) -> DriveEntry:
-    """Write the page of a recording that shows all competitors; return its entry, without rows.
+    """Write the page of a recording that shows all competitors; return its entry in the index, without table rows.
 
     Parameters
     ----------

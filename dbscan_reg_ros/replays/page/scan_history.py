@@ -80,7 +80,7 @@ class ScanHistory:
 
     @property
     def scan_step(self) -> int:
-        """Every how many OK scans one is kept."""
+        """One in this many OK scans is kept."""
         return self._steps[True]
 
     @property

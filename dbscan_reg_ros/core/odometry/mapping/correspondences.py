@@ -77,7 +77,7 @@ class Correspondences:
         return float(distances.sum()) / max(len(distances), 1)
 
     def step(self, other: SE2) -> NDArray[np.float64]:
-        """Return the step ``(4,)`` from `pose` to another pose [m, m, rad, 1]."""
+        """Return the homogeneous step ``(4,)`` from `pose` to another pose: (dx, dy, dtheta, 1) [m, m, rad, 1]."""
         return np.array((*_difference(self.pose, other), 1.0))
 
 

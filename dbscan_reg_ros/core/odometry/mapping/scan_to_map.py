@@ -172,7 +172,7 @@ def _own_jacobian(features: Features, pose: SE2, correspondences: Correspondence
 
 
 _WELL_CONSTRAINED = 0.02
-"""Ratio of the information along the weakest direction to that across it from which on it is well constrained."""
+"""A direction is well constrained when its information is at least this fraction of that across it."""
 _MAX_DISPLACEMENT = 0.25
 """Mean displacement of the points, as a ratio of the cell size, beyond which correspondences are looked up again."""
 _MIN_SHARED_RATIO = 1e-3

@@ -82,6 +82,6 @@ SCORE_SCALE = 0.012
 """Difference of two scores, as a log-odds of 1."""
 _MAX_LOG_ODDS = 50.0
 _ANY_MOTION = 250.0
-"""Volume [m^2 rad] of the motions of which the model was fitted to a uniform distribution."""
+"""Volume [m^2 rad] of the region in which the motions of the fitted pairs are uniformly distributed."""
 _WRONG_PRIORS = 0.1
 """Probability that a motion does not follow its prior."""
