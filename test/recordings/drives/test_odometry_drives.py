@@ -16,15 +16,6 @@ SECOND = 1_000_000_000
 TENTH = SECOND // 10
 
 
-def drive(steps, speed=0.3, turn=0.3):
-    """Poses [m, rad] ten times a second on an arc, from the origin."""
-    pose, poses = SE2(), []
-    for _ in range(steps):
-        poses.append(pose)
-        pose = pose @ SE2(0.1 * speed, 0.0, 0.1 * turn)
-    return poses
-
-
 def error(update, truth):
     e = truth.inverse() @ update.pose
     return math.hypot(e.x, e.y), abs(e.theta)

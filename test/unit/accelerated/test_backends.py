@@ -10,19 +10,10 @@ import pytest
 from benchmarks.registration import backends as benchmark
 
 from dbscan_reg_ros import Odometry, ScanError, open_recording
-from dbscan_reg_ros.backends import compiled_backend
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 
 RECORDINGS = 'intel/intel.log.gz', 'aces/aces.log.gz', 'urg04lx/exp1', 'ccny_demo/demo.bag', 'lms511/static'
-
-
-@pytest.fixture(scope='module')
-def compiled():
-    backend = compiled_backend()
-    if backend is None:
-        pytest.skip('the compiled steps are not built: python setup.py build_ext --inplace')
-    return backend
 
 
 def scans(data, name, count):
