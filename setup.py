@@ -12,7 +12,7 @@ from setuptools.command.sdist import sdist
 
 PACKAGE = 'dbscan_reg_ros'
 COMMANDS = ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
-            'scan_matcher_lifecycle', 'simulate', 'tune')
+            'scan_matcher_lifecycle', 'simulate', 'tune', 'watch')
 ENTRY_POINT = f'{PACKAGE}.__main__:entry_point'
 
 if {'install', 'develop'} & set(sys.argv):

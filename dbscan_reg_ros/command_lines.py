@@ -16,6 +16,7 @@ COMMANDS = {
     'replay': ('commands.replay', 'run the odometry over recordings, offline, with a report of each'),
     'register': ('commands.register', 'register one scan to another; print and draw every step'),
     'play': ('commands.play', 'publish a recording to a running node'),
+    'watch': ('commands.watch', 'show a running node live in a browser'),
     'demo': ('commands.demo', 'run the node on a simulated building or a recording and print its error'),
     'compare': ('commands.compare', 'compare two parameter sets or methods on the same recordings'),
     'tune': ('commands.tune', 'search parameter values on recordings'),

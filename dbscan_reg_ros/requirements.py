@@ -50,6 +50,7 @@ NEEDS = {
     'compare': (*_CORE, 'matplotlib', 'tqdm'),
     'tune': (*_CORE, 'tqdm'),
     'simulate': (*_CORE, 'matplotlib'),
+    'watch': (*_CORE, 'matplotlib', ROS),
     'dump': (*_CORE, ROS),
     'convert': (*_CORE, 'tqdm'),
     'bench': (*_CORE, 'matplotlib', 'tqdm'),

@@ -23,6 +23,7 @@ INCOMPLETE = 3
 INTERRUPTED = 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
+LARGEST_PORT = 65535
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
 """Endings of the file names of bags and of CARMEN logs."""
@@ -102,6 +103,13 @@ def positive(text) -> int:
     """Read an argument that is a whole number above 0."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
+    return int(text)
+
+
+def port(text) -> int:
+    """Read an argument that is the number of a port."""
+    if not text.isdecimal() or not 1 <= int(text) <= LARGEST_PORT:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected a port from 1 to {LARGEST_PORT}')
     return int(text)
 
 

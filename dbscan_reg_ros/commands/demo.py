@@ -3,11 +3,12 @@
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from .command_line import ENDING, FAILED, add_data, explain, interruptible, make_parser, run, shortened
 
+OPENED = 'a browser is connected'
 STARTING = 30
 """The node has to be up after this many seconds."""
 
@@ -22,6 +23,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameters of the node (default: the defaults)')
+    parser.add_argument('--live', action='store_true', help='in real time, with a page that shows it in a browser: '
+                        'the drive begins when the page is opened')
     parser.add_argument('--out', metavar='DIR', help='folder of the results (default: results/demo-NAME)')
     return run(parser, demo, argv)
 
@@ -34,7 +37,7 @@ def demo(args):
         recording = _recording(args)
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)
-        answers = _play(recording, out, args.params_file)
+        answers = _play(recording, out, args)
         return _report(recording, answers, out, Faults(lambda error: explain(error)[1], args.verbose))
 
 
@@ -48,8 +51,8 @@ def _recording(args):
     return SimulatedRecording('building', simulated_building())
 
 
-def _play(recording, out, params_file):
-    """Start a node, play the recording to it and return its `Answers`."""
+def _play(recording, out, args):
+    """Start a node, and the page if it is asked for; play the recording and return its `Answers`."""
     from tqdm import tqdm
 
     from ..node.playback.player import Player
@@ -58,15 +61,32 @@ def _play(recording, out, params_file):
     from .processes import Process, package_command
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
-    words = ['--ros-args', '--params-file', params_file] if params_file else ['--ros-args']
-    if not params_file or read_parameters(params_file).mounting == 'tf':
+    words = ['--ros-args', '--params-file', args.params_file] if args.params_file else ['--ros-args']
+    if not args.params_file or read_parameters(args.params_file).mounting == 'tf':
         words += ['-p', 'mounting:=none']
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
           Player() as player):
         print(f'node         process {node.pid}, ROS domain {domain}, log {node.log}', flush=True)
         _wait_for(node, player)
-        return player.play(tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None))
+        with _page(out) if args.live else nullcontext():
+            return player.play(tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None),
+                               1.0 if args.live else None)
+
+
+@contextmanager
+def _page(out):
+    """Serve the live page; the block begins when a browser shows it."""
+    from .processes import Process, package_command
+
+    with Process(package_command('watch'), out / 'watch.log') as page:
+        for line in page.lines(OPENED):
+            print(line, flush=True)
+            if line.startswith('from another'):
+                print('open the page: the drive begins then', flush=True)
+        yield
+
+
 
 
 def _wait_for(node, player):

@@ -4,11 +4,20 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import weakref
 from contextlib import suppress
 
+from ..core.errors import DbscanRegError
 from .command_line import ENDING, held
 from .private_graph import domain_locks
+
+POLL = 0.05
+"""Time [s] between two looks at what a process has printed."""
+
+
+class ProcessEnded(DbscanRegError):
+    """A process has ended that was to go on."""
 
 
 class Process:
@@ -41,6 +50,20 @@ class Process:
         """Return what it has printed so far."""
         with open(self.log, encoding='utf-8', errors='replace') as log:
             return log.read()
+
+    def lines(self, last):
+        """Yield each line as it is printed, up to one that is `last`; `ProcessEnded` if the process ends before."""
+        with open(self.log, encoding='utf-8', errors='replace') as log:
+            line = part = ''
+            while line != last:
+                part += log.readline()
+                if part.endswith('\n'):
+                    line, part = part[:-1], ''
+                    yield line
+                elif self.running():
+                    time.sleep(POLL)
+                else:
+                    raise ProcessEnded(f'{" ".join(self.command)} has ended; its output is in {self.log}')
 
     def signal(self, number):
         """Send it a signal, if it still runs."""

@@ -32,6 +32,7 @@ BENCHMARKS = {
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
     'confidence': 'calibration of the confidence of registrations, and the fit of its model',
     'page': 'the page of the Intel log in a browser: time to open, time of a frame, memory',
+    'watch': 'the live page: from a scan to the page, and the latency of the node with and without it',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
@@ -44,13 +45,14 @@ MODULES = {
     'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
     'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
-    'page': 'page.page',
+    'page': 'page.page', 'watch': 'node.watched',
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
-OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'page', 'fingerprint')
+OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'page', 'watch',
+             'fingerprint')
 """No other method has what they measure."""
-SIMULATED = ('node', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
+SIMULATED = ('node', 'watch', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 from bags import needs_rosbags, scan_bag
+from events import Reader
 
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.recordings import open_recording, read_tum
@@ -144,3 +145,16 @@ def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     process = demo('urg04lx/exp1', '--data', data, '--params-file', root / 'config' / 'scan_matcher.yaml')
     assert process.wait(120.0) == 0, process.output()
     assert 'skipped 0' in process.output()
+
+
+def test_the_live_demo_begins_when_a_browser_shows_its_page(demo, scans, tmp_path):
+    process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live')
+    port = int(when(lambda: re.search(r'page +http://127\.0\.0\.1:(\d+)/', process.output()), 60, process)[1])
+    when(lambda: 'open the page: the drive begins then' in process.output(), 60, process)
+    reader = Reader('127.0.0.1', port)
+    while reader.next('start')[1]['source'] != '/scan_matcher':
+        pass
+    assert len(reader.next('scan')[1]['pose']) == 3
+    reader.close()
+    assert process.wait(120) == 0, process.output()
+    assert process.output().splitlines()[-1] == 'scans 30 skipped 0'

@@ -27,7 +27,7 @@ class MapView {
     this.paths();
     this.resize();
     this.showAll();
-    new ResizeObserver(() => { if (this.box.clientWidth) { this.resize(); this.changed(); } }).observe(this.box);
+    new ResizeObserver(() => { if (this.box.clientWidth) { this.resize(); if (this.fitted) this.showAll(); else this.changed(); } }).observe(this.box);
     this.listen();
   }
 
@@ -112,6 +112,7 @@ class MapView {
     const [left, right, bottom, top] = this.maps[this.closed ? 1 : 0].extent;
     this.scale = this.least = 0.98 * Math.min(this.width / (right - left), this.height / (top - bottom));
     this.centre = [(left + right) / 2, (bottom + top) / 2];
+    this.fitted = true;
     this.changed();
   }
 
@@ -128,6 +129,7 @@ class MapView {
   }
 
   pan(dx, dy) {
+    this.fitted = false;
     this.centre = [this.centre[0] - dx / this.scale, this.centre[1] + dy / this.scale];
     this.changed();
   }

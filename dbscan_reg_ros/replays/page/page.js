@@ -33,7 +33,9 @@ class Page {
   }
 
   texts() {
-    document.title = `replay: ${data.title}`;
+    at('review').hidden = data.live;
+    at('sections').closest('details').hidden = !data.sections.length;
+    document.title = `${data.live ? 'live' : 'replay'}: ${data.title}`;
     at('title').textContent = data.title;
     for (const [name, value] of data.summary) {
       const row = html(at('summary'), 'div');
@@ -63,7 +65,7 @@ class Page {
 
   layers() {
     const kinds = new Set(drive.others.map(other => other.kind)), absent = {truth: !kinds.has('truth'), wheels: !kinds.has('wheels'), loops: !drive.closed, marks: !this.marks.length,
-      segments: drive.count > 0 && !drive.firstSegment[drive.count], covariance: drive.sigma.every((value, i) => i % 4 || value === 0), keyframes: !drive.keyFrames.open.length};
+      segments: data.live || drive.count > 0 && !drive.firstSegment[drive.count], covariance: !data.live && drive.sigma.every((value, i) => i % 4 || value === 0), keyframes: !drive.keyFrames.open.length};
     for (const [name, label, d, on] of LAYERS) if (!absent[name]) {
       const box = this.toggle(name, label, on, value => { this.view.shown[name] = value; });
       const width = {scan: 4, marks: 1.8, trajectory: 2}[name] || 2;
@@ -155,7 +157,7 @@ class Page {
     const rows = [['scan', `${drive.scan[k]}`], ['pose', `x ${pose[3 * k].toFixed(3)} m, y ${pose[3 * k + 1].toFixed(3)} m, ${(degrees * pose[3 * k + 2]).toFixed(2)}°`],
       ['sigma', long ? `${number(long)} m and ${number(short)} m, ${number(degrees * turn)}°` : 'unknown'], ['status', word(data.drive.statusNames[drive.status[k]])],
       ['reason', data.drive.reasons[drive.reason[k]] || 'none'],
-      ['registered to', drive.reference[k] < 0 ? 'no scan' : `scan ${drive.reference[k]}, overlap ${Math.round(100 * drive.overlap[k])} %`],
+      ...data.live ? [] : [['registered to', drive.reference[k] < 0 ? 'no scan' : `scan ${drive.reference[k]}, overlap ${Math.round(100 * drive.overlap[k])} %`]],
       ...drive.plots.map(plot => [plot.short, plot.values[k] === plot.values[k] ? `${number(plot.values[k])} ${plot.unit}` : 'unknown'])];
     const list = at('values');
     if (list.children.length !== 2 * rows.length) { list.replaceChildren(); for (const [name] of rows) { html(list, 'dt', name); html(list, 'dd'); } }
@@ -227,8 +229,3 @@ class Page {
 
 const isDark = () => document.documentElement.dataset.theme === 'dark';
 document.documentElement.dataset.theme = matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light';
-const page = new Page();
-const ready = Promise.all([unpackScans(), page.plotted, ...page.view.maps.map(map => map && map.ready)]).then(() => {
-  page.view.changed();
-  document.body.dataset.ready = 'yes';
-});

@@ -27,7 +27,7 @@ class Plot {
     this.width = this.box.clientWidth;
     this.canvas.replaceChildren();
     const last = data.drive.along;
-    this.chart = chart(this.canvas, {name: this.id, width: this.width, height: this.height(), x: [0, last.end],
+    this.chart = chart(this.canvas, {name: this.id, width: this.width, height: this.height(), x: [last.start || 0, last.end],
                                      xlabel: last.label, ...this.axis()});
     this.chart.root.setAttribute('aria-label', this.describe());
     this.series();
@@ -37,12 +37,16 @@ class Plot {
 
   height() { return 150; }
 
+  // The values of the scans that there are.
+  get known() { return this.values.subarray(0, drive.count); }
+
   transformed(value) { return this.log ? Math.log10(Math.max(value, 1e-4)) : value; }
 
   axis() {
     let low = Infinity, high = -Infinity;
-    for (const value of this.values) if (value === value) { low = Math.min(low, value); high = Math.max(high, value); }
+    for (const value of this.known) if (value === value) { low = Math.min(low, value); high = Math.max(high, value); }
     if (!(high >= low)) [low, high] = [0.1, 1];
+    if (!this.log) return {y: [Math.min(low, 0), 1.05 * Math.max(high, 0.1)], ylabel: `[${this.unit}]`};
     low = Math.floor(this.transformed(low)); high = Math.max(Math.ceil(this.transformed(high)), low + 1);
     const yticks = Array.from({length: high - low + 1}, (_, k) => [low + k, String(Number((10 ** (low + k)).toPrecision(3)))]);
     return {y: [low - 0.1, high + 0.1], yticks, ylabel: `[${this.unit}]`};
@@ -65,7 +69,7 @@ class Plot {
   }
 
   describe() {
-    const sorted = this.values.filter(value => value === value).sort(), worst = this.values.indexOf(sorted[sorted.length - 1]);
+    const sorted = this.known.filter(value => value === value).sort(), worst = this.values.indexOf(sorted[sorted.length - 1]);
     return sorted.length ? `${this.name} over ${data.drive.along.label}: median ${number(sorted[sorted.length >> 1])} ${this.unit}, ` +
       `largest ${number(sorted[sorted.length - 1])} ${this.unit} at scan ${drive.scan[worst]}` : this.name;
   }
@@ -80,8 +84,8 @@ class Plot {
   take(event, pressed) {
     const box = this.chart.root.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
     if (!drive.count || (pressed && this.marked(x, y))) return;
-    const share = (x - this.chart.left) / this.chart.w;
-    this.page.go(nearest(drive.along, share * data.drive.along.end));
+    const share = (x - this.chart.left) / this.chart.w, {start = 0, end} = data.drive.along;
+    this.page.go(nearest(drive.along.subarray(0, drive.count), start + share * (end - start)));
   }
 
   marked() { return false; }
@@ -96,7 +100,7 @@ class StatusPlot extends Plot {
   }
 
   describe() {
-    const counts = data.drive.statusNames.map((name, level) => `${this.values.filter(value => value === level).length} ${word(name)}`);
+    const counts = data.drive.statusNames.map((name, level) => `${this.known.filter(value => value === level).length} ${word(name)}`);
     return `Status over ${data.drive.along.label}: ${counts.join(', ')}`;
   }
 

@@ -16,7 +16,7 @@ from .drive_data import drive_data, sections
 from .encoding import picture, rounded, script_json
 from .scan_history import ScanHistory
 
-SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js'
+SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js', 'start.js'
 """Parts of the script of the page, in their order."""
 
 
@@ -80,18 +80,17 @@ class Report:
 
 def write_report(path: Path, report: Report) -> None:
     """Write the page of a replay to `path`."""
-    drive = drive_data(report)
-    scans = drive.pop('scans')
+    data, scans = page_data(report)
     with replacing(path) as file:
-        for part in page_parts({'data': script_json(_page_data(report, drive)), 'scans': scans}):
+        for part in page_parts({'data': script_json(data), 'scans': scans, 'connect': ''}):
             file.write(part)
 
 
-def page_parts(contents, template='report.html'):
+def page_parts(contents, template='report.html', scripts=SCRIPTS):
     """Yield a page with its style, its script and the `contents`, name -> text, at their places in the template."""
     folder = resources.files(__package__)
     contents = contents | {'style': folder.joinpath('style.css').read_text(encoding='utf-8'),
-                           'script': ''.join(folder.joinpath(name).read_text(encoding='utf-8') for name in SCRIPTS)}
+                           'script': ''.join(folder.joinpath(name).read_text(encoding='utf-8') for name in scripts)}
     before, *rest = folder.joinpath(template).read_text(encoding='utf-8').split('{{')
     yield before
     for part in rest:
@@ -100,17 +99,20 @@ def page_parts(contents, template='report.html'):
         yield after
 
 
-def _page_data(report, drive):
-    """Collect what the script of the page reads, as plain numbers and texts."""
+def page_data(report, live=False):
+    """Return what the script of the page reads, as plain numbers and texts, and the packed scans."""
+    drive = drive_data(report)
+    packed_scans = drive.pop('scans')
     scans = np.flatnonzero(report.trajectory.used)
-    return {
-        'title': report.title, 'summary': report.summary, 'drive': drive,
+    data = {
+        'title': report.title, 'live': live, 'summary': report.summary, 'drive': drive,
         'map': _map(report.density), 'closedMap': _map(report.closed.density) if report.closed else None,
         'nothing': '' if any(plot['id'] == 'translation' for plot in drive['plots']) else _nothing(report.known),
         'pairs': [_pair_data(pair, scans) for pair in report.pairs],
         'register': report.register, 'sections': sections(report),
         'parameters': list(_parameters(report.parameters)) if report.parameters else [],
     }
+    return data, packed_scans
 
 
 def _map(density):

@@ -54,7 +54,7 @@ def start_up() -> dict:
 
 def _start_up():
     from dbscan_reg_ros.node.playback.player import Player, PlayerError
-    scans = _scans(181, 180.0, 10.0, 1)
+    scans = make_scans(181, 180.0, 10.0, 1)
     with graph() as folder, Player() as player:
         began = time.monotonic()
         with running_node(folder):
@@ -68,7 +68,7 @@ def _start_up():
 def run(beams, fov, rate, count, seconds=None) -> dict:
     """Return what a stream of `count` scans costs."""
     from dbscan_reg_ros.node.playback.player import Player
-    scans = _scans(beams, fov, rate, count)
+    scans = make_scans(beams, fov, rate, count)
     with graph() as folder, running_node(folder) as node, Player() as player:
         player.wait_for_node(PATIENCE)
         usage = _Usage(node.pid, SETTLED * rate)
@@ -103,7 +103,7 @@ class _Usage:
         return ((cpu_seconds(self._pid) - spent) / (time.monotonic() - began), memory_mb(self._pid) - self._memory)
 
 
-def _scans(beams, fov, rate, count):
+def make_scans(beams, fov, rate, count):
     """Return a drive to and fro through a building, so often that there are `count` scans."""
     from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
     step = np.radians(fov) / (beams - 1)

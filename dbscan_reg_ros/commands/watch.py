@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``watch``: the page of a running node, live in a browser."""
+import getpass
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+
+from ..node.lifecycle.ros_arguments import split_arguments
+from .command_line import INTERRUPTED, interruptible, make_parser, port, run
+
+PORT = 8710
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with the arguments `argv`; return its exit status."""
+    own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    parser = make_parser('watch', 'Serve a page that shows a running node: the scans on the growing map, the pose and '
+                         'its covariance, speed and status. It subscribes to scan, odom and /diagnostics while a '
+                         'browser shows the page, and sends nothing to the node. Ctrl-C ends it. ROS arguments may '
+                         'follow, such as --ros-args -r scan:=laser.')
+    parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
+                        help='address of this computer that browsers connect to (default: %(default)s, this computer '
+                        'alone). With another one everybody in the network who knows the printed address sees the page')
+    parser.add_argument('--port', type=port, default=PORT, metavar='N',
+                        help='port, or the next one that is free (default: %(default)s)')
+
+    def work(args):
+        with interruptible(signal.SIGINT, signal.SIGTERM, once=True):
+            watch(args, ros)
+
+    status = run(parser, work, own)
+    # Ctrl-C is how it ends.
+    return 0 if status == INTERRUPTED else status
+
+
+def watch(args, ros_arguments):
+    """Serve the page until a signal."""
+    from ..node.watching.listener import Listener
+    from ..replays.live.live_drive import LiveDrive
+    from ..replays.live.server import PageServer, is_local
+
+    drive = LiveDrive()
+    with (Listener(drive.add, drive.report, drive.restart, ros_arguments) as listener,
+          PageServer(drive, args.host, args.port, listener.topics[0]) as server):
+        print(f'topics       {" ".join(listener.topics)}')
+        print(f'page         {server.address}')
+        if is_local(args.host):
+            print(f'from another computer: ssh -L {server.port}:{args.host}:{server.port} '
+                  f'{getpass.getuser()}@{socket.gethostname()}, then the same address there', flush=True)
+        else:
+            print('watch: everybody in the network who knows this address sees the scans; nothing is encrypted',
+                  file=sys.stderr, flush=True)
+        _follow(listener, drive)
+
+
+def _follow(listener, drive):
+    """Listen while a browser is connected."""
+    watched = False
+    while True:
+        if watched != (drive.browsers > 0):
+            watched = not watched
+            (listener.subscribe if watched else listener.unsubscribe)()
+            print('a browser is connected' if watched else 'no browser is connected', flush=True)
+        listener.spin(0.1)

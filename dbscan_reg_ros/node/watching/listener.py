@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Listener to the scans, the odometry and the reports of a running node."""
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from sensor_msgs.msg import LaserScan
+
+from ...core.errors import ScanError
+from ...core.geometry.mounting import Mounting, MountingError
+from ...core.geometry.se2 import SE2
+from ...core.scan import Scan
+from ...robot.mounting import mounting_from_parameters
+from ...robot.parameters import NodeParameters
+from ..errors import NoTransformError
+from ..frames.transform_sender import transform_type
+from ..frames.transform_store import make_store
+from ..interfaces.graph_checks import UNNAMED, full_name, publishers
+from ..interfaces.messages import PoseError, planar_from_message, stamp_from_message
+from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
+
+DEPTH = 20
+WAITING = 50
+"""Number of scans, and of poses, that may wait for the other with the same stamp."""
+PLANAR = np.array((0, 1, 5))
+"""Rows of x, y and yaw in the covariance of a message."""
+NAMES = 'mounting', 'laser_pose', 'upside_down'
+"""Parameters of the node that give its mounting."""
+
+
+class WatchedScan(NamedTuple):
+    """One scan and the odometry for it.
+
+    Attributes
+    ----------
+    stamp : int [ns]
+    points : (P, 2) float [m]
+        Returns in the frame of the sensor, an upright one.
+    pose : SE2
+        Of the sensor in the odometry frame.
+    covariance : (3, 3) float [m, m, rad]
+        Of the pose of the base, in the odometry frame.
+    speed : float [m/s]
+    """
+
+    stamp: int
+    points: NDArray[np.float64]
+    pose: SE2
+    covariance: NDArray[np.float64]
+    speed: float
+
+
+class Listener:
+    """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
+
+    Parameters
+    ----------
+    on_scan : callable
+        Called with each `WatchedScan`.
+    on_report : callable
+        Called with level, 0 to 3, and message of each report of the node.
+    on_node : callable
+        Called with the name of the node when another one, or the same after a restart, publishes the odometry.
+    arguments : list of str
+        ROS arguments.
+    """
+
+    def __init__(self, on_scan: Callable[[WatchedScan], None], on_report: Callable[[int, str], None],
+                 on_node: Callable[[str], None], arguments: Sequence[str] = ()) -> None:
+        self._on_scan, self._on_report, self._on_node = on_scan, on_report, on_node
+        self._context = Context()
+        rclpy.init(args=['watch', *arguments], context=self._context)
+        self._node = Node('watch', context=self._context, enable_rosout=False, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._subscriptions: list[Subscription] = []
+        self._timer = self._node.create_timer(0.5, self._look_for_node)
+        self._client: Client | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget the node."""
+        self._source: bytes | None = None
+        self._name = ''
+        self._scans: OrderedDict[int, LaserScan] = OrderedDict()
+        self._poses: OrderedDict[int, Odometry] = OrderedDict()
+        self._parameters: NodeParameters | None = None
+        self._transforms = make_store()
+
+    def __enter__(self) -> 'Listener':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    @property
+    def topics(self) -> list[str]:
+        """Full names of the topics that are subscribed to."""
+        return [self._node.resolve_topic_name(name) for name in ('scan', 'odom', '/diagnostics')]
+
+    def spin(self, timeout: float) -> None:
+        """Handle what arrives within `timeout` [s]."""
+        self._executor.spin_once(timeout)
+
+    def subscribe(self) -> None:
+        """Subscribe, to the transforms as well, unless that is done."""
+        if self._subscriptions:
+            return
+        self._begin()
+        quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        reports = QoSProfile(depth=DEPTH)
+        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        wanted = [(LaserScan, 'scan', self._take_scan, quality), (Odometry, 'odom', self._take_odometry, quality),
+                  (DiagnosticArray, '/diagnostics', self._take_reports, reports)]
+        if (kind := transform_type()) is not None:
+            wanted += [(kind, '/tf_static', lambda message: self._take_transforms(message, True), latched)]
+        self._subscriptions = [self._node.create_subscription(*each, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+                               for each in wanted]
+
+    def unsubscribe(self) -> None:
+        """End all subscriptions."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _look_for_node(self) -> None:
+        """Notice another publisher of the odometry, and ask it for its mounting."""
+        if not self._subscriptions:
+            return
+        found = publishers(self._node, self._node.resolve_topic_name('odom'))
+        if not found or self._source in found:
+            return
+        source, endpoint = next(iter(found.items()))
+        name = full_name(endpoint)
+        if name == UNNAMED:
+            return
+        self._begin()
+        self._source, self._name = source, name
+        self._on_node(self._name)
+        if self._client:
+            self._node.destroy_client(self._client)
+        self._client = self._node.create_client(GetParameters, f'{self._name}/get_parameters')
+        self._ask()
+
+    def _ask(self) -> None:
+        assert self._client
+        if self._parameters is None and self._client.service_is_ready():
+            self._client.call_async(GetParameters.Request(names=list(NAMES))).add_done_callback(self._take_parameters)
+
+    def _take_parameters(self, future: Future) -> None:
+        values = [parameter_value_to_python(value) for value in future.result().values]
+        known = {name: value for name, value in zip(NAMES, values, strict=False) if value is not None}
+        self._parameters = NodeParameters().replace(known)
+
+    def _take_scan(self, message: LaserScan) -> None:
+        self._keep(self._scans, stamp_from_message(message.header.stamp), message)
+
+    def _take_odometry(self, message: Odometry) -> None:
+        self._keep(self._poses, stamp_from_message(message.header.stamp), message)
+
+    def _keep(self, waiting: OrderedDict[int, Any], stamp: int, message: Any) -> None:
+        """Keep a message until its counterpart is there."""
+        waiting[stamp] = message
+        while len(waiting) > WAITING:
+            waiting.popitem(last=False)
+        if stamp in self._scans and stamp in self._poses:
+            self._join(self._scans.pop(stamp), self._poses.pop(stamp))
+
+    def _join(self, message: LaserScan, odometry: Odometry) -> None:
+        """Pass on a scan and its odometry; those whose mounting is unknown, and damaged ones, are left out."""
+        try:
+            mounting = self._mounting(message.header.frame_id, odometry.child_frame_id)
+            scan = Scan.from_message(message, upside_down=mounting.upside_down)
+            pose = planar_from_message(odometry.pose.pose) @ mounting.pose
+        except (ScanError, PoseError, MountingError, NoTransformError):
+            return
+        covariance = np.array(odometry.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
+        if not np.isfinite(covariance).all():
+            return
+        velocity = odometry.twist.twist.linear
+        self._on_scan(WatchedScan(scan.stamp, scan.points[scan.valid], pose, covariance,
+                                  math.hypot(velocity.x, velocity.y)))
+
+    def _mounting(self, frame: str, base: str) -> Mounting:
+        """Return the mounting by the parameters of the node, else by the transforms."""
+        if self._parameters is None:
+            if self._client:
+                self._ask()
+            raise MountingError('the node has not said yet how its lidar is mounted')
+        fixed = mounting_from_parameters(self._parameters)
+        if fixed or frame == base:
+            return fixed or Mounting()
+        return Mounting.from_matrix(self._transforms.lookup(base, frame, 0)[0])
+
+    def _take_transforms(self, message: Any, static: bool) -> None:
+        for transform in message.transforms:
+            self._transforms.add(transform, static)
+
+    def _take_reports(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if self._name and status.name == f'{self._name}: laser odometry':
+                self._on_report(int.from_bytes(status.level, 'little'), status.message)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Web server of the live page: it answers GET for the page and its events, and nothing else."""
+import errno
+import hmac
+import ipaddress
+import secrets
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import parse_qs, urlsplit
+
+from ...core.errors import DbscanRegError
+from ..page.live import live_page
+from .live_drive import LiveDrive
+
+PORTS = 20
+"""So many ports are tried, from the one that is asked for on."""
+PATIENCE = 5.0
+"""A comment is sent after this time [s] without an event."""
+STALLED = 20.0
+"""After this time [s] without taking anything a browser is disconnected; it connects again by itself."""
+MOST_BROWSERS = 32
+SENT_AHEAD = 1 << 17
+"""Bytes that wait in the socket of a browser at most."""
+POLICY = ("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
+          "connect-src 'self'; frame-ancestors 'none'")
+
+
+class NoFreePort(DbscanRegError):
+    """No address for the page can be used."""
+
+
+class PageServer:
+    """Serves the page of a `LiveDrive` in threads of its own; use it in a ``with`` statement.
+
+    Parameters
+    ----------
+    drive : LiveDrive
+    host : str
+        Address of this computer. If it is not of this computer alone, the address of the page contains a token.
+    port : int
+        The next free one is taken if it is busy.
+    title : str
+
+    Attributes
+    ----------
+    host : str
+    port : int
+    token : str
+        Empty if none is needed.
+
+    Raises
+    ------
+    NoFreePort
+    """
+
+    def __init__(self, drive: LiveDrive, host: str, port: int, title: str) -> None:
+        self.host = host
+        self.token = '' if is_local(host) else secrets.token_urlsafe(16)
+        handler = type('Handler', (_Handler,), {'drive': drive, 'page': live_page(title), 'host': host,
+                                                'token': self.token})
+        self._drive = drive
+        self._server = _bound(host, port, handler)
+        self.port = int(self._server.server_address[1])
+        self._ended = threading.Event()
+        self._threads = [threading.Thread(target=self._server.serve_forever, args=(0.1,)),
+                         threading.Thread(target=self._draw)]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        host = f'[{self.host}]' if ':' in self.host else self.host
+        return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
+
+    def __enter__(self) -> 'PageServer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._drive.close()
+        self._server.shutdown()
+        for thread in self._threads:
+            thread.join()
+        self._server.server_close()
+
+    def _draw(self) -> None:
+        while not self._ended.wait(0.1):
+            if self._drive.browsers:
+                self._drive.draw_map()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = MOST_BROWSERS
+
+    def handle_error(self, request, client_address):
+        """Say nothing: the browser has gone."""
+
+
+def _bound(host, port, handler):
+    """Return a server at the first free port from `port` on."""
+    for number in range(port, min(port + PORTS, 65536)):
+        try:
+            family, *_, place = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
+            server = type('Server', (_Server,), {'address_family': family})
+            return server(place[:2], handler)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise NoFreePort(f'{host} port {number}: {error.strerror}; give another --host or --port') from error
+    raise NoFreePort(f'{host}: the ports from {port} to {port + PORTS - 1} are busy; give another --port')
+
+
+def is_local(host: str) -> bool:
+    """Whether an address or name is that of this computer for itself alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == 'localhost'
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one request; the class attributes are set by `PageServer`."""
+
+    drive: LiveDrive
+    page: bytes
+    host = token = ''
+    timeout = STALLED
+
+    def do_GET(self):
+        """Send the page or its events."""
+        place = urlsplit(self.path)
+        if not self._is_own_host():
+            self.send_error(421, explain='The page is not served under this name.')
+        elif not self._has_token(place.query):
+            self.send_error(403, explain='The address lacks the token that watch has printed.')
+        elif place.path == '/':
+            self._begin('text/html; charset=utf-8')
+            self.wfile.write(self.page)
+        elif place.path == '/events':
+            self._send_events()
+        else:
+            self.send_error(404)
+
+    def _is_own_host(self):
+        """Whether the request names this computer: pages of others whose names lead here are refused."""
+        name = urlsplit(f'//{self.headers.get("Host", "")}').hostname or ''
+        if is_local(name) or name == self.host.lower():
+            return True
+        if is_local(self.host):
+            return False
+        # A name could be that of a foreign page that leads here; a number cannot.
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name == socket.gethostname().lower()
+        return True
+
+    def _has_token(self, query):
+        given = parse_qs(query).get('token', [''])[0]
+        return hmac.compare_digest(given.encode(), self.token.encode()) if self.token else True
+
+    def _begin(self, kind):
+        self.send_response(200)
+        for name, value in (('Content-Type', kind), ('Content-Security-Policy', POLICY), ('Cache-Control', 'no-store'),
+                            ('X-Content-Type-Options', 'nosniff'), ('Referrer-Policy', 'no-referrer')):
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _send_events(self):
+        if self.drive.browsers >= MOST_BROWSERS:
+            self.send_error(503, explain=f'{MOST_BROWSERS} browsers are connected.')
+            return
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENT_AHEAD)
+        self._begin('text/event-stream')
+        with self.drive:
+            for part in self.drive.events(PATIENCE):
+                for start in range(0, len(part), SENT_AHEAD):
+                    self.wfile.write(part[start:start + SENT_AHEAD])
+
+    def log_message(self, *_):
+        """Log nothing."""
