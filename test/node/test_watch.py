@@ -29,7 +29,7 @@ def connected(process, port, peer, count=1):
 
 
 def watched_from(reader, node):
-    """Wait until the reader has heard of the node."""
+    """Wait until the reader knows the node."""
     while reader.next('start')[1]['source'] != node:
         pass
 

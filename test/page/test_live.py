@@ -142,7 +142,7 @@ def test_a_busy_port_leads_to_the_next(serve):
     assert second.port > first.port and ask(second)[0] == 200
 
 
-def test_no_port_and_no_such_address_are_said(drive):
+def test_errors_of_port_and_address_name_what_to_do(drive):
     with pytest.raises(NoFreePort, match=r'192\.0\.2\.1 port 20000: .*give another --host'):
         PageServer(drive, '192.0.2.1', 20000, '')
     with contextlib.ExitStack() as stack:

@@ -32,7 +32,7 @@ ARRIVALS = """(() => {
 
 
 def measure(args):
-    """Return a `Report`; ``--limit N`` makes each turn N scans long."""
+    """Return a `Report`; ``--limit N`` plays N scans each time."""
     if find_browser() is None:
         raise DbscanRegError('bench watch: needs a chromium on the PATH')
     report = Report()
@@ -42,7 +42,7 @@ def measure(args):
 
 
 def alternate(count) -> dict:
-    """Return the figures of turns of `count` scans: watched by nobody, from elsewhere, in a browser here."""
+    """Return the figures of `count` scans: without a browser, with one elsewhere, with one here."""
     from dbscan_reg_ros.commands.demo import OPENED
     from dbscan_reg_ros.commands.processes import Process, package_command
     from dbscan_reg_ros.node.playback.player import Player
