@@ -25,6 +25,8 @@ class Lidar:
         Nothing is returned from nearer or farther.
     rate : float [Hz]
         Scans a second.
+    phase : float [s]
+        From the start of the path to the first scan.
     duration : float [s]
         From the first to the last beam; 0: all at once.
     noise : float [m]
@@ -53,6 +55,7 @@ class Lidar:
     resolution: float = 0.0
     mounting: SE2 = field(default_factory=SE2)
     frame_id: str = 'laser'
+    phase: float = 0.0
 
     @cached_property
     def geometry(self) -> ScanGeometry:

@@ -49,10 +49,10 @@ def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
     lidar : Lidar
     seed : int
     start : int
-        Stamp [ns] of the first scan.
+        Stamp [ns] at the start of the path.
     """
     rng = np.random.default_rng(seed)
-    times = np.arange(0.0, path.duration - lidar.duration, 1.0 / lidar.rate)
+    times = np.arange(lidar.phase, path.duration - lidar.duration, 1.0 / lidar.rate)
     within = lidar.time_increment * np.arange(lidar.beams) if lidar.duration else np.zeros(1)
     scans = [measure(world, path.poses_at(time + within), lidar, rng, start + round(time * 1e9), time)
              for time in times]

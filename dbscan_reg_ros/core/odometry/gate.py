@@ -14,8 +14,10 @@ from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import demoted_if_weak, observability_ratio
 from .models.motion import unknown_motion_covariance
+from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
+from .sensor import FIRST, Sensor
 from .state import Mode, Tracking
 
 
@@ -70,19 +72,28 @@ class Gate:
     Parameters
     ----------
     predictions : Predictions
+        Of the first sensor.
     tracking : Tracking
         The state after the last scan.
     parameters : Parameters
+    sensor : Sensor
+        Of the scan. All poses and covariances that are compared here are those of this sensor.
 
     Attributes
     ----------
     predictions : Predictions
+        Of the `sensor`.
+    sensor : Sensor
     weak_prior : bool
         Whether the best prediction is too uncertain to tell repeated structures apart.
     """
 
-    def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters):
-        self.predictions, self._tracking, self._parameters = predictions, tracking, parameters
+    def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters, sensor: Sensor = FIRST):
+        self._given, predictions = predictions, predictions.of(sensor)
+        self.predictions, self._tracking, self._parameters, self.sensor = predictions, tracking, parameters, sensor
+        found, unconfirmed = tracking.found, tracking.unconfirmed
+        self._found = found and sensor.pose_at(found)
+        self._unconfirmed = unconfirmed and sensor.pose_at(unconfirmed)
         best, motion, p = predictions.best, predictions.motion, parameters
         self.weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
@@ -90,6 +101,11 @@ class Gate:
         self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)
         self._wheels_slip = (predictions.external is not None
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
+
+    def after(self, interval: ScanInterval) -> 'Gate':
+        """Return the same gate after another `interval`."""
+        given = dataclasses.replace(self._given, interval=interval)
+        return Gate(given, self._tracking, self._parameters, self.sensor)
 
     def check(self, pose: SE2, registration: Registration, has_tentative: bool = False) -> Verdict:
         """Decide whether a result is believed.
@@ -106,7 +122,7 @@ class Gate:
         ok = registration.status is Status.OK
         if registration.status is Status.FAILED:
             return Verdict(Decision.REJECT, Reason.FAILED)
-        excess = self._exceeded_limit(self._tracking.found, pose, self._time_since_found)
+        excess = self._exceeded_limit(self._found, pose, self._time_since_found)
         if excess is not None:
             return Verdict(Decision.REJECT, excess)
         if self._near_prediction(pose, registration):
@@ -160,7 +176,7 @@ class Gate:
         """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted."""
         if self._scores_poorly(score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
-        motion, unconfirmed = self.predictions.motion, self._tracking.unconfirmed
+        motion, unconfirmed = self.predictions.motion, self._unconfirmed
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
         if self._within(pose, motion.pose, unknown) and not self._leaps(pose):
             return Verdict(Decision.ACCEPT, Reason.UNKNOWN_MOTION)
@@ -183,7 +199,7 @@ class Gate:
         best = self.predictions.best
         if self.predictions.external is None:
             return best.prior
-        tightened = wheels.tightened(best.prior)
+        tightened = self.sensor.prior_of(wheels.tightened(self.sensor.first_prior(best.prior)))
         return tightened if self._within(pose, best.pose, tightened.covariance) else best.prior
 
     def prior_information(self, pose: SE2, prior: Prior) -> NDArray[np.float64]:

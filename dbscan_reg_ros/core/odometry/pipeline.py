@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..backend import Backend, default_backend
+from ..errors import ScanError
 from ..features.extraction import extract_from_returns
 from ..features.records import Features
 from ..features.returns import admitted_returns
@@ -19,12 +20,14 @@ from ..scan import Scan
 from . import update
 from .deskew import deskew
 from .gate import Gate
-from .models.stamps import Jump, middle_offset
-from .prediction import predict
+from .models.stamps import Jump, ScanInterval, middle_offset
+from .prediction import Predictions, predict
 from .records import OdometryUpdate
 from .reference_search import ReferenceSearch
 from .references import Outcome
-from .state import Mode
+from .report import report_waiting
+from .sensor import FIRST, Sensor
+from .state import Mode, SensorState
 
 
 class Odometry:
@@ -62,16 +65,19 @@ class Odometry:
         """Forget everything except the number of scans; the next scan starts a track at `pose`."""
         self._state = update.initial_state(pose, self._state.output.number)
 
-    def process(self, scan: Scan, prior: Prior | None = None) -> OdometryUpdate:
-        """Register a scan and estimate the pose of the sensor.
+    def process(self, scan: Scan, prior: Prior | None = None, sensor: Sensor = FIRST) -> OdometryUpdate:
+        """Register a scan and estimate the pose of the first sensor.
 
         Parameters
         ----------
         scan : Scan
         prior : Prior, optional
-            Motion of the sensor since the last scan from an external source (wheels, gyroscope). Systematic errors of
-            whole motions are learned (`prior.calibration_distance`). Without a prior the motion model predicts, unless
-            `odometry.prior` says otherwise.
+            Motion of the first sensor since the last scan of any sensor, from an external source (wheels, gyroscope).
+            Systematic errors of whole motions are learned (`prior.calibration_distance`). Without a prior the motion
+            model predicts, unless `odometry.prior` says otherwise.
+        sensor : Sensor
+            The sensor of the scan. Scans of several sensors are given in the order of their stamps. A track begins
+            with the sensor of its first scan; the others join when its velocity is known.
 
         Returns
         -------
@@ -80,21 +86,30 @@ class Odometry:
         Raises
         ------
         ScanError
-            When the scan has too few returns to be used; the state is unchanged.
+            When the scan has too few returns to be used, or is older than the last one of another sensor; the state is
+            unchanged.
         """
         state, p = self._state, self._parameters
         # Stamp: how long the scan took, and whether its motion can be removed.
-        timing = state.stamps.timing(scan, p)
+        own = self._sensor_state(scan, sensor)
+        timing = own.stamps.timing(scan, p)
         # Features of the deskewed scan.
-        features = self._extract(scan, timing.ratio * state.motion.twist if timing.deskews else None)
-        interval = state.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
+        twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
+        features = self._extract(scan, twist, own)
+        interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
+        if self._waits(scan, sensor):
+            return report_waiting(state, features, sensor)
+        interval = self._since_last(scan, sensor, interval)
         if state.window is None or interval.jump is Jump.BACKWARD:
-            return update.start(state, features, interval.reason)
+            return update.start(state, features, interval.reason, sensor)
         # Predict by the external prior and by the motion model.
         if interval.jump:
             update.reset_velocity(state)
         state.motion.elapse(interval.length)
-        gate = Gate(predict(state, prior, interval, p), state.tracking, p)
+        predictions = predict(state, prior, interval, p)
+        if self._joins(predictions, sensor):
+            return update.join(state, features, predictions, sensor, p)
+        gate = Gate(predictions, state.tracking, p, sensor)
         # Register to the local map, else to other references; the gate decides which result is believed.
         outcome = self._search(features, gate)
         if timing.deskews and self._starts_in_motion(outcome, gate):
@@ -102,7 +117,7 @@ class Odometry:
             outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
         if outcome.match is None and outcome.rejoined is None:
-            return update.coast(state, features, outcome, gate.predictions, p)
+            return update.coast(state, features, outcome, gate, p)
         # Found: align with the map; update motion, covariances, key frames and heading; report.
         return update.follow(state, outcome, gate, p)
 
@@ -111,51 +126,88 @@ class Odometry:
         state, p = self._state, self._parameters
         if state.window is None:
             return None
-        return state.motion.predict(copy.deepcopy(state.stamps).next(stamp, 0.0, p.time, state.stamps.duration), p)
+        own = state.sensors[state.key_frames.latest.sensor.name]
+        return state.motion.predict(copy.deepcopy(own.stamps).next(stamp, 0.0, p.time, own.stamps.duration), p)
 
-    def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, again: bool = False) -> Features:
+    def _sensor_state(self, scan: Scan, sensor: Sensor) -> SensorState:
+        """Return what is remembered of the scans of a sensor; `ScanError` for a scan that comes too late."""
+        late = self._state.order.lateness(sensor.name, scan.stamp, self._parameters.time)
+        if late:
+            raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
+                            'expected scans in the order of their stamps')
+        return self._state.sensors.setdefault(sensor.name, SensorState())
+
+    def _waits(self, scan: Scan, sensor: Sensor) -> bool:
+        """Whether the velocity is not known yet by which a scan of another sensor could be placed."""
+        state = self._state
+        if state.window is None or sensor.name in state.window.sensors or state.tracking.mode is not Mode.STARTING:
+            return False
+        return state.order.time_since_last(scan.stamp) <= self._parameters.odometry.coast_time
+
+    def _since_last(self, scan: Scan, sensor: Sensor, own: ScanInterval) -> ScanInterval:
+        """Return the interval since the last scan of any sensor; `own` is that since the last of the same."""
+        state, p = self._state, self._parameters
+        stamps = state.sensors[sensor.name].stamps
+        interval = state.order.since_last(sensor.name, scan.stamp, own, stamps, p.time)
+        if interval.of_others and own.gap:
+            state.motion.forget_sensor(sensor.name)
+        if interval.jump is Jump.BACKWARD:
+            state.sensors = {sensor.name: state.sensors[sensor.name]}
+        return interval
+
+    def _joins(self, predictions: Predictions, sensor: Sensor) -> bool:
+        """Whether the map has nothing yet of a sensor, whose pose is predicted well."""
+        state = self._state
+        return (sensor.name not in state.key_frames.sensors and state.tracking.mode is Mode.TRACKING
+                and predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin)
+
+    def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, own: SensorState,
+                 again: bool = False) -> Features:
         """Extract the features of a scan.
 
         Parameters
         ----------
         scan : Scan
         twist : (3,) float or None
-            Velocity of the sensor [m/s, m/s, rad/s], by which the scan is deskewed.
+            Velocity of the sensor of the scan [m/s, m/s, rad/s], by which it is deskewed.
+        own : SensorState
+            Of this sensor.
         again : bool
             Whether the scan was extracted before: then it is not counted again in the estimate of the range noise.
         """
-        state, p = self._state, self._parameters
+        p = self._parameters
         if twist is not None:
             scan = deskew(scan, twist)
         returns = admitted_returns(scan, p.scan, self._backend)
-        noise = state.noise if again else state.noise.after(returns.noise_ratio)
+        noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = extract_from_returns(returns, p, noise.value)
-        state.noise = noise
+        own.noise = noise
         return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
 
     def _search(self, features: Features, gate: Gate) -> Outcome:
         """Register the scan to the references."""
         outcome = ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
-        update.remember_search(self._state, outcome)
+        update.remember_search(self._state, outcome, gate.sensor)
         return outcome
 
     def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:
         """Whether the second scan of a track proves that the sensor moved during the first."""
         state, match = self._state, outcome.match
         return (state.tracking.mode is Mode.STARTING and match is not None
-                and gate.starts_in_motion(match.pose, match.registration, state.pose))
+                and gate.starts_in_motion(match.pose, match.registration, gate.sensor.pose_at(state.pose)))
 
     def _start_in_motion(self, scan: Scan, outcome: Outcome, gate: Gate) -> tuple[Features, Gate]:
         """Deskew the first two scans of a track by their motion; return features and gate of the second."""
-        state, predictions = self._state, gate.predictions
+        state, predictions, sensor = self._state, gate.predictions, gate.sensor
         assert outcome.match is not None
-        ratio = state.stamps.ratio(state.stamps.duration)
-        twist = (state.pose.inverse() @ outcome.match.pose).as_array() / predictions.interval.length
-        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, again=True)
-        features = self._extract(scan, ratio * twist, again=True)
+        own = state.sensors[sensor.name]
+        ratio = own.stamps.ratio(own.stamps.duration)
+        twist = (sensor.pose_at(state.pose).inverse() @ outcome.match.pose).as_array() / predictions.interval.length
+        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, own, again=True)
+        features = self._extract(scan, ratio * twist, own, again=True)
         interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
-        update.start_in_motion(state, first, twist, interval)
-        return features, Gate(dataclasses.replace(predictions, interval=interval), state.tracking, self._parameters)
+        update.start_in_motion(state, first, sensor.first_twist(twist), interval)
+        return features, gate.after(interval)
 
 
 def search_parameters(parameters: Parameters) -> Parameters:

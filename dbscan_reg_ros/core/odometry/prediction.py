@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prediction of the pose of a scan before it is registered."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Prior
+from .models.motion import unknown_motion_covariance
 from .models.stamps import ScanInterval
-from .state import TrackState
+from .sensor import Sensor
+from .state import Mode, TrackState
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,11 @@ class Prediction:
     pose: SE2
     prior: Prior
     gate_covariance: NDArray[np.float64]
+
+    def of(self, sensor: Sensor) -> 'Prediction':
+        """Return this prediction of the first sensor as one of another `sensor`."""
+        return Prediction(sensor.pose_at(self.pose), sensor.prior_of(self.prior),
+                          sensor.covariance_of(self.gate_covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +68,14 @@ class Predictions:
         """Whether there is no external prior, neither of the motion nor of the rotation."""
         return self.best is self.motion
 
+    def of(self, sensor: Sensor) -> 'Predictions':
+        """Return these predictions of the first sensor as those of another `sensor`."""
+        if sensor.is_first:
+            return self
+        motion = self.motion.of(sensor)
+        return replace(self, best=motion if self.by_motion_model else self.best.of(sensor), motion=motion,
+                       external=self.external and sensor.prior_of(self.external))
+
 
 def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, parameters: Parameters) -> Predictions:
     """Predict the pose of a scan by the motion model and, where there is one, by an external prior.
@@ -86,3 +101,11 @@ def _prediction(state: TrackState, prior: Prior, parameters: Parameters) -> Pred
     """Apply a `prior` to the last pose."""
     pose = state.pose @ prior.transform
     return Prediction(pose, prior, state.motion.gate_covariance(prior, pose, state.tracking.lost_time, parameters))
+
+
+def coasting_prior(state: TrackState, predictions: Predictions, p: Parameters) -> Prior:
+    """Return the best prior; any motion is possible while the motion model has no velocity yet."""
+    prior = predictions.best.prior
+    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
+        return Prior(prior.transform, unknown_motion_covariance(predictions.interval, p))
+    return prior

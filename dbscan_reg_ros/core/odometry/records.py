@@ -7,6 +7,7 @@ import numpy as np
 from ..features.records import Features
 from ..geometry.se2 import DOF, SE2
 from ..registration.records import Registration, Status, sigma_text
+from .sensor import FIRST, Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,26 +19,26 @@ class OdometryUpdate:
     stamp : int [ns]
         Stamp of the scan.
     pose : SE2
-        Pose of the sensor in the odometry frame, in which the first scan is at the origin.
+        Pose of the first sensor in the odometry frame, in which it is at the origin at the first scan.
     covariance : (3, 3) float
         Covariance of `pose` for (x, y, theta) in the odometry frame [m, m, rad].
     twist : (3,) float
-        Velocity (vx, vy, omega) in the frame of the sensor [m/s, m/s, rad/s].
+        Velocity (vx, vy, omega) of the first sensor, in its frame [m/s, m/s, rad/s].
     twist_covariance : (3, 3) float
         Covariance of `twist`.
     interval : float [s]
         Filtered time since the last scan; 0 for the first.
     increment : SE2
-        Motion since the last scan, in the last scan's frame.
+        Motion of the first sensor since the last scan, in its frame at that time.
     status : Status
     registration : Registration or None
-        None for the first scan after a start or a reset.
+        None for the first scan after a start or a reset, and for the first scan of another sensor.
     features : Features
         Features of this scan.
     reference : Features or None
         Features of the key frame that the scan was registered to.
     reference_pose : SE2
-        Pose of `reference` in the odometry frame.
+        Pose of `reference`, of the sensor that saw it, in the odometry frame.
     reference_changed : bool
         Whether this scan becomes a key frame.
     restarted : str
@@ -50,6 +51,8 @@ class OdometryUpdate:
         Number of scans that this `Odometry` used before this one, resets included.
     reference_number : int or None
         `number` of the scan of `reference`, whose features may have been extracted again since.
+    sensor : Sensor
+        The sensor of the scan.
     """
 
     stamp: int
@@ -69,6 +72,12 @@ class OdometryUpdate:
     wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((DOF, DOF)))
     number: int = 0
     reference_number: int | None = None
+    sensor: Sensor = FIRST
+
+    @property
+    def scan_pose(self) -> SE2:
+        """Pose of the scan, which is that of its `sensor`, in the odometry frame."""
+        return self.sensor.pose_at(self.pose)
 
     def __repr__(self) -> str:
         """Return one line with scan, pose, twist and status."""

@@ -44,7 +44,7 @@ class ReferenceSearch:
                  search_parameters: Parameters):
         self._features, self._state, self._gate = features, state, gate
         self._parameters, self._search_parameters = parameters, search_parameters
-        self._search_near = state.tracking.search_near
+        self._search_near, self._sensor = state.tracking.search_near, gate.sensor.name
 
     def run(self) -> Outcome:
         """Register to the map; a scan that it does not know to the scan before; after a loss also to the lost map."""
@@ -60,10 +60,12 @@ class ReferenceSearch:
         static = self._features
         if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
             static = without_dynamic_points(static, best.pose, window, self._parameters)
-        match = self._match(Reference(window.latest, window.local_map), static, None)
+        latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
+        match = self._match(latest, static, None)
         outcome = Outcome(None, match.registration).joined(match)
         if not self._is_final(match):
-            for reference in fallback_references(self._state, best.pose, match.registration, self._parameters):
+            for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
+                                                 self._sensor):
                 match = self._match(reference, static, outcome.match)
                 outcome = outcome.joined(match)
                 if self._is_final(match):
@@ -75,7 +77,7 @@ class ReferenceSearch:
 
         Few poles are seen from both of two places far apart: walls alone are tried first.
         """
-        frame = self._state.tracking.last_scan or self._state.key_frames.latest
+        frame = self._state.tracking.last_scan_of(self._sensor) or self._state.key_frames.frames_of(self._sensor)[-1]
         reference, current = (
             features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
             for features in (frame.features, self._features))
@@ -95,9 +97,10 @@ class ReferenceSearch:
 
         def distance(frame: KeyFrame) -> float:
             return math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y)
-        nearest = sorted(lost.window.frames, key=distance)[:self._parameters.odometry.older_key_frames]
+        frames = lost.window.frames_of(self._sensor)
+        nearest = sorted(frames, key=distance)[:self._parameters.odometry.older_key_frames]
         references = [Reference(frame, frame.features) for frame in nearest]
-        for frame, features in (Reference(lost.window.latest, lost.window.local_map), *references):
+        for frame, features in (Reference(frames[-1], lost.window.local_map_of(self._sensor)), *references):
             prior = Prior(frame.pose.inverse() @ expected, covariance)
             registration = register(features, self._features, self._search_parameters, prior, SearchStage.NORMAL)
             pose = frame.pose @ registration.transform

@@ -115,8 +115,8 @@ class Outcome(NamedTuple):
 
 
 def fallback_references(state: TrackState, predicted: SE2, first: Registration,
-                        parameters: Parameters) -> list[Reference]:
-    """List the references to try after the local map, in order.
+                        parameters: Parameters, sensor: str = '') -> list[Reference]:
+    """List the references of a sensor to try after its local map, in order.
 
     ==================== ====================================================================================
     reference            condition
@@ -136,13 +136,15 @@ def fallback_references(state: TrackState, predicted: SE2, first: Registration,
     first : Registration
         Registration to the local map.
     parameters : Parameters
+    sensor : str
+        Name of the sensor of the scan.
     """
     p, window, references = parameters.odometry, state.key_frames, []
-    *older, latest = window.frames
+    *older, latest = window.frames_of(sensor)
     recoverable = is_recoverable(first, parameters)
-    if recoverable and window.local_map is not latest.features:
+    if recoverable and window.local_map_of(sensor) is not latest.features:
         references.append(Reference(latest, latest.features))
-    rotation, last_scan = abs((latest.pose.inverse() @ predicted).theta), state.tracking.last_scan
+    rotation, last_scan = abs((latest.pose.inverse() @ predicted).theta), state.tracking.last_scan_of(sensor)
     if last_scan is not None and rotation > p.key_frame_angle and first.status is Status.FAILED:
         references.append(Reference(last_scan, last_scan.features))
 

@@ -11,11 +11,12 @@ from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
 from .models.stamps import ScanInterval
 from .records import OdometryUpdate
+from .sensor import FIRST, Sensor
 from .state import TrackState
 
 
 class ReportedStep(NamedTuple):
-    """What is reported of one scan; `pose` is without heading correction."""
+    """What is reported of one scan; `pose`, that of the first sensor, is without heading correction."""
 
     pose: SE2
     interval: ScanInterval
@@ -23,6 +24,7 @@ class ReportedStep(NamedTuple):
     registration: Registration | None = None
     key_frame: KeyFrame | None = None
     is_key_frame: bool = False
+    sensor: Sensor = FIRST
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
@@ -34,10 +36,15 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _MIN_COVARIANCE,
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
-        reference_pose=pose if frame is None else state.output.corrected(frame.pose),
+        reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
         reference_changed=step.is_key_frame, restarted=step.interval.reason,
         wheel_correction=state.wheels.matrix.copy(),
-        number=number, reference_number=None if frame is None else frame.number)
+        number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor)
+
+
+def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:
+    """Publish the last pose again for a scan of another `sensor` that is left out at the start of a track."""
+    return report(state, features, ReportedStep(state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor))
 
 
 _MIN_COVARIANCE = RESOLUTION ** 2 * np.eye(DOF)

@@ -11,6 +11,7 @@ from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
 from .models.pose_output import PoseOutput
+from .models.scan_order import ScanOrder
 from .models.stamps import StampFilter
 from .models.wheel_calibration import WheelCalibration
 
@@ -65,7 +66,7 @@ class Tracking:
     lost_time : float [s]
         Time since the last scan that was found; 0 while tracking.
     unconfirmed : SE2 or None
-        Pose of the last scan where it lay outside every gate; the next scan may confirm it.
+        Pose of the first sensor at the last scan where it lay outside every gate; the next scan may confirm it.
     search_near : bool
         Whether the last registration scored high enough for a search near the prior to suffice.
     observability : float
@@ -73,9 +74,10 @@ class Tracking:
     score : float
         Score of the last scan that was found.
     found : SE2 or None
-        Pose of the last scan that was found, in the odometry frame; None after a start.
-    last_scan : KeyFrame or None
-        The last scan, where it did not become a key frame; where it was not found, at its predicted pose.
+        Pose of the first sensor at the last scan that was found, in the odometry frame; None after a start.
+    last_scans : tuple of KeyFrame
+        The last scan of each sensor, where it did not become a key frame; where it was not found, at its predicted
+        pose.
     lost : LostMap or None
         The map that scans were lost from, until one is found in it again, or for `odometry.restart_time`.
     """
@@ -87,28 +89,52 @@ class Tracking:
     observability: float = 0.0
     score: float = 0.0
     found: SE2 | None = None
-    last_scan: KeyFrame | None = None
+    last_scans: tuple[KeyFrame, ...] = ()
     lost: LostMap | None = None
+
+    def last_scan_of(self, sensor: str) -> KeyFrame | None:
+        """Return the one of `last_scans` that is of a `sensor`."""
+        return next((frame for frame in self.last_scans if frame.sensor.name == sensor), None)
+
+    def scans_with(self, sensor: str, frame: KeyFrame | None) -> tuple[KeyFrame, ...]:
+        """Return `last_scans` after one more scan of a `sensor`; None where it became a key frame."""
+        others = tuple(each for each in self.last_scans if each.sensor.name != sensor)
+        return others if frame is None else (*others, frame)
+
+
+@dataclass
+class SensorState:
+    """What is remembered of the scans of one sensor.
+
+    Attributes
+    ----------
+    stamps : StampFilter
+    noise : NoiseRatioHistory
+    """
+
+    stamps: StampFilter = field(default_factory=StampFilter)
+    noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
 
 
 @dataclass
 class TrackState:
     """All that is remembered from scan to scan.
 
-    Each field is assigned in one module only: `noise` in `pipeline`, all others in `update`.
+    Each field is assigned in one module only: `sensors` in `pipeline`, all others in `update`.
 
     Attributes
     ----------
     pose : SE2
-        Pose of the sensor at the last scan in the odometry frame, without heading correction.
+        Pose of the first sensor at the last scan of any, in the odometry frame, without heading correction.
     motion : ConstantVelocityModel
     output : PoseOutput
         Makes the published poses.
     covariance : CovariancePropagation
     heading : ManhattanHeading
     wheels : WheelCalibration
-    stamps : StampFilter
-    noise : NoiseRatioHistory
+    sensors : dict
+        `SensorState` of each sensor by its name.
+    order : ScanOrder
     window : KeyFrameWindow or None
         None before the first scan.
     tracking : Tracking
@@ -120,8 +146,8 @@ class TrackState:
     covariance: CovariancePropagation = field(default_factory=CovariancePropagation)
     heading: ManhattanHeading = field(default_factory=ManhattanHeading)
     wheels: WheelCalibration = field(default_factory=WheelCalibration)
-    stamps: StampFilter = field(default_factory=StampFilter)
-    noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
+    sensors: dict[str, SensorState] = field(default_factory=dict)
+    order: ScanOrder = field(default_factory=ScanOrder)
     window: KeyFrameWindow | None = None
     tracking: Tracking = field(default_factory=Tracking)
 

@@ -12,7 +12,6 @@ lost for `restart_time`         ``STARTING``             `coast`
 """
 import copy
 import dataclasses
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +22,22 @@ from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
-from .alignment import Aligned, align_scan
+from .alignment import Aligned, align_scan, completes_map, is_due
 from .gate import Gate, Reason
 from .mapping.correspondences import PosePrior
 from .mapping.key_frame import KeyFrame
-from .mapping.key_frame_window import KeyFrameWindow
-from .mapping.scan_to_map import sees_new_surface
+from .mapping.key_frame_window import KeyFrameWindow, latest_frames
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
-from .models.motion import ConstantVelocityModel, unknown_motion_covariance
+from .models.motion import ConstantVelocityModel
 from .models.pose_output import PoseOutput
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
-from .prediction import Predictions
+from .prediction import Predictions, coasting_prior
 from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
+from .sensor import FIRST, Sensor
 from .state import LostMap, Mode, Tracking, TrackState
 
 
@@ -47,25 +46,42 @@ def initial_state(pose: SE2, number: int) -> TrackState:
     return TrackState(pose, ConstantVelocityModel(pose), PoseOutput(pose, number))
 
 
-def start(state: TrackState, features: Features, reason: str) -> OdometryUpdate:
+def start(state: TrackState, features: Features, reason: str, sensor: Sensor = FIRST) -> OdometryUpdate:
     """Start a track at the last pose, with a `reason` where another one ended."""
-    state.motion = ConstantVelocityModel(state.pose)
+    state.motion = ConstantVelocityModel(state.pose, sensor.name)
     state.output.restart(state.pose)
     state.covariance.reset_twist()
     state.heading = ManhattanHeading()
     state.tracking = Tracking()
     if reason:
         state.covariance.add_unknown_motion()
-    state.window = KeyFrameWindow((KeyFrame(features, state.pose, number=state.output.number),))
+    frame = KeyFrame(features, sensor.pose_at(state.pose), number=state.output.number, sensor=sensor)
+    state.window = KeyFrameWindow((frame,))
     status = Status.FAILED if reason else Status.OK
     return report(state, features, ReportedStep(
-        pose=state.pose, interval=ScanInterval(0.0, 0.0, 0.0, reason=reason), status=status, is_key_frame=True))
+        pose=state.pose, interval=ScanInterval(0.0, 0.0, 0.0, reason=reason), status=status, is_key_frame=True,
+        sensor=sensor))
+
+
+def join(state: TrackState, features: Features, predictions: Predictions, sensor: Sensor,
+         p: Parameters) -> OdometryUpdate:
+    """Add the first scan of another `sensor`, at the predicted pose: an error of its mounting moves nothing."""
+    best, interval = predictions.best, predictions.interval
+    _propagate(state, best.pose, best.prior, interval)
+    state.pose = best.pose
+    state.motion.join(best.pose, interval.middle_offset, sensor.name)
+    frame = KeyFrame(features, sensor.pose_at(best.pose), number=state.output.number, sensor=sensor)
+    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+    state.window = state.key_frames.with_frame(frame, size)
+    return report(state, features, ReportedStep(
+        pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor))
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:
     """Replace the first scan of a track by its deskewed features; set the `twist` [m/s, m/s, rad/s] since then."""
-    state.window = KeyFrameWindow((KeyFrame(first, state.pose, number=state.key_frames.latest.number),))
-    state.motion.start_moving(state.pose, twist, interval.middle_offset)
+    frame = dataclasses.replace(state.key_frames.latest, features=first)
+    state.window = KeyFrameWindow((frame,))
+    state.motion.start_moving(state.pose, twist, interval.middle_offset, frame.sensor.name)
     state.motion.elapse(interval.length)
 
 
@@ -75,48 +91,42 @@ def reset_velocity(state: TrackState) -> None:
     state.covariance.reset_twist()
 
 
-def remember_search(state: TrackState, outcome: Outcome) -> None:
+def remember_search(state: TrackState, outcome: Outcome, sensor: Sensor) -> None:
     """Store what the next search needs of an `outcome`."""
-    state.tracking = dataclasses.replace(
-        state.tracking, unconfirmed=outcome.unconfirmed, search_near=outcome.search_near)
+    unconfirmed = outcome.unconfirmed and sensor.first_at(outcome.unconfirmed)
+    state.tracking = dataclasses.replace(state.tracking, unconfirmed=unconfirmed, search_near=outcome.search_near)
 
 
-def coast(state: TrackState, features: Features, outcome: Outcome, predictions: Predictions,
-          p: Parameters) -> OdometryUpdate:
+def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
     """Update by a scan that was not found.
 
     The prediction is followed for `odometry.coast_time`. After that the velocity is reset, and only external priors
     move the pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
     """
-    best, interval = predictions.best, predictions.interval
+    predictions, sensor = gate.predictions, gate.sensor
+    predicted, interval = sensor.first_at(predictions.best.pose), predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
         if predictions.external is not None:
-            state.pose = best.pose
-        return start(state, features, interval.reason or f'lost for {lost_time:.1f} s')
+            state.pose = predicted
+        return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor)
     lost, mode = _lost_map(state, interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
         _forget_motion(state)
     stopped = mode is Mode.LOST and predictions.by_motion_model
-    pose = outcome.guess or (state.pose if stopped else best.pose)
-    _propagate(state, pose, _coasting_prior(state, predictions, p), interval)
+    guess = outcome.guess and sensor.first_at(outcome.guess)
+    pose = guess or (state.pose if stopped else predicted)
+    _propagate(state, pose, sensor.first_prior(coasting_prior(state, predictions, p)), interval)
     state.pose = pose
-    last_scan = KeyFrame(features, pose, number=state.output.number)
+    frame = KeyFrame(features, sensor.pose_at(pose), number=state.output.number, sensor=sensor)
+    last_scans = state.tracking.scans_with(sensor.name, frame)
     state.tracking = dataclasses.replace(
-        state.tracking, mode=mode, lost_time=lost_time, observability=0.0, last_scan=last_scan, lost=lost)
+        state.tracking, mode=mode, lost_time=lost_time, observability=0.0, last_scans=last_scans, lost=lost)
     registration = outcome.rejected
     return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=registration.status, registration=registration,
-        key_frame=state.key_frames.latest))
-
-
-def _coasting_prior(state: TrackState, predictions: Predictions, p: Parameters) -> Prior:
-    """Return the best prior; any motion is possible while the motion model has no velocity yet."""
-    prior = predictions.best.prior
-    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
-        return Prior(prior.transform, unknown_motion_covariance(predictions.interval, p))
-    return prior
+        key_frame=state.key_frames.frames_of(sensor.name)[-1], sensor=sensor))
 
 
 def _forget_motion(state: TrackState) -> None:
@@ -144,7 +154,7 @@ def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> Od
     if outcome.rejoined is not None:
         _rejoin(state, outcome, p)
         match = outcome.rejoined
-    elif tracking.lost_time and match is not None and match.key_frame is tracking.last_scan:
+    elif tracking.lost_time and match is not None and match.key_frame in tracking.last_scans:
         _begin_chain(state, match.key_frame, interval)
     elif tracking.lost is not None:
         lost = _lost_map(state, interval)
@@ -158,10 +168,11 @@ def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> 
     """Begin a map of its own with a scan that was not found: the motion from there to the next scan is known."""
     state.window = KeyFrameWindow((first,))
     state.covariance.start_key_frame()
-    state.motion.start_moving(first.pose, state.motion.twist, interval.middle_offset)
+    pose = first.sensor.first_at(first.pose)
+    state.motion.start_moving(pose, state.motion.twist, interval.middle_offset, first.sensor.name)
     state.motion.elapse(interval.length)
     state.tracking = dataclasses.replace(
-        state.tracking, lost_time=0.0, lost=_lost_map(state, interval), found=first.pose)
+        state.tracking, lost_time=0.0, lost=_lost_map(state, interval), found=pose)
 
 
 def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
@@ -176,7 +187,7 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
         state.motion.move(correction)
         frames += tuple(dataclasses.replace(frame, pose=correction @ frame.pose) for frame in state.key_frames.frames)
     size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-    state.window = KeyFrameWindow(frames[-size:])
+    state.window = KeyFrameWindow(latest_frames(frames, size))
     state.pose, state.covariance = lost.pose, lost.covariance
     state.covariance.reset_twist()
     state.tracking = dataclasses.replace(state.tracking, lost_time=0.0, lost=None, found=lost.pose)
@@ -197,7 +208,7 @@ class _FoundScan:
     """Update of the track by a scan that was found: by the match that the gate believes."""
 
     def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
-        self._state, self._match, self._gate, self._parameters = state, match, gate, p
+        self._state, self._match, self._gate, self._parameters, self._sensor = state, match, gate, p, gate.sensor
         lost = state.tracking.lost
         chained = lost is not None and lost.window is not state.window
         self._registration = gate.demoted(match.pose, match.registration, match.verdict, chained)
@@ -205,7 +216,7 @@ class _FoundScan:
     def update(self) -> OdometryUpdate:
         """Align the scan with the map, update the state, and report."""
         state, match, gate, registration = self._state, self._match, self._gate, self._registration
-        before, interval = state.pose, gate.predictions.interval
+        before, interval, sensor = state.pose, gate.predictions.interval, self._sensor
         if gate.is_correction(match.pose, match.verdict) and match.verdict.reason is not Reason.REJOINED:
             state.motion.forget_position()
         # Align with the map, with the prior where the match does not contradict it.
@@ -216,18 +227,21 @@ class _FoundScan:
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
         covariance = inverse(inverse(aligned.covariance) + information)
         gain = np.eye(DOF) - covariance @ information
-        _propagate(state, aligned.pose, prior, interval, PoseMeasurement(gain, aligned.covariance))
+        pose = sensor.first_at(aligned.pose)
+        measurement = PoseMeasurement(sensor.first_gain(gain), sensor.first_covariance(aligned.covariance))
+        _propagate(state, pose, sensor.first_prior(prior), interval, measurement)
         if state.motion.position_unknown:
             state.covariance.reset_twist()
         constraints = aligned.motion_constraints(prior, registration)
-        state.pose = state.motion.update(aligned.pose, interval, constraints, self._parameters)
+        state.pose = state.motion.update(pose, interval, constraints, self._parameters, sensor.name)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
         zero_velocity_gate = self._parameters.odometry.zero_velocity_gate
-        pose = state.output.averaged(state.pose, covariance, interval.length, zero_velocity_gate)
+        pose = state.output.averaged(
+            state.pose, sensor.first_covariance(covariance), interval.length, zero_velocity_gate)
         update = report(state, match.features, ReportedStep(
             pose=pose, interval=interval, status=registration.status, registration=registration,
-            key_frame=match.key_frame, is_key_frame=is_key_frame))
+            key_frame=match.key_frame, is_key_frame=is_key_frame, sensor=sensor))
         self._learn(before.inverse() @ state.pose)
         return update
 
@@ -240,52 +254,40 @@ class _FoundScan:
             Whether the scan became a key frame. Only one that is due becomes the latest.
         """
         state, match, p = self._state, self._match, self._parameters
-        due = self._is_due(aligned.pose)
-        added = due or self._completes_map(aligned)
-        constrained = aligned.constrained >= _MIN_CONSTRAINED and not self._registration.rotation_unobservable
-        frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number)
+        registration = self._registration
+        due = is_due(match, aligned, registration.overlap, state.key_frames, self._sensor.name, p)
+        added = due or completes_map(match, aligned, p)
+        constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
+        frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number, self._sensor)
         if added:
             size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
             state.window = state.key_frames.with_frame(frame, size, latest=due)
-        state.tracking = dataclasses.replace(state.tracking, last_scan=None if added else frame)
-        if added and self._registration.status is Status.OK and p.manhattan.heading_drift:
+        last_scans = state.tracking.scans_with(self._sensor.name, None if added else frame)
+        state.tracking = dataclasses.replace(state.tracking, last_scans=last_scans)
+        if added and registration.status is Status.OK and p.manhattan.heading_drift:
             self._correct_heading()
         if due:
             state.covariance.start_key_frame()
         return added
 
-    def _completes_map(self, aligned: Aligned) -> bool:
-        """Whether the scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
-        direction, correspondences = self._match.degenerate_direction, aligned.correspondences
-        if direction is None or correspondences is None:
-            return False
-        return sees_new_surface(self._match.features, aligned.pose, correspondences, direction, self._parameters)
-
-    def _is_due(self, pose: SE2) -> bool:
-        """Whether the scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it."""
-        p, frame = self._parameters.odometry, self._match.key_frame
-        motion = frame.pose.inverse() @ pose
-        return (p.reference == 'previous' or frame is not self._state.key_frames.latest
-                or math.hypot(motion.x, motion.y) > p.key_frame_distance or abs(motion.theta) > p.key_frame_angle
-                or self._registration.overlap < p.key_frame_overlap)
-
     def _correct_heading(self) -> None:
         """Apply the Manhattan heading correction to the published poses."""
         state = self._state
-        heading = state.output.corrected(state.pose).theta
+        heading = self._sensor.pose_at(state.output.corrected(state.pose)).theta
         rotation, ratio = state.heading.observe(self._match.features.segments, heading, self._parameters.manhattan)
         state.output.rotate_heading(state.pose, rotation)
         state.covariance.reduce_heading(ratio)
 
     def _learn(self, motion: SE2) -> None:
         """Learn the systematic errors of the external prior from the observed `motion`, and track from now on."""
-        state, external = self._state, self._gate.predictions.external
+        state, external, sensor = self._state, self._gate.predictions.external, self._sensor
         distance = self._parameters.prior.calibration_distance
         ok = self._registration.status is Status.OK
         observability = observability_ratio(self._registration, self._parameters.decision) if ok else 0.0
-        if external is not None and self._gate.supports_external(state.pose):
+        if external is not None and self._gate.supports_external(sensor.pose_at(state.pose)):
             if distance:
-                state.wheels.learn(external, motion, min(state.tracking.observability, observability), distance)
+                weight = min(state.tracking.observability, observability)
+                state.wheels.learn(sensor.first_prior(external), motion, weight, distance)
             else:
                 state.wheels = WheelCalibration()
         state.tracking = dataclasses.replace(

@@ -22,13 +22,13 @@ def key_frame(pose, *things, constrained=True):
 
 def around(*frames):
     """The points that older key frames add to the map, in the frame of the last."""
-    found = KeyFrameWindow(frames).local_map.map_points
+    found = KeyFrameWindow(frames).local_map_of('').map_points
     return np.zeros(0) if found is None else found.points
 
 
 def test_a_single_key_frame_is_the_map():
     frame = key_frame(HERE)
-    assert KeyFrameWindow([frame]).local_map is frame.features
+    assert KeyFrameWindow([frame]).local_map_of('') is frame.features
 
 
 def test_the_local_map_keeps_walls_occluded_from_the_last_key_frame():
@@ -57,4 +57,4 @@ def test_what_lies_farther_off_than_any_saw_is_out_of_sight():
 def test_a_key_frame_whose_place_is_not_known_has_no_part():
     old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, constrained=False), key_frame(HERE, BOX)
     assert len(around(old, last)) > 0
-    assert KeyFrameWindow([unknown, last]).local_map is last.features
+    assert KeyFrameWindow([unknown, last]).local_map_of('') is last.features

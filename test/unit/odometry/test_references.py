@@ -41,7 +41,7 @@ def registered(status=Status.FAILED, score=RECOVERABLE, direction=None, transfor
 
 def after(frames, last_scan=None):
     state = initial_state(frames[-1].pose, number=0)
-    state.window, state.tracking = KeyFrameWindow(frames), Tracking(last_scan=last_scan)
+    state.window, state.tracking = KeyFrameWindow(frames), Tracking(last_scans=(last_scan,) if last_scan else ())
     return state
 
 
@@ -55,7 +55,7 @@ def test_the_score_says_whether_a_failed_result_is_retried():
 
 def test_the_latest_key_frame_follows_the_local_map_where_the_map_has_more(frames):
     state = after(frames)
-    assert state.key_frames.local_map is not frames[-1].features
+    assert state.key_frames.local_map_of('') is not frames[-1].features
     found = fallback_references(state, POSES[-1], registered(), P)
     assert found[0].key_frame is frames[-1] and found[0].features is frames[-1].features
     assert numbers(fallback_references(after(frames[-1:]), POSES[-1], registered(), P)) == []

@@ -224,7 +224,7 @@ def test_each_field_of_the_track_state_is_assigned_in_one_module(package):
     assert len(fields) <= 10
     assert set(modules) <= fields
     assert {name: files for name, files in modules.items() if len(files) > 1} == {}
-    assert {name for name, files in modules.items() if files != {'update.py'}} == {'noise'}
+    assert {name for name, files in modules.items() if files != {'update.py'}} == {'sensors'}
 
 
 def test_only_the_gate_decides_whether_a_result_is_believed(package):

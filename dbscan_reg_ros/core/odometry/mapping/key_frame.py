@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from ...features.records import Features
 from ...geometry.se2 import SE2
+from ..sensor import FIRST, Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,14 +15,17 @@ class KeyFrame:
     ----------
     features : Features
     pose : SE2
-        Pose of the sensor in the odometry frame.
+        Pose of the `sensor` in the odometry frame.
     constrained : bool
         Whether the pose was constrained in every direction; only then the local map takes points from this key frame.
     number : int
         `OdometryUpdate.number` of the scan; it stays when the features of the scan are extracted again.
+    sensor : Sensor
+        The sensor of the scan.
     """
 
     features: Features
     pose: SE2
     constrained: bool = True
     number: int = 0
+    sensor: Sensor = FIRST

@@ -3,7 +3,6 @@
 import cmath
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,28 +37,47 @@ class KeyFrameWindow:
         fields = [frame.features.likelihood_field for frame in self.frames]
         self._fields = LikelihoodFieldStack(fields, *self._poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
+        self._local_maps: dict[str, Features] = {}
+        self.sensors = frozenset(frame.sensor.name for frame in self.frames)
 
     @property
     def latest(self) -> KeyFrame:
-        """The latest key frame."""
+        """The latest key frame of any sensor."""
         return self.frames[-1]
 
-    @cached_property
-    def local_map(self) -> Features:
-        """Features of the latest key frame, with the points around it that older constrained key frames saw."""
-        latest = self.latest
-        older = [frame for frame in self.frames[:-1] if frame.constrained]
-        if not older:
-            return latest.features
-        return replace(latest.features, map_points=older_map_points(older, latest, latest.features.density))
+    def frames_of(self, sensor: str) -> tuple[KeyFrame, ...]:
+        """Return the key frames of a `sensor`, the latest last; those of all where it has none."""
+        return tuple(frame for frame in self.frames if frame.sensor.name == sensor) or self.frames
+
+    def local_map_of(self, sensor: str) -> Features:
+        """Return the features of the latest key frame of a `sensor`, with the points around it that others saw.
+
+        The others are all key frames whose pose was constrained, those of other sensors among them.
+        """
+        if sensor not in self._local_maps:
+            latest = self.frames_of(sensor)[-1]
+            others = [frame for frame in self.frames if frame is not latest and frame.constrained]
+            points = others and older_map_points(others, latest, latest.features.density)
+            self._local_maps[sensor] = replace(latest.features, map_points=points) if points else latest.features
+        return self._local_maps[sensor]
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
-        """Return a window of at most `size` key frames with one more, as the `latest` or as the one before it."""
-        at = len(self.frames) - (not latest)
-        return KeyFrameWindow((*self.frames[:at], frame, *self.frames[at:])[-size:])
+        """Return a window with one more key frame, as the `latest` of its sensor or as the one before that.
 
-    def free_space(self, count: int) -> FreeSpaceStack:
-        """Return the free-space profiles of the latest `count` key frames."""
+        Parameters
+        ----------
+        frame : KeyFrame
+        size : int
+            Largest number of key frames for each sensor.
+        latest : bool
+        """
+        at = len(self.frames) if latest else self.frames.index(self.frames_of(frame.sensor.name)[-1])
+        frames = (*self.frames[:at], frame, *self.frames[at:])
+        return KeyFrameWindow(latest_frames(frames, size))
+
+    def free_space(self, frames: int) -> FreeSpaceStack:
+        """Return the free-space profiles of the latest key frames, as many `frames` for each sensor."""
+        count = frames * len(self.sensors)
         if count not in self._free_space:
             profiles = [frame.features.free_space for frame in self.frames[-count:]]
             self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self._poses))}
@@ -108,6 +126,11 @@ class KeyFrameWindow:
             pairs = self._step(look_up_pairs)(self._fields, self._poses, pose, points, lookup, min_cosine)
             np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
         return confirmed
+
+
+def latest_frames(frames: Sequence[KeyFrame], size: int) -> Sequence[KeyFrame]:
+    """Return the latest key frames: at most as many as `size` for each of their sensors."""
+    return frames[-size * len({frame.sensor.name for frame in frames}):]
 
 
 class FramePoses(NamedTuple):

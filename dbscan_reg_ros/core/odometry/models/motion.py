@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...geometry.se2 import DOF, SE2
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
+from .scan_middle import ScanMiddle
 from .stamps import ScanInterval
 
 
@@ -32,10 +33,15 @@ class MotionConstraints(NamedTuple):
 class ConstantVelocityModel:
     """Constant-velocity model, updated by the poses of scans.
 
+    The velocity comes from scans of the same sensor: between those of different sensors too little time passes, and an
+    error of the mounting would count as motion. All poses and velocities are those of the first sensor.
+
     Parameters
     ----------
     pose : SE2
         First pose of the sensor in the odometry frame.
+    sensor : str
+        Name of the sensor of the first scan.
 
     Attributes
     ----------
@@ -47,10 +53,10 @@ class ConstantVelocityModel:
 
     twist: NDArray[np.float64]
     unconstrained_time: float
-    _middle: SE2 | None
-    """Pose in the middle of the last scan that was found; None where it is unknown."""
-    _time_since_middle: float
-    """Time [s] from there to the stamp of the last scan."""
+    _middles: dict[str, ScanMiddle]
+    """Last scan of each sensor, by its name, that was found; empty where the position is unknown."""
+    _constrained_count: int
+    """Number of scans that constrained every direction."""
     _constrained_middle: SE2
     """Pose in the middle of the last scan that constrained every direction."""
     _degenerate_direction: float | None
@@ -59,38 +65,48 @@ class ConstantVelocityModel:
     """Predicted increment; None where it is unknown."""
     _velocities: list[NDArray[np.float64]]
 
-    def __init__(self, pose: SE2):
+    def __init__(self, pose: SE2, sensor: str = ''):
         self.reset_velocity()
-        self.start_moving(pose, self.twist, 0.0)
-        self._degenerate_direction = None
+        self._constrained_count, self._degenerate_direction = 0, None
+        self.start_moving(pose, self.twist, 0.0, sensor)
 
     def reset_velocity(self) -> None:
         """Predict no motion."""
-        self._increment, self._velocities, self._last_interval = SE2(), [], 0.0
+        self._increment, self._velocities, self._last_interval, self._regular = SE2(), [], 0.0, True
         self.twist = np.zeros(DOF)
 
-    def start_moving(self, pose: SE2, twist: NDArray[np.float64], middle_offset: float) -> None:
+    def start_moving(self, pose: SE2, twist: NDArray[np.float64], middle_offset: float, sensor: str) -> None:
         """Start at `pose` with a `twist`; the middle of the scan is `middle_offset` [s] after its stamp."""
         self.twist = twist
-        self._middle = self._constrained_middle = pose @ integrate(twist, middle_offset)
-        self._time_since_middle, self.unconstrained_time = -middle_offset, 0.0
+        self._middles = {}
+        self.join(pose, middle_offset, sensor)
+        self._constrained_middle, self.unconstrained_time = self._middles[sensor].pose, 0.0
+
+    def join(self, pose: SE2, middle_offset: float, sensor: str) -> None:
+        """Add the first scan of a `sensor`, at a `pose` from which no velocity follows; as `start_moving`."""
+        middle = pose @ integrate(self.twist, middle_offset)
+        self._middles[sensor] = ScanMiddle(middle, -middle_offset, False, self._constrained_count)
 
     def forget_position(self) -> None:
         """Forget the last pose: the displacement from there to the next scan is a correction, not a motion."""
-        self._middle = None
+        self._middles.clear()
+
+    def forget_sensor(self, sensor: str) -> None:
+        """Forget the last scan of a `sensor` that was silent: the mean velocity since then is not the present one."""
+        self._middles.pop(sensor, None)
 
     def move(self, correction: SE2) -> None:
         """Apply a `correction` of the odometry frame, which is no motion."""
         self._constrained_middle = correction @ self._constrained_middle
-        if self._middle is not None:
-            self._middle = correction @ self._middle
+        for middle in self._middles.values():
+            middle.pose = correction @ middle.pose
         if self._degenerate_direction is not None:
             self._degenerate_direction += correction.theta
 
     @property
     def position_unknown(self) -> bool:
         """Whether the pose of the last scan that was found is unknown."""
-        return self._middle is None
+        return not self._middles
 
     @property
     def has_velocity(self) -> bool:
@@ -100,7 +116,8 @@ class ConstantVelocityModel:
     def elapse(self, interval: float) -> None:
         """Add an `interval` [s] to the times since a scan was found, and since one constrained every direction."""
         self.unconstrained_time += interval
-        self._time_since_middle += interval
+        for middle in self._middles.values():
+            middle.time += interval
 
     def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
         """Predict the last increment once more; its covariance grows with the interval and with the increment."""
@@ -110,8 +127,8 @@ class ConstantVelocityModel:
             increment = SE2()
         if unknown or interval.gap:
             return Prior(increment, unknown_motion_covariance(interval, parameters))
-        if interval.steady and self._velocities and not self._is_as_long_as_last(interval.length):
-            # Scans were dropped, now or before.
+        if self._velocities and self._differs_from_last(interval):
+            # Scans were dropped, now or before, or those of several sensors alternate.
             increment = integrate(self._mean_twist(), interval.length)
         # A rotation of 180 deg stays outside the gate, however long the interval: corridors are symmetric.
         max_sigma = math.pi / p.gate
@@ -156,7 +173,8 @@ class ConstantVelocityModel:
             covariance = covariance + distance ** 2 * along[:, None] * along
         return covariance
 
-    def update(self, pose: SE2, interval: ScanInterval, constraints: MotionConstraints, parameters: Parameters) -> SE2:
+    def update(self, pose: SE2, interval: ScanInterval, constraints: MotionConstraints, parameters: Parameters,
+               sensor: str = '') -> SE2:
         """Update the velocity by the pose of a scan.
 
         The scan was deskewed by the last twist. An error of that twist shifts the pose at the stamp, but not the pose
@@ -172,6 +190,8 @@ class ConstantVelocityModel:
         interval : ScanInterval
         constraints : MotionConstraints
         parameters : Parameters
+        sensor : str
+            Name of the sensor of the scan.
 
         Returns
         -------
@@ -182,25 +202,32 @@ class ConstantVelocityModel:
         if constraints.rotation_unobservable:
             direction = self._degenerate_direction = None
         middle = pose @ integrate(self.twist, interval.middle_offset)
-        before, self._middle = self._middle, middle
-        time, self._time_since_middle = self._time_since_middle + interval.middle_offset, -interval.middle_offset
-        if before is None:
+        before = self._middles.get(sensor)
+        if self.position_unknown:
             self.reset_velocity()
             self._increment = None
-        elif interval.length > 0.0 and interval.elapsed > 0.0 and not interval.gap:
-            predicted = self._mean_twist()
-            self.twist = (before.inverse() @ middle).as_array() / max(time, 0.5 * interval.length)
+        elif before and interval.length > 0.0 and interval.elapsed > 0.0 and not interval.gap:
+            predicted, time = self._mean_twist(), before.time + interval.middle_offset
+            self.twist = (before.pose.inverse() @ middle).as_array() / max(time, 0.5 * interval.length)
             if direction is not None:
                 self._correct_velocity(predicted[:2], direction - middle.theta, 1.0 - constraints.constrained)
-            elif self._degenerate_direction is not None:
+            elif self._degenerate_direction is not None and self._is_unconstrained_since(before):
                 self._catch_up(predicted[:2], middle, self._degenerate_direction)
             self.twist = _limited(self.twist, parameters)
             self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocity_window:]
             self._increment, self._last_interval = integrate(self._mean_twist(), interval.length), interval.length
+            self._regular = not interval.of_others
         if direction is None:
             self._constrained_middle, self.unconstrained_time = middle, 0.0
+            self._constrained_count += 1
         self._degenerate_direction = direction
+        self._middles[sensor] = ScanMiddle(
+            middle, -interval.middle_offset, direction is not None, self._constrained_count)
         return middle @ integrate(self.twist, interval.middle_offset).inverse()
+
+    def _is_unconstrained_since(self, scan: ScanMiddle) -> bool:
+        """Whether a `scan` left a direction degenerate that no other sensor has constrained since."""
+        return scan.degenerate and scan.constrained_count == self._constrained_count
 
     def _catch_up(self, predicted: NDArray[np.float64], middle: SE2, direction: float) -> None:
         """Set the velocity along a `direction` [rad] that was degenerate by the displacement in the meantime."""
@@ -213,9 +240,11 @@ class ConstantVelocityModel:
         along = np.array((math.cos(angle), math.sin(angle)))
         self.twist[:2] += gain * ((velocity - self.twist[:2]) @ along) * along
 
-    def _is_as_long_as_last(self, interval: float) -> bool:
-        """Whether an `interval` [s] differs from the last one by no more than jitter of the stamps."""
-        return 1.0 / _SAME_INTERVAL < interval / self._last_interval < _SAME_INTERVAL
+    def _differs_from_last(self, interval: ScanInterval) -> bool:
+        """Whether an `interval` differs from the last one by more than jitter of the stamps."""
+        if interval.of_others or not self._regular:
+            return True
+        return interval.steady and not 1.0 / _SAME_INTERVAL < interval.length / self._last_interval < _SAME_INTERVAL
 
     def _mean_twist(self) -> NDArray[np.float64]:
         """Return the predicted twist: the mean of the last velocities, and the last turn rate.

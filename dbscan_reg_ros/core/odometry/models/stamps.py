@@ -60,6 +60,8 @@ class ScanInterval:
         The jump in words; empty without one.
     steady : bool
         Whether the stamps are regular: then a long interval means dropped scans.
+    of_others : bool
+        Whether the last scan was of another sensor: then intervals of every length follow each other.
     """
 
     length: float
@@ -68,6 +70,7 @@ class ScanInterval:
     jump: Jump | None = None
     reason: str = ''
     steady: bool = False
+    of_others: bool = False
 
     @property
     def gap(self) -> bool:
@@ -119,9 +122,9 @@ class StampFilter:
         if jumps:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
-            return ScanInterval(self._median(), max(elapsed, 0.0), middle_offset, jump, reason)
+            return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason)
         self._recent.append(elapsed)
-        typical = self._median()
+        typical = self.typical
         steady = min(self._recent) > max(typical / _GAP_RATIO, _OVERLAP_RATIO * scan_duration)
         if scan_duration and not steady:
             return ScanInterval(self._rounded(elapsed, scan_duration), max(elapsed, 0.0), middle_offset)
@@ -145,11 +148,12 @@ class StampFilter:
         """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
         if scan_duration <= 0.0:
             return 1.0
-        typical = self._median()
+        typical = self.typical
         return typical / scan_duration if 0.0 < typical < _OVERLAP_RATIO * scan_duration else 1.0
 
-    def _median(self) -> float:
-        """Return the median interval [s]; 0 while none is known."""
+    @property
+    def typical(self) -> float:
+        """The median interval [s]; 0 while none is known."""
         recent = self._positive()
         middle = len(recent) // 2
         if len(recent) % 2 or not recent:

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last scan of a sensor, from which a velocity is measured."""
+from dataclasses import dataclass
+
+from ...geometry.se2 import SE2
+
+
+@dataclass
+class ScanMiddle:
+    """The last scan of one sensor.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose of the first sensor in the middle of this scan, in the odometry frame.
+    time : float [s]
+        Time from there to the stamp of the last scan of any sensor.
+    degenerate : bool
+        Whether this scan left a direction degenerate.
+    constrained_count : int
+        Number of scans of all sensors until then that constrained every direction.
+    """
+
+    pose: SE2
+    time: float
+    degenerate: bool
+    constrained_count: int

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals between scans of different sensors."""
+import dataclasses
+
+from ...parameters.odometry import TimeParameters
+from .stamps import Jump, ScanInterval, StampFilter
+
+_SECOND = 1e-9
+
+
+class ScanOrder:
+    """Stamps of the scans of all sensors, in the order in which they are used."""
+
+    def __init__(self) -> None:
+        self._last: tuple[str, int] | None = None
+
+    def lateness(self, sensor: str, stamp: int, parameters: TimeParameters) -> float:
+        """Return by how much [s] a scan is older than the last one of another sensor; 0 where the stamps jumped."""
+        if self._last is None or self._last[0] == sensor:
+            return 0.0
+        late = (self._last[1] - stamp) * _SECOND
+        return late if 0.0 < late <= parameters.max_jump else 0.0
+
+    def time_since_last(self, stamp: int) -> float:
+        """Return the time [s] from the last scan of any sensor to a `stamp` [ns]."""
+        return 0.0 if self._last is None else (stamp - self._last[1]) * _SECOND
+
+    def since_last(self, sensor: str, stamp: int, own: ScanInterval, stamps: StampFilter,
+                   parameters: TimeParameters) -> ScanInterval:
+        """Add a scan of a `sensor`, and return the interval since the last scan of any sensor.
+
+        Parameters
+        ----------
+        sensor : str
+        stamp : int [ns]
+        own : ScanInterval
+            Interval since the last scan of the same sensor.
+        stamps : StampFilter
+            Of this sensor.
+        parameters : TimeParameters
+
+        Returns
+        -------
+        ScanInterval
+            `own` where the last scan was of the same sensor; else the difference of the stamps.
+        """
+        last, self._last = self._last, (sensor, stamp)
+        if last is None or last[0] == sensor:
+            return own
+        elapsed = (stamp - last[1]) * _SECOND
+        if abs(elapsed) > parameters.max_jump:
+            jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
+            reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
+            return ScanInterval(stamps.typical, max(elapsed, 0.0), own.middle_offset, jump, reason)
+        interval = dataclasses.replace(own, length=elapsed, elapsed=elapsed, jump=None, reason='', of_others=True)
+        typical = stamps.typical
+        late = typical and dataclasses.replace(interval, length=typical).gap
+        return dataclasses.replace(interval, length=typical) if late else interval

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several lidars in one odometry."""
+import heapq
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.errors import ScanError
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.registration.records import Prior, Status
+from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
+
+FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
+FRONT_SENSOR, REAR_SENSOR = Sensor('front'), Sensor('rear', FRONT.inverse() @ REAR)
+SECONDS = 6.0
+
+
+def scanner(name, mounting, rate, phase):
+    """A safety scanner: 270 deg, its scan takes three quarters of its period."""
+    return Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate, duration=0.75 / rate,
+                 mounting=mounting, phase=phase, frame_id=name)
+
+
+@pytest.fixture(scope='module', params=[1, 2])
+def drive(request):
+    """Scans of both lidars on one drive in the order of their stamps, and the truth of the front one by its stamp."""
+    world = rooms(request.param)
+    path = follow(world.tour[:4], speed=1.0)
+    path = Path(path.times[path.times < SECONDS], path.poses[path.times < SECONDS])
+    front = simulate(world, path, scanner('front', FRONT, 12.5, 0.0), request.param)
+    rear = simulate(world, path, scanner('rear', REAR, 15.0, 0.019), request.param + 9)
+    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
+    return scans, dict(zip(front.stamps.tolist(), front.truth, strict=True))
+
+
+def updates_of(scans, rear=REAR_SENSOR):
+    """Return the updates of both sensors, the front first."""
+    odometry = Odometry()
+    updates = [odometry.process(scan, None, rear if scan.frame_id == 'rear' else FRONT_SENSOR) for scan in scans]
+    return tuple([update for update in updates if update.sensor.name == name] for name in ('front', 'rear'))
+
+
+def true_motion(truth, first, last):
+    """Return the motion between two stamps."""
+    return SE2.from_array(truth[first]).inverse() @ SE2.from_array(truth[last])
+
+
+def largest_error(updates, truth):
+    """Return the largest distance from the true motion since the first of the `updates` [m]."""
+    return max(distance(update.pose, true_motion(truth, updates[0].stamp, update.stamp)) for update in updates)
+
+
+def distance(one, other):
+    """Return the distance of two poses [m]."""
+    return math.hypot(one.x - other.x, one.y - other.y)
+
+
+def test_two_lidars_follow_the_frame_of_the_first(drive):
+    scans, truth = drive
+    front, rear = updates_of(scans)
+    assert np.mean([update.status is Status.OK for update in front + rear]) > 0.95
+    last = front[-1]
+    moved = true_motion(truth, front[0].stamp, last.stamp)
+    assert math.hypot(moved.x, moved.y) > 2.0
+    assert distance(last.pose, moved) < 0.015 and abs(last.pose.theta - moved.theta) < 0.005
+    # All but the first scans of the rear lidar are registered, to its own key frames.
+    assert sum(update.registration is None for update in rear) <= 3
+    assert all(update.reference.scan.points.shape == (361, 2) for update in rear if update.registration)
+    offset = rear[-1].pose.inverse() @ rear[-1].scan_pose
+    assert np.allclose(offset.as_array(), REAR_SENSOR.pose.as_array())
+
+
+def test_a_lidar_with_a_wrong_mounting_joins_without_a_jump(drive):
+    scans, truth = drive
+    wrong = Sensor('rear', REAR_SENSOR.pose @ SE2(0.05, 0.0, math.radians(3.0)))
+    front, rear = updates_of(scans, wrong)
+    joined = next(update for update in rear if update.registration is None and update.reference_changed)
+    before = [update for update in front if update.stamp < joined.stamp][-1]
+    moved = true_motion(truth, front[0].stamp, before.stamp)
+    assert distance(before.pose, moved) < 0.01
+    speed = math.hypot(*joined.twist[:2])
+    assert distance(joined.pose, before.pose) < 1.2 * speed * 1e-9 * (joined.stamp - before.stamp) + 0.002
+
+
+def test_either_lidar_may_stop_and_come_back(drive):
+    scans, truth = drive
+    start = scans[0].stamp
+    alone = largest_error(updates_of([scan for scan in scans if scan.frame_id == 'front'])[0], truth)
+    for silent in ('front', 'rear'):
+        kept = [scan for scan in scans if scan.frame_id != silent or not 2.0 < 1e-9 * (scan.stamp - start) < 4.0]
+        front, rear = updates_of(kept)
+        assert np.mean([update.status is Status.OK for update in front + rear]) > 0.95
+        assert largest_error(front, truth) < alone
+
+
+def test_a_scan_older_than_one_of_another_lidar_is_refused_and_changes_nothing(drive):
+    scans, _ = drive
+    odometry, other = Odometry(), Odometry()
+    for scan in scans[:20]:
+        sensor = REAR_SENSOR if scan.frame_id == 'rear' else FRONT_SENSOR
+        odometry.process(scan, None, sensor)
+        other.process(scan, None, sensor)
+    late = next(scan for scan in reversed(scans[:19]) if scan.frame_id != scans[19].frame_id)
+    with pytest.raises(ScanError, match='older than the last one of another sensor'):
+        odometry.process(late, None, REAR_SENSOR if late.frame_id == 'rear' else FRONT_SENSOR)
+    sensor = REAR_SENSOR if scans[20].frame_id == 'rear' else FRONT_SENSOR
+    expected, found = other.process(scans[20], None, sensor), odometry.process(scans[20], None, sensor)
+    assert found.pose == expected.pose and np.array_equal(found.covariance, expected.covariance)
+
+
+def test_stamps_that_go_back_restart_the_track_once(drive):
+    scans, _ = drive
+    front, rear = updates_of(scans[:75] + scans[:30])
+    restarted = [update for update in front + rear if update.restarted]
+    assert len(restarted) == 1 and 'went back' in restarted[0].restarted
+
+
+def test_priors_and_covariances_are_transformed_as_the_motions_are():
+    sensor, rng = Sensor('rear', SE2(-0.7, 0.4, 2.0)), np.random.default_rng(3)
+    motion = SE2(0.3, -0.1, 0.4)
+    root = np.diag((1e-4, 2e-4, 3e-4)) @ rng.normal(size=(3, 3))
+    prior = Prior(motion, root @ root.T, root @ root.T)
+    of_sensor = sensor.prior_of(prior)
+    assert np.allclose((sensor.pose @ of_sensor.transform).as_array(), (motion @ sensor.pose).as_array())
+    errors = [(of_sensor.transform.inverse() @ sensor.pose.inverse() @ motion @ SE2.from_array(root @ normal)
+               @ sensor.pose).as_array() for normal in rng.normal(size=(20000, 3))]
+    assert np.allclose(np.cov(np.transpose(errors)), of_sensor.covariance, rtol=0.05, atol=2e-9)
+    back = sensor.first_prior(of_sensor)
+    assert np.allclose(back.transform.as_array(), motion.as_array())
+    assert np.allclose(back.covariance, prior.covariance) and np.allclose(back.velocity_change, prior.velocity_change)
+    twist = np.array((0.5, -0.2, 0.7))
+    step = sensor.pose.inverse() @ SE2.from_array(1e-6 * twist) @ sensor.pose
+    assert np.allclose(1e6 * step.as_array(), sensor.twist_of(twist), atol=1e-5)
+    assert np.allclose(sensor.first_twist(sensor.twist_of(twist)), twist)
+    pose = SE2(3.0, 1.0, -2.0)
+    assert np.allclose(sensor.first_at(sensor.pose_at(pose)).as_array(), pose.as_array())
