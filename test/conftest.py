@@ -11,6 +11,7 @@ import hypothesis
 import pytest
 
 from dbscan_reg_ros import SE2, RecordingError
+from dbscan_reg_ros.backends import compiled_backend
 from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.recordings import data_folder
@@ -192,6 +193,15 @@ def cluster():
     distributed = pytest.importorskip('distributed', reason='needs Dask (distributed)')
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0') as cluster:
         yield cluster
+
+
+@pytest.fixture(scope='session')
+def compiled():
+    """The backend of the compiled steps."""
+    backend = compiled_backend()
+    if backend is None:
+        pytest.skip('the compiled steps are not built: python setup.py build_ext --inplace')
+    return backend
 
 
 @pytest.fixture(scope='session')

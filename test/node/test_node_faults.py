@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from bags import scan_bag
+from bags import needs_rosbags, scan_bag
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.srv import SetParameters
@@ -211,6 +211,7 @@ def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, 
     steady([*before, *filter(None, answers)])
 
 
+@needs_rosbags
 @pytest.mark.usefixtures('node')
 def test_subscribers_never_read(data, player, peer, start_command, parts, steady):
     """One is stopped as a process, one never takes what has arrived."""

@@ -5,7 +5,7 @@ import math
 
 import pytest
 import rclpy.serialization
-from bags import write_bag
+from bags import needs_rosbags, write_bag
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import Loudspeaker, Parameters, changed, said
 from sensor_msgs.msg import Image, LaserScan
@@ -79,6 +79,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@needs_rosbags
 @pytest.mark.usefixtures('in_an_empty_folder')
 @pytest.mark.parametrize('words', [('play', '--rate', '5'), ('demo',)], ids=lambda words: words[0])
 def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_command, peer):

@@ -47,9 +47,9 @@ def long_drive(count, beams, not_ok):
     return trajectory, history
 
 
-@pytest.mark.parametrize(('beams', 'not_ok'), [(360, 23), (1440, 2)])
-def test_150_000_scans_are_a_page_of_at_most_25_megabytes_that_states_what_it_leaves_out(show, tmp_path, beams, not_ok):
-    trajectory, history = long_drive(150_000, beams, not_ok)
+@pytest.mark.parametrize('not_ok', [23, 2])
+def test_150_000_scans_are_a_page_of_at_most_25_megabytes_that_states_what_it_leaves_out(show, tmp_path, not_ok):
+    trajectory, history = long_drive(150_000, 360, not_ok)
     truth = np.array(trajectory.stamps), trajectory.pose_array() + np.array((0.0, 0.1, 0.0))
     path = tmp_path / 'report.html'
     write_report(path, Report('long', [], KnownMotion(truth, None, truth), trajectory, density_map([], []), [],

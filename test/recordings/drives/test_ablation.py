@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from bags import needs_rosbags
 from benchmarks.__main__ import main
 from benchmarks.odometry import ablation
 from benchmarks.odometry.courses import COURSES
@@ -25,6 +26,7 @@ def test_the_worst_measure_counts_and_only_beyond_scatter_and_margin():
     assert worse['needed'] and worse['measure'] == 'ok' and (worse['with'], worse['without']) == (0.9, 0.5)
 
 
+@needs_rosbags
 def test_an_interrupted_run_continues_with_the_results_it_has(data, tmp_path, capsys, monkeypatch):
     words = ['ablation', '--quick', '--limit', '5', '--data', str(data), '--feature', 'poles', '--course', 'lms511',
              '--processes', '1', '--cache', str(tmp_path), '--json', str(tmp_path / 'rows.json')]

@@ -4,17 +4,6 @@ import numpy as np
 import pytest
 from accelerated_inputs import assert_same
 
-from dbscan_reg_ros.backends import compiled_backend
-
-
-@pytest.fixture(scope='session')
-def compiled():
-    """The backend of the compiled steps."""
-    backend = compiled_backend()
-    if backend is None:
-        pytest.skip('the compiled steps are not built: python setup.py build_ext --inplace')
-    return backend
-
 
 @pytest.fixture(params=range(5))
 def rng(request):
