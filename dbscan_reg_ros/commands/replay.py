@@ -40,8 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
-    parser.add_argument('--animation', action='store_true', help='also write animation.gif: each scan on the growing '
-                        'map, in 12 s')
+    parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '
+                        'the growing map, then the closed map; animation.gif, its last frame animation.png, and '
+                        'animation.mp4 where ffmpeg is found')
     add_workers(parser)
     return run(parser, replay, argv)
 

@@ -1,20 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moving picture of a drive: each scan on the growing map, as an animated GIF."""
+"""Moving picture of a drive: each scan on the growing map, then the closed map."""
+import io
+import shutil
+import subprocess
+from typing import NamedTuple
+
 import numpy as np
 
 from ..core.geometry.se2 import SE2
 from ..evaluation.metrics import path_lengths
+from ..figures.plots import DensityMap
 from ..recordings.files import replacing
 
 LONGER, MARGIN = 600, 24
 """Pixels of the map's longer side, and of the strip below it with the text."""
-FRAMES, INTERVAL, LAST = 115, 100, 500
-"""Number of pictures, and how long each and the last is shown [ms]: 12 s."""
+FRAMES, INTERVAL, LAST, CLOSED = 90, 100, 500, 2000
+"""Number of frames, and how long each of them, the last of them and the closed map are shown [ms]: 11.4 s."""
 PALETTE = ('#ffffff', '#c8ccd0', '#a9aeb4', '#8b9097', '#6c7178', '#50555b', '#0b5fa5', '#a3126a', '#16191d')
 """No return, then 1, 2, 4, 8 and 16 returns or more; the trajectory; the scan; the sensor and the text."""
 MOST_SEEN, TRAJECTORY, SCAN, SENSOR = 5, 6, 7, 8
 ARROW = np.array(((0.0, 0.0), (-1.0, 0.6), (-0.65, 0.0), (-1.0, -0.6))) * 14.0 + (6.0, 0.0)
 """Outline of the sensor [pixels], along its x axis."""
+
+
+class Track(NamedTuple):
+    """Poses of a drive and its map.
+
+    Attributes
+    ----------
+    poses : (N, 3) float [m, m, rad]
+        Of the sensor.
+    stamps : sequence of int (N,) [ns]
+    density : DensityMap
+    """
+
+    poses: np.ndarray
+    stamps: list
+    density: DensityMap
 
 
 class Canvas:
@@ -43,12 +65,27 @@ class Canvas:
 
     def picture(self, points, poses, text):
         """Return the map so far with the returns of the scan, the trajectory ``(N, 3)`` and a line of text."""
-        from PIL import Image, ImageDraw, ImageFont
-
         levels = np.minimum(np.frexp(self._counts)[1], MOST_SEEN).astype(np.uint8)
         columns, rows = self._inside(points).T
         for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
             levels[np.minimum(rows + down, len(levels) - 1), np.minimum(columns + right, levels.shape[1] - 1)] = SCAN
+        return self._drawn(levels, poses, text)
+
+    def closed_picture(self, closed):
+        """Return the map of a `Track` after loop closing."""
+        ink, (left, right, bottom, _) = closed.density
+        cell = (right - left) / ink.shape[1]
+        rows, columns = np.nonzero(ink)
+        places = np.floor(self.pixels(np.column_stack((columns, rows)) * cell + (left, bottom) + 0.5 * cell)).astype(int)
+        levels = np.zeros(self._counts.shape, dtype=np.uint8)
+        places = np.minimum(places, np.array(levels.shape[::-1]) - 1)
+        np.maximum.at(levels, tuple(places.T[::-1]), np.ceil(MOST_SEEN * ink[rows, columns]).astype(np.uint8))
+        return self._drawn(levels, closed.poses, 'after loop closing')
+
+    def _drawn(self, levels, poses, text):
+        """Return a map of colour numbers with the trajectory ``(N, 3)`` and a line of text."""
+        from PIL import Image, ImageDraw, ImageFont
+
         image = Image.new('P', (max(levels.shape[1], 240), levels.shape[0] + MARGIN))
         image.putpalette(bytes.fromhex(''.join(colour[1:] for colour in PALETTE)))
         image.paste(Image.fromarray(levels), (0, 0))
@@ -65,29 +102,53 @@ class Canvas:
         return places[((places >= 0) & (places < self._counts.shape[::-1])).all(axis=1)]
 
 
-def write_animation(path, scans, poses, stamps, extent):
-    """Write the moving picture of a drive.
+def write_animation(path, scans, track, closed=None):
+    """Write the moving picture of a drive as GIF, its last frame as PNG, and where ffmpeg is found as MP4 as well.
 
     Parameters
     ----------
     path : Path
-        Of the GIF.
+        Of the GIF; the others have the same name with another ending.
     scans : iterable of Scan
-        One for each pose; taken one at a time.
-    poses : (N, 3) float [m, m, rad]
-        Of the sensor.
-    stamps : sequence of int (N,) [ns]
-    extent : (left, right, bottom, top) [m]
-        Of the map.
+        One for each pose of the track; taken one at a time.
+    track : Track
+    closed : Track, optional
+        The drive after loop closing, whose map is the last frame.
     """
-    canvas, distance, frames = Canvas(extent), path_lengths(poses), []
+    extents = np.array([each.density.extent for each in (track, closed) if each])
+    canvas = Canvas((extents[:, 0].min(), extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max()))
+    frames = list(_frames(canvas, scans, track))
+    times = [INTERVAL] * (len(frames) - 1) + [LAST]
+    if closed:
+        frames.append(canvas.closed_picture(closed))
+        times.append(CLOSED)
+    with replacing(path, binary=True) as file:
+        frames[0].save(file, format='GIF', save_all=True, append_images=frames[1:], loop=0, duration=times)
+    with replacing(path.with_suffix('.png'), binary=True) as file:
+        frames[-1].save(file, format='PNG', optimize=True)
+    if program := shutil.which('ffmpeg'):
+        _write_mp4(program, path.with_suffix('.mp4'), frames, times)
+
+
+def _frames(canvas, scans, track):
+    """Yield the frames of the odometry."""
+    poses, stamps, distance = track.poses, track.stamps, path_lengths(track.poses)
     shown = set(np.linspace(0, len(poses) - 1, min(FRAMES, len(poses))).astype(int).tolist())
     for number, (scan, pose) in enumerate(zip(scans, poses, strict=False)):
         points = SE2.from_array(pose).apply(scan.points[scan.valid])
         canvas.add(points)
         if number in shown:
-            text = f'scan {number}, {(stamps[number] - stamps[0]) * 1e-9:.0f} s, {distance[number]:.0f} m'
-            frames.append(canvas.picture(points, poses[:number + 1], text))
-    with replacing(path, binary=True) as file:
-        frames[0].save(file, format='GIF', save_all=True, append_images=frames[1:], loop=0,
-                       duration=[INTERVAL] * (len(frames) - 1) + [LAST])
+            text = f'odometry: scan {number}, {(stamps[number] - stamps[0]) * 1e-9:.0f} s, {distance[number]:.0f} m'
+            yield canvas.picture(points, poses[:number + 1], text)
+
+
+def _write_mp4(program, path, frames, times):
+    """Write frames that are shown for `times` [ms] with the ffmpeg at `program`."""
+    stream = io.BytesIO()
+    for frame, time in zip(frames, times, strict=True):
+        for _ in range(time // INTERVAL):
+            frame.save(stream, format='PNG')
+    # Most players need even sides and this pixel format.
+    subprocess.run([program, '-loglevel', 'error', '-y', '-f', 'image2pipe', '-framerate', str(1000 // INTERVAL),
+                    '-i', '-', '-vf', 'pad=ceil(iw/2)*2:ceil(ih/2)*2', '-pix_fmt', 'yuv420p', str(path)],
+                   input=stream.getvalue(), check=True)

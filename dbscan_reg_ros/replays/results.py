@@ -11,7 +11,7 @@ from ..figures.plots import density_map, draw_map
 from ..recordings import interpolate, write_tum
 from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
-from .animation import write_animation
+from .animation import Track, write_animation
 from .faults import Faults
 from .loops import Loops
 from .page.entries import replay_entry
@@ -76,7 +76,7 @@ class Results:
         summary = [*(('note', note) for note in self.recording.notes),
                    *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
         if density and self.animation:
-            self.faults.attempt('animation.gif', self._animate, density)
+            self.faults.attempt('animation.gif', self._animate, density, closed_map)
         if density:
             with self.faults.noted('report.html'):
                 lines = [('recording', str(self.recording.path)), *summary]
@@ -121,9 +121,10 @@ class Results:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
         return density
 
-    def _animate(self, density):
+    def _animate(self, density, closed):
         found, scans = self.trajectory, self.trajectory.usable(self.recording.scans())
-        write_animation(self.folder / 'animation.gif', scans, found.pose_array(), found.stamps, density.extent)
+        write_animation(self.folder / 'animation.gif', scans, Track(found.pose_array(), found.stamps, density),
+                        closed and Track(closed.poses, found.stamps, closed.density))
 
     def _pairs(self):
         return self.faults.attempt('pairs to review', self.to_review.found) or []

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The moving picture of a drive: its frames, their time and what is drawn."""
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from dbscan_reg_ros.figures.plots import density_map
-from dbscan_reg_ros.replays.animation import FRAMES, PALETTE, write_animation
+from dbscan_reg_ros.replays.animation import FRAMES, PALETTE, Track, write_animation
 
 
 def colour(image, index):
@@ -17,9 +19,10 @@ def colour(image, index):
 @pytest.mark.parametrize('count', [2, 80])
 def test_each_frame_shows_the_map_so_far_the_scan_and_the_sensor(scans, truth, tmp_path, count):
     poses = np.array([pose.as_array() for pose in truth[:count]])
-    extent = density_map(scans[:count], poses).extent
+    density = density_map(scans[:count], poses)
+    extent = density.extent
     path = tmp_path / 'a.gif'
-    write_animation(path, scans[:count], poses, [scan.stamp for scan in scans[:count]], extent)
+    write_animation(path, scans[:count], Track(poses, [scan.stamp for scan in scans[:count]], density))
     with Image.open(path) as image:
         assert image.n_frames == min(count, FRAMES)
         time, seen = 0, []
@@ -38,11 +41,30 @@ def test_each_frame_shows_the_map_so_far_the_scan_and_the_sensor(scans, truth, t
 
 def test_a_long_drive_takes_twelve_seconds(scans, truth, tmp_path):
     poses = np.array([pose.as_array() for pose in truth] * 5)
-    extent = density_map(scans, poses[:len(scans)]).extent
-    write_animation(tmp_path / 'a.gif', scans * 5, poses, list(range(len(poses))), extent)
+    density = density_map(scans, poses[:len(scans)])
+    track = Track(poses, list(range(len(poses))), density)
+    moved = poses + (2.0, 0.0, 0.0)
+    closed = Track(moved, track.stamps, density_map(scans, moved[:len(scans)]))
+    write_animation(tmp_path / 'a.gif', scans * 5, track, closed)
     with Image.open(tmp_path / 'a.gif') as image:
-        durations = []
+        durations, pictures = [], []
         for number in range(image.n_frames):
             image.seek(number)
             durations.append(image.info['duration'])
-    assert sum(durations) <= 12_000
+            pictures.append(image.convert('RGB'))
+    assert 11_000 <= sum(durations) <= 12_000
+    still = Image.open(tmp_path / 'a.png').convert('RGB')
+    np.testing.assert_array_equal(still, pictures[-1])
+    scale = 600 / (np.ptp([density.extent[:2], closed.density.extent[:2]]))
+    before, after = (np.nonzero(colour(picture, 8)[:-24])[1].mean() for picture in pictures[-2:])
+    assert after - before == pytest.approx(2.0 * scale, abs=2.0)
+    walls = sum(colour(still, level)[:-24] for level in range(1, 6)).sum()
+    assert walls > 0.5 * sum(colour(pictures[-2], level)[:-24] for level in range(1, 6)).sum()
+
+
+@pytest.mark.skipif(shutil.which('ffmpeg') is None, reason='needs ffmpeg')
+def test_where_ffmpeg_is_found_there_is_an_mp4(scans, truth, tmp_path):
+    poses = np.array([pose.as_array() for pose in truth[:20]])
+    track = Track(poses, list(range(20)), density_map(scans[:20], poses))
+    write_animation(tmp_path / 'a.gif', scans[:20], track)
+    assert (tmp_path / 'a.mp4').read_bytes()[4:8] == b'ftyp'
