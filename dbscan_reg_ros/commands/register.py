@@ -31,6 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the '
                         'defaults; for a snapshot, the parameters stored in it; others register it again, without a '
                         'prior)')
+    parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
+                        'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
                         'link it as DIR/NAME_N_N/latest (default: results)')
     return run(parser, register, argv)
@@ -59,7 +61,9 @@ def register(args):
     if parameters:
         note_unused('register', args.params_file, parameters,
                     [name for name in METHOD if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
-    if path.suffix == '.npz':
+    if args.figure4:
+        pair = _moved(path, args.topic, args.numbers, parameters)
+    elif path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
         pair = _of_recording(path, args.topic, args.numbers, parameters)
@@ -118,12 +122,32 @@ def _motion(transform):
     return f'x {transform.x:.4f} m  y {transform.y:.4f} m  theta {math.degrees(transform.theta):.3f} deg'
 
 
+def _moved(path, topic, numbers, parameters):
+    """Return the pair of a scan and its own points moved by the motion of the paper."""
+    from ..core.parameters.tree import Parameters
+    from ..evaluation.figure4 import moved
+
+    if len(numbers) > 1 or min(numbers, default=0) < 0:
+        raise CommandError(f'{path}: expected the number of one scan, from 0; got {numbers}')
+    number = numbers[0] if numbers else 0
+    name, scans = _scans(path, topic, [number])
+    return Pair(f'{name}_{number}_moved', moved(scans[number]), scans[number], parameters or Parameters())
+
+
 def _of_recording(path, topic, numbers, parameters):
     from ..core.parameters.tree import Parameters
-    from ..recordings import open_recording
 
     if len(numbers) != PAIR or min(numbers) < 0:
         raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
+    reference, current = numbers
+    name, scans = _scans(path, topic, numbers)
+    return Pair(f'{name}_{reference}_{current}', scans[reference], scans[current], parameters or Parameters())
+
+
+def _scans(path, topic, numbers):
+    """Return the name of a recording, and its scans with these numbers: number -> scan."""
+    from ..recordings import open_recording
+
     recording = open_recording(path, topic)
     last, scans, count = max(numbers), {}, 0
     for count, scan in enumerate(islice(recording.scans(), last + 1), 1):
@@ -132,8 +156,7 @@ def _of_recording(path, topic, numbers, parameters):
     if last >= count:
         raise CommandError(f'{path}: no scan {last}; it holds {count}, numbered from 0')
     note_warnings('register', recording, last + 1)
-    reference, current = numbers
-    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current], parameters or Parameters())
+    return recording.name, scans
 
 
 def _of_snapshot(path, numbers, parameters):

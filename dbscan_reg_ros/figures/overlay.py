@@ -13,8 +13,9 @@ from .style import (
     REFERENCE_LANDMARKS,
     REFERENCE_POINTS,
     RIVAL_POINTS,
-    alike,
     draw_segments,
+    draw_sensor,
+    drawn,
     legend,
     panels,
     plane,
@@ -27,18 +28,17 @@ THIN = {'linewidth': 0.9}
 def draw_overlay(figure, steps):
     """Draw both scans before and after the registration, the matched segments and the covariance ellipse."""
     registration = steps.registration
-    axes = panels(figure, ['before', 'after', 'ellipse'], widths=[1.2, 1.2, 1.0])
+    axes = panels(figure, ['after', 'before'], ['after', 'ellipse'], widths=[2.2, 1.0])
     matched = registration.matches
     _draw_scans(axes['before'], steps, SE2(), matched)
     _draw_scans(axes['after'], steps, registration.transform, matched)
     _draw_rival(axes['after'], steps)
-    plane(axes['before'], 'before')
-    plane(axes['after'], f'after, confidence {registration.confidence:.2f}:\n'
-                         f'{100.0 * registration.overlap:.0f} % of the points fit,\n'
-                         f'{len(matched)} pairs of segments fit (thick)')
-    alike(axes['before'], axes['after'])
+    low, high = drawn(axes['before'], axes['after'])
+    plane(axes['before'], 'before', low, high)
+    plane(axes['after'], f'after, confidence {registration.confidence:.2f}: {100.0 * registration.overlap:.0f} % of the '
+                         f'points fit, {len(matched)} pairs of segments fit (thick)', low, high)
     _draw_ellipse(axes['ellipse'], registration)
-    legend(axes['legend'], axes['after'], 6)
+    legend(axes['legend'], axes['after'], 5)
 
 
 def _draw_rival(axes, steps):
@@ -60,6 +60,7 @@ def _draw_scans(axes, steps, moved, matched):
         draw_segments(axes, features.segments, lines, f'{name}: segments', own, motion)
         if len(scan.landmarks):
             axes.plot(*motion.apply(scan.landmarks).T, label=f'{name}: landmarks', **around)
+        draw_sensor(axes, motion, f'{name}: sensor', color=lines['color'])
 
 
 def _draw_ellipse(axes, registration):
@@ -72,6 +73,7 @@ def _draw_ellipse(axes, registration):
     axes.plot(0.0, 0.0, '+', color='black', markersize=12.0)
     reach = np.full(2, 1.2 * np.abs(edge).max())
     plane(axes, f'about the result, {CONFIDENCE:.0%};\nheading \u00b1{heading:.2g} deg', -reach, reach)
+    axes.locator_params(axis='x', nbins=2)
 
 
 def ellipse(covariance):

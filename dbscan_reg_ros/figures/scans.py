@@ -4,7 +4,7 @@ import numpy as np
 
 from ..core.features.records import EndKind
 from ..core.features.ring_band import Outcome
-from .style import BLUE, POINTS, REST, alike, draw_segments, legend, panels, plane
+from .style import BLUE, POINTS, REST, alike, draw_segments, draw_sensor, legend, panels, plane
 
 OUTCOMES = {
     Outcome.KEPT: ('kept', POINTS),
@@ -28,11 +28,13 @@ def draw_points(figure, steps):
         for outcome, (label, style) in OUTCOMES.items():
             before.plot(*scan.measured[scan.outcome == outcome].T, label=label, **OPEN | style)
         after.plot(*scan.filtered.T, **POINTS)
+        for panel in (before, after):
+            draw_sensor(panel)
         counts = [np.count_nonzero(scan.outcome == outcome) for outcome in OUTCOMES][1:]
         plane(before, f'{name} as measured')
-        plane(after, '{}: {} smoothed,\n{} corners kept, {} removed'.format(name, *counts))
+        plane(after, '{}: {} smoothed,\n{} corners kept,\n{} removed'.format(name, *counts))
     alike(*(panel for place, panel in axes.items() if place != 'legend'))
-    legend(axes['legend'], axes['reference measured'], 4)
+    legend(axes['legend'], axes['reference measured'], 5)
 
 
 def draw_scan_segments(figure, steps):
@@ -47,6 +49,7 @@ def draw_scan_segments(figure, steps):
         ends = np.concatenate((segments.start, segments.end))
         for kind, (label, style) in ENDS.items():
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)
+        draw_sensor(panel)
         plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breaks')
     alike(*(axes[name] for name, _ in steps.scans))
-    legend(axes['legend'], axes['reference'], 6)
+    legend(axes['legend'], axes['reference'], 7)

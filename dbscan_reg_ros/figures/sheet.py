@@ -1,39 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of a pair: one picture each, and one sheet with all of them."""
+from collections.abc import Callable
+from typing import NamedTuple
+
 from .clusters import draw_rotation, draw_translation
 from .densities import draw_densities
 from .overlay import draw_overlay
 from .plots import save
 from .scans import draw_points, draw_scan_segments
 
+
+class Drawing(NamedTuple):
+    """One of the figures.
+
+    Attributes
+    ----------
+    title : str
+    draw : callable
+        ``draw(figure, steps)``.
+    caption : str
+        What to see in it.
+    """
+
+    title: str
+    draw: Callable
+    caption: str
+
+
 FIGURES = {
-    'points': ('Points before and after the ring band filter', draw_points),
-    'segments': ('Segments, breakpoints and ends', draw_scan_segments),
-    'rotation': ('Rotation: clusters of angle differences', draw_rotation),
-    'translation': ('Translation: clusters of the samples of lines and end points', draw_translation),
-    'densities': ('Densities of the coordinates', draw_densities),
-    'overlay': ('Overlay of the scans', draw_overlay),
+    'points': Drawing(
+        'Points before and after the ring band filter', draw_points,
+        'Crosses should be single returns between surfaces; walls and corners should be kept.'),
+    'segments': Drawing(
+        'Segments, breakpoints and ends', draw_scan_segments,
+        'Each straight wall should be one segment, from corner to corner or to where it is hidden.'),
+    'rotation': Drawing(
+        'Rotation: clusters of angle differences', draw_rotation,
+        'At the rotation between the scans the differences of many segments agree: a cluster over several rows.'),
+    'translation': Drawing(
+        'Translation: clusters of the samples of lines and end points', draw_translation,
+        'Each sample is what two pairs of lines, or of ends, give; at the translation between the scans many agree.'),
+    'densities': Drawing(
+        'Densities of the coordinates', draw_densities,
+        'Curves that agree afterwards support the result. The divergence of one axis may rise with a good result:\n'
+        'each scan contains surfaces that the other does not.'),
+    'overlay': Drawing(
+        'Overlay of the scans', draw_overlay,
+        'Thick segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
+        'The ellipse contains the sensor with a probability of 95 %.'),
 }
-"""Name -> title, and ``draw(figure, steps)``."""
+"""Name -> figure."""
 SIZE = 12.0, 7.0
 """[inch]"""
 DPI = 100
-COLUMNS = 2
+SHEET_DPI = 70
+LAYOUT = [['overlay', 'overlay', 'points'], ['overlay', 'overlay', 'segments'],
+          ['rotation', 'translation', 'densities']]
+"""Place of each figure on the sheet."""
 
 
 def draw_figures(folder, steps, title):
     """Write ``NAME.png`` for each of the `FIGURES` of `Steps`, and ``sheet.png``, into `folder`."""
     from matplotlib.figure import Figure
 
-    for name, (about, draw) in FIGURES.items():
+    for name, drawing in FIGURES.items():
         figure = Figure(figsize=SIZE, layout='constrained')
-        draw(figure, steps)
-        figure.suptitle(f'{title}\n{about}')
+        drawing.draw(figure, steps)
+        figure.suptitle(f'{title}\n{drawing.title}')
+        figure.supxlabel(drawing.caption, fontsize='medium')
         save(figure, folder / f'{name}.png', DPI)
-    rows = -(-len(FIGURES) // COLUMNS)
-    sheet = Figure(figsize=(COLUMNS * SIZE[0], rows * SIZE[1] + 0.5), layout='constrained')
+    rows, columns = len(LAYOUT), len(LAYOUT[0])
+    sheet = Figure(figsize=(columns * SIZE[0], rows * SIZE[1] + 0.5), layout='constrained')
     sheet.suptitle(title, fontsize='xx-large')
-    for part, (about, draw) in zip(sheet.subfigures(rows, COLUMNS).flat, FIGURES.values()):
-        draw(part, steps)
-        part.suptitle(about, fontsize='x-large')
-    save(sheet, folder / 'sheet.png', DPI)
+    grid = sheet.add_gridspec(rows, columns)
+    for name, drawing in FIGURES.items():
+        places = [(row, column) for row in range(rows) for column in range(columns) if LAYOUT[row][column] == name]
+        (top, left), (bottom, right) = places[0], places[-1]
+        part = sheet.add_subfigure(grid[top:bottom + 1, left:right + 1])
+        drawing.draw(part, steps)
+        part.suptitle(drawing.title, fontsize='x-large')
+        part.supxlabel(drawing.caption, fontsize='large')
+    save(sheet, folder / 'sheet.png', SHEET_DPI)

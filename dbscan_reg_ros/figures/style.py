@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all figures share. Things differ in marker or line style, never in colour alone."""
+import math
+
 import numpy as np
 
 from ..core.geometry.se2 import SE2
@@ -18,6 +20,7 @@ CLUSTERS = tuple({'color': color, 'marker': marker, 'markersize': 6.5, 'markerfa
                  for color, marker in (('#d55e00', 'o'), (BLUE, 's'), ('#007a5a', '^'), ('#8a3d7a', 'D')))
 """The heaviest clusters, in this order."""
 REST = {'color': '#777777', 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+SENSOR = {'color': 'black', 'markeredgecolor': 'white', 'markersize': 11.0, 'linestyle': 'none'}
 RESULT = {'color': 'black', 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 
 
@@ -51,6 +54,20 @@ def alike(*axes):
     for each in axes:
         each.update_datalim(corners[np.isfinite(corners).all(axis=1)])
         each.autoscale_view()
+
+
+def draw_sensor(axes, pose=SE2(), label='sensor', **style):
+    """Draw a triangle at the `pose` of a sensor that points along its x axis."""
+    axes.plot(pose.x, pose.y, marker=(3, 0, math.degrees(pose.theta) - 90.0), label=label, zorder=4.0, **SENSOR | style)
+
+
+def drawn(*axes):
+    """Return the lower left and the upper right corner ``(2,)`` of all that plans show, with a margin."""
+    corners = np.concatenate([each.dataLim.get_points() for each in axes])
+    corners = corners[np.isfinite(corners).all(axis=1)]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = 0.05 * (high - low).max()
+    return low - margin, high + margin
 
 
 def grid(axes):

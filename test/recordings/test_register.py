@@ -18,7 +18,7 @@ from dbscan_reg_ros.core.features.ring_band import Outcome
 from dbscan_reg_ros.core.parameters.schema import ADVANCED
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.figures.overlay import ellipse
-from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, draw_figures
+from dbscan_reg_ros.figures.sheet import FIGURES, LAYOUT, SIZE, Drawing, draw_figures
 from dbscan_reg_ros.figures.steps import ScanSteps, Steps
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.files import replacing
@@ -97,6 +97,29 @@ def test_the_paper_to_the_letter(intel, root, tmp_path, capsys):
     text = capsys.readouterr().out
     assert math.dist(printed_motion(text)[:2], TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
     check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
+
+
+@pytest.mark.parametrize('number', [2152, 4740])
+def test_the_example_of_the_paper_is_a_scan_and_its_own_points_moved(intel, tmp_path, capsys, number):
+    assert intel(number, '--figure4') == 0
+    x, y, degrees = printed_motion(capsys.readouterr().out)
+    np.testing.assert_allclose((x, y, np.radians(degrees)), (-1.5, 0.8, 0.3), atol=2e-3)
+    check_pictures(tmp_path / f'intel_{number}_moved' / 'latest')
+
+
+def test_the_largest_panel_of_the_sheet_is_the_overlay_and_plans_mark_the_sensor(pair):
+    places = list(itertools.chain(*LAYOUT))
+    assert set(places) == set(FIGURES)
+    assert {name for name in FIGURES if places.count(name) > 1} == {'overlay'} and places.count('overlay') == 4
+    from matplotlib.figure import Figure
+    steps = Steps.of(*pair, Parameters())
+    for name in ('points', 'segments', 'overlay'):
+        figure = Figure(figsize=SIZE)
+        FIGURES[name].draw(figure, steps)
+        plans = [axes for axes in figure.axes if axes.axison and axes.get_label() != 'ellipse']
+        for axes in plans:
+            assert (0.0, 0.0) in {tuple(float(value[0]) for value in line.get_data()) for line in axes.lines
+                                  if len(line.get_xdata()) == 1 and isinstance(line.get_marker(), tuple)}
 
 
 def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, tmp_path, capsys):
@@ -240,7 +263,8 @@ def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=SIZE, layout='constrained')
-    FIGURES[name][1](figure, Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml')))
+    FIGURES[name].draw(figure, Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml')))
+    figure.supxlabel(FIGURES[name].caption, fontsize='medium')
     FigureCanvasAgg(figure).draw()
     boxes = [(text.get_text(), text.get_window_extent()) for text in words_of(figure)]
     page = figure.bbox
@@ -257,7 +281,7 @@ def test_ticks_are_round_numbers_and_plans_of_both_scans_show_the_same(pair, nam
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=SIZE, layout='constrained')
-    FIGURES[name][1](figure, Steps.of(*pair, Parameters()))
+    FIGURES[name].draw(figure, Steps.of(*pair, Parameters()))
     FigureCanvasAgg(figure).draw()
     panels = {axes.get_label(): axes for axes in figure.axes if axes.axison}
     for axes in panels.values():
@@ -274,6 +298,8 @@ def test_ticks_are_round_numbers_and_plans_of_both_scans_show_the_same(pair, nam
 
 def words_of(figure):
     """Every text to be seen in a figure that was drawn."""
+    if figure.get_supxlabel():
+        yield figure._supxlabel
     for axes in figure.axes:
         if axes.get_legend():
             yield from axes.get_legend().get_texts()
@@ -301,7 +327,7 @@ def test_an_interrupted_drawing_leaves_whole_pictures(intel, tmp_path, monkeypat
     def interrupted(figure, steps):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(FIGURES, 'densities', ('', interrupted))
+    monkeypatch.setitem(FIGURES, 'densities', Drawing('', interrupted, ''))
     assert intel(REFERENCE, CURRENT) == 130
     folder, = (tmp_path / f'intel_{REFERENCE}_{CURRENT}').iterdir()
     assert sorted(file.name for file in folder.iterdir()) == ['points.png', 'rotation.png', 'segments.png',

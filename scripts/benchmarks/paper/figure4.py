@@ -2,11 +2,11 @@
 """Figure 4 of the paper: real scans and the same points moved, recovered to 1 mm and 0.001 rad."""
 import numpy as np
 
-from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION, moved
 
 from ..bounds import at_least
 from ..intel import Intel
-from ..registration.synthetic import MIN_RETURNS, PAPER_MOTION
+from ..registration.synthetic import MIN_RETURNS
 from ..report import Report
 from ..trials import Trial, failures, run, summarise, thinned
 
@@ -38,9 +38,7 @@ def draw_others(scans) -> list:
 
 def trial(scan, label='', group='figure4') -> Trial:
     """Make a trial: the current scan is `scan`, the reference its points moved by (-1.5, 0.8, 0.3)."""
-    points = PAPER_MOTION.apply(scan.points)
-    moved = Scan.from_points(points, scan.stamp, angle_increment=scan.geometry.angle_increment)
-    return Trial(group, label, moved, scan, PAPER_MOTION)
+    return Trial(group, label, moved(scan), scan, PAPER_MOTION)
 
 
 def exact(outcome) -> bool:

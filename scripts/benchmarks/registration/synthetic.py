@@ -6,6 +6,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION
 
 from ..bounds import at_least
 from ..intel import Intel
@@ -15,7 +16,6 @@ SCANS = 200
 MIN_RETURNS = 150
 NOISE = 0.01
 OUTLIER_SHARES = (0.0, 0.1, 0.3)
-PAPER_MOTION = SE2(-1.5, 0.8, 0.3)
 
 BOUNDS = {
     'random_0': at_least(0.995), 'random_10': at_least(0.995), 'random_30': at_least(0.995),
