@@ -76,7 +76,8 @@ class Canvas:
         ink, (left, right, bottom, _) = closed.density
         cell = (right - left) / ink.shape[1]
         rows, columns = np.nonzero(ink)
-        places = np.floor(self.pixels(np.column_stack((columns, rows)) * cell + (left, bottom) + 0.5 * cell)).astype(int)
+        centres = (np.column_stack((columns, rows)) + 0.5) * cell + (left, bottom)
+        places = np.floor(self.pixels(centres)).astype(int)
         levels = np.zeros(self._counts.shape, dtype=np.uint8)
         places = np.minimum(places, np.array(levels.shape[::-1]) - 1)
         np.maximum.at(levels, tuple(places.T[::-1]), np.ceil(MOST_SEEN * ink[rows, columns]).astype(np.uint8))

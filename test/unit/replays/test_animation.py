@@ -43,7 +43,7 @@ def test_a_long_drive_takes_twelve_seconds(scans, truth, tmp_path):
     poses = np.array([pose.as_array() for pose in truth] * 5)
     density = density_map(scans, poses[:len(scans)])
     track = Track(poses, list(range(len(poses))), density)
-    moved = poses + (2.0, 0.0, 0.0)
+    moved = poses + np.array((2.0, 0.0, 0.0))
     closed = Track(moved, track.stamps, density_map(scans, moved[:len(scans)]))
     write_animation(tmp_path / 'a.gif', scans * 5, track, closed)
     with Image.open(tmp_path / 'a.gif') as image:
