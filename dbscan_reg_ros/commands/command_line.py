@@ -83,11 +83,11 @@ def add_recording(parser):
     add_data(parser)
 
 
-def add_recordings(parser):
-    """Add the arguments that name recordings."""
+def add_recordings(parser, **topic):
+    """Add the arguments that name recordings; `topic` overrides what ``--topic`` is."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
-    parser.add_argument('--topic', help='topic of the scans; required if there are several')
+    parser.add_argument('--topic', **{'help': 'topic of the scans; required if there are several', **topic})
     add_data(parser)
 
 

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..command_lines import command_line
@@ -32,7 +32,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'parameters used. Exit status 0: all results are written; 3: some are not, for example '
                          'because the disk is full, and standard error names them; 2: an argument or a recording '
                          'cannot be used; 130: interrupted; 1: any other failure.')
-    add_recordings(parser)
+    add_recordings(parser, action='append', help='topic of the scans; required if there are several. Given more than '
+                   'once, the first is that of the lidar whose poses are estimated, and the others are used besides')
+    parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
+                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: the '
+                        'transforms on /tf_static of a bag where several topics are given, else the parameters)')
     parser.add_argument('--params-file', metavar='YAML',
                         help='parameter file as for ROS 2 nodes (default: the defaults)')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
@@ -53,6 +57,7 @@ def replay(args):
     It is that of the first recording that failed, else `INCOMPLETE` if results of any could not be written, else 0.
     """
     from ..recordings import find_recording
+    from ..replays.lidars import parse_mountings
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
@@ -61,8 +66,9 @@ def replay(args):
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     note_unused('replay', args.params_file, parameters, REPLAYED)
     place = Path.absolute if args.scheduler else Path
-    jobs = [Job(place(find_recording(file, args.data)), args.topic, parameters, place(Path(args.out)), args.close_loops,
-                args.verbose, args.animation)
+    mountings = parse_mountings(args.mounting)
+    jobs = [Job(place(find_recording(file, args.data)), tuple(args.topic or ()), parameters, place(Path(args.out)),
+                args.close_loops, args.verbose, args.animation, mountings)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -92,8 +98,8 @@ class Job:
     Attributes
     ----------
     path : Path
-    topic : str or None
-        Topic of the scans; None where there is only one.
+    topics : tuple of str
+        Topics of the scans, that of the first lidar first; empty where there is only one.
     parameters : NodeParameters
     out : Path
         Folder below which the results are written.
@@ -101,15 +107,23 @@ class Job:
     verbose : bool
         Print the traceback of a fault.
     animation : bool
+    mountings : dict
+        Topic -> `Mounting`, as far as they are given.
     """
 
     path: Path
-    topic: str | None
+    topics: tuple
     parameters: object
     out: Path
     close_loops: bool = False
     verbose: bool = False
     animation: bool = False
+    mountings: dict = field(default_factory=dict)
+
+    @property
+    def topic(self):
+        """Topic of the first lidar; None where there is only one."""
+        return self.topics[0] if self.topics else None
 
 
 @dataclass(frozen=True)
@@ -149,33 +163,56 @@ def replay_one(job) -> Replayed:
     from ..replays.pairs_to_review import PairsToReview
     from ..replays.result_folder import new_folder, point_latest
     from ..replays.results import Results
-    from ..replays.sensor_mounting import mounting_of
     from ..replays.trajectory import Trajectory
     from ..robot.parameter_files import write_parameters
 
-    mounting = mounting_of(job.parameters)
     recording = open_recording(job.path, job.topic)
+    mounting, others = _mountings(job, recording)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
-    results = Results(folder, recording, job.parameters, Trajectory(yaw=yaw), PairsToReview(),
+    trajectory, broken = Trajectory(yaw, mounting.upside_down), None
+    results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
-    trajectory, broken = results.trajectory, None
+    odometry = _odometry(job.parameters, others, recording, mounting)
     try:
-        _follow(results, mounting)
+        _follow(results, mounting, odometry)
     except Exception as error:  # noqa: BLE001 - what was found until then is written
         broken = error
     finally:
         write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
     if len(trajectory.poses) <= 1:
         raise broken or _too_few(recording, trajectory)
-    summary = results.write(register_command(folder, recording))
+    notes = odometry.lines() if others else ()
+    summary = results.write(register_command(folder, recording), notes)
     faults.attempt('latest', point_latest, folder)
     lines = [f'results     {folder}', *shortened(recording.problems), *shortened(trajectory.problems),
              *(f'{name:11} {value}' for name, value in summary)]
     return _replayed(results, lines, broken)
+
+
+def _mountings(job, recording):
+    """Return the mounting of the first lidar, and a `FurtherLidar` for each other topic."""
+    from ..replays.lidars import further_lidars, mounting_in
+    from ..replays.sensor_mounting import mounting_of
+
+    topics, base_frame = job.topics[1:], job.parameters.base_frame
+    if not topics or job.parameters.mounting == 'laser_pose':
+        mounting = job.mountings.get(recording.topic) or mounting_of(job.parameters)
+    else:
+        mounting = mounting_in(recording, job.mountings, base_frame)
+    return mounting, further_lidars(recording, topics, job.mountings, base_frame) if topics else []
+
+
+def _odometry(parameters, others, recording, mounting):
+    """Return the odometry of the first lidar, which takes the scans of the others besides."""
+    from ..core.odometry.pipeline import Odometry
+    from ..replays.lidars import OdometryWithOthers
+
+    odometry = Odometry(parameters.for_odometry())
+    return OdometryWithOthers(odometry, others, recording.topic, mounting) if others else odometry
 
 
 def _replayed(results, lines, broken) -> Replayed:
@@ -195,9 +232,8 @@ def _writes_bags() -> bool:
     return any(map(is_there, BAG_LIBRARIES))
 
 
-def _follow(results, mounting):
+def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
-    from ..core.odometry.pipeline import Odometry
     from ..replays.bag import odometry_bag
     from ..replays.sensor_mounting import turned
     from .workers import watched
@@ -211,8 +247,9 @@ def _follow(results, mounting):
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
-        scans = turned(watched(recording.scans(), recording.name, recording.count), trajectory.yaw)
-        for update in trajectory.follow(scans, Odometry(parameters.for_odometry())):
+        scans = turned(watched(recording.scans(), recording.name, recording.count), trajectory.yaw,
+                       mounting.upside_down)
+        for update in trajectory.follow(scans, odometry):
             for part, add in reports.items():
                 if add:
                     faults.attempt(part, add, update)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``simulate TARGET``: a seeded recording of any lidar with exact truth."""
+import argparse
 from collections.abc import Sequence
 
 from .command_line import CommandError, make_parser, run, seed
@@ -19,13 +20,27 @@ LIDAR = (
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
     ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),
+    ('--phase', float, 'S', 'time of the first scan'),
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
     'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0),
-    'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6),
+    'phase': (0.0, 10.0), 'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0),
+    'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6),
     'gyro_noise': (0.0, 100.0),
 }
+
+
+class LidarOption(argparse.Action):
+    """Keep the options of the lidars in their order: each belongs to the lidar that is named before it."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Add a value to the options of the last lidar; a second ``--lidar`` begins another one."""
+        lidars = [dict(options) for options in namespace.lidars]
+        if self.dest == 'lidar' and 'lidar' in lidars[-1]:
+            lidars.append({})
+        lidars[-1][self.dest] = values
+        namespace.lidars = lidars
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'Also draws the floor plan and the path as TARGET.png.')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log, the truth as the poses '
                         'of the laser; any other name: folder of a ROS 2 bag with /scan, /wheel_odom, /imu, /truth and '
-                        '/tf_static')
+                        '/tf_static, and of further lidars /scan_2, /scan_3 and so on')
     parser.add_argument('--seed', type=seed, default=0, help='seed of all random numbers (default: 0)')
     world = parser.add_argument_group('the world and the path')
     world.add_argument('--world', choices=WORLDS, default='rooms', help='kind of floor plan (default: rooms)')
@@ -45,13 +60,15 @@ def main(argv: Sequence[str] | None = None) -> int:
                        help='number of laps, alternately forwards and backwards (default: 1)')
     world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='largest speed (default: 0.8)')
     world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='largest turn rate (default: 0.9)')
+    parser.set_defaults(lidars=[{}])
     lidar = parser.add_argument_group('the lidar')
-    lidar.add_argument('--lidar', choices=PRESETS, default='sick_lms200',
+    lidar.add_argument('--lidar', choices=PRESETS, action=LidarOption,
                        help='lidar model; the options below override its properties. The file config/MODEL.yaml holds '
-                       'parameters for it (default: sick_lms200)')
+                       'parameters for it. Given again, another lidar on the same robot, and the options after it are '
+                       'those of this lidar; the truth is that of the first (default: sick_lms200)')
     for option, kind, unit, words in LIDAR:
-        lidar.add_argument(option, type=kind, metavar=unit, help=words)
-    lidar.add_argument('--mounting', type=float, nargs=3, metavar=('X', 'Y', 'DEG'),
+        lidar.add_argument(option, type=kind, metavar=unit, action=LidarOption, help=words)
+    lidar.add_argument('--mounting', '--at', type=float, action=LidarOption, nargs=3, metavar=('X', 'Y', 'DEG'),
                        help='pose of the lidar on the robot (default: 0 0 0)')
     others = parser.add_argument_group('wheels and gyroscope')
     others.add_argument('--wheel-scale', type=float, nargs=2, default=(1.02, 0.98), metavar=('DISTANCE', 'ROTATION'),
@@ -78,16 +95,16 @@ def simulate(args):
     from ..simulation.sensors import RobotRecording, check_simulated
 
     check_limits(args)
-    lidar = chosen_lidar(args)
     target = Path(args.target)
+    lidars = chosen_lidars(args.lidars, target)
     picture = target.with_name(f'{target.name}.png')
     check_simulated(target)
     check_target(picture)
     world, path = world_and_path(args)
-    simulation = record(world, path, lidar, args.seed)
+    simulation, *others = (record(world, path, lidar, args.seed + number) for number, lidar in enumerate(lidars))
     wheels = wheel_odometry(path, WheelErrors(args.wheel_scale, args.wheel_noise, args.slip), seed=args.seed)
     turning = yaw_rates(path, seed=args.seed, bias=args.gyro_bias, noise=args.gyro_noise)
-    counts = RobotRecording(simulation, wheels, turning).write(target)
+    counts = RobotRecording(simulation, wheels, turning, tuple(others)).write(target)
     print(f'{target}  ' + ', '.join(f'{count} {name}' for name, count in counts.items()))
     plot_world(picture, world.segments, world.circles, path.poses, [person.route for person in world.people],
                f'{args.world}, seed {args.seed}: {path.length:.0f} m in {path.duration:.0f} s')
@@ -96,13 +113,25 @@ def simulate(args):
 
 def check_limits(args):
     """Raise CommandError for the first number outside its limits."""
-    for name, (low, high) in LIMITS.items():
-        value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            raise CommandError(f'--{name.replace("_", "-")} {value}: expected {low:g} to {high:g}')
+    for options in (vars(args), *args.lidars):
+        for name, (low, high) in LIMITS.items():
+            value = options.get(name)
+            if value is not None and not low <= value <= high:
+                raise CommandError(f'--{name.replace("_", "-")} {value}: expected {low:g} to {high:g}')
 
 
-def chosen_lidar(args):
+def chosen_lidars(lidars, target):
+    """Return the lidars with these options, with a frame each; raise CommandError for several lidars in a log."""
+    import dataclasses
+
+    if len(lidars) > 1 and target.name.endswith(('.log', '.log.gz')):
+        raise CommandError(f'{target}: a CARMEN log has room for one lidar; expected the folder of a bag')
+    first, *others = map(chosen_lidar, lidars)
+    return [first, *(dataclasses.replace(other, frame_id=f'{other.frame_id}_{number}')
+                     for number, other in enumerate(others, 2))]
+
+
+def chosen_lidar(options):
     """Return the lidar model with the given changes; raise CommandError if its range limits are empty."""
     import dataclasses
     import math
@@ -113,13 +142,13 @@ def chosen_lidar(args):
     changes = {}
     for option, *_ in LIDAR:
         name = option[2:].replace('-', '_')
-        value = getattr(args, name)
+        value = options.get(name)
         if value is not None:
             changes[name] = math.radians(value) if name.startswith('angle') else value
-    if args.mounting:
-        x, y, turn = args.mounting
+    if options.get('mounting'):
+        x, y, turn = options['mounting']
         changes['mounting'] = SE2(x, y, math.radians(turn))
-    lidar = dataclasses.replace(LIDARS[args.lidar], **changes)
+    lidar = dataclasses.replace(LIDARS[options.get('lidar', 'sick_lms200')], **changes)
     if lidar.range_min >= lidar.range_max:
         raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '
                            f'{lidar.range_max:g} m (--range-max)')

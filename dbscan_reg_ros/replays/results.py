@@ -59,10 +59,11 @@ class Results:
     animation: bool = False
     entry: DriveEntry | None = None
 
-    def write(self, register='') -> list:
+    def write(self, register='', notes=()) -> list:
         """Write metrics, pictures and page; return the summary as (name, text) pairs.
 
-        `register` is the command that shows a pair of scans once their numbers are appended.
+        `register` is the command that shows a pair of scans once their numbers are appended; `notes` are further such
+        pairs.
         """
         stamps, poses, name = self.trajectory.stamps, self.trajectory.pose_array(), self.recording.name
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
@@ -73,7 +74,7 @@ class Results:
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*(('note', note) for note in self.recording.notes),
+        summary = [*notes, *(('note', note) for note in self.recording.notes),
                    *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
         if density and self.animation:
             self.faults.attempt('animation.gif', self._animate, density, closed_map)

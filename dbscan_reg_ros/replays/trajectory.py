@@ -11,6 +11,7 @@ from ..core.geometry.se2 import SE2
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..evaluation.metrics import duration, errors, path_lengths
+from .sensor_mounting import turned
 
 
 @dataclass(eq=False)
@@ -21,6 +22,8 @@ class Trajectory:
     ----------
     yaw : float
         The scans are rotated by this angle [rad] before the odometry, as by `sensor_mounting.turned`.
+    upside_down : bool
+        The scans of the recording are of a laser that is mounted upside down.
     stamps : list of int [ns]
     poses : list of (x, y, theta) [m, m, rad]
         Of the sensor, in the frame of the first scan.
@@ -36,6 +39,7 @@ class Trajectory:
     """
 
     yaw: float = 0.0
+    upside_down: bool = False
     stamps: list = field(default_factory=list)
     poses: list = field(default_factory=list)
     statuses: list = field(default_factory=list)
@@ -65,8 +69,9 @@ class Trajectory:
             yield update
 
     def usable(self, scans):
-        """Those of the recording's `scans` that were used, as far as it was followed."""
-        return (scan for used, scan in zip(self.used, scans, strict=False) if used)
+        """Those of the recording's `scans` that were used, as far as it was followed; as of an upright laser."""
+        upright = turned(scans, 0.0, self.upside_down)
+        return (scan for used, scan in zip(self.used, upright, strict=False) if used)
 
     def pose_array(self):
         """Poses of the used scans ``(N, 3)`` [m, m, rad], in the frame of the first."""

@@ -33,17 +33,21 @@ class RobotRecording:
         Of the robot, as from `wheel_odometry`.
     turning : (stamps (N,) int64 [ns], rates (N,) [rad/s])
         As from `yaw_rates`.
+    others : tuple of Simulation
+        Of further lidars on the same path; on the topics ``/scan_2``, ``/scan_3`` and so on.
     """
 
     simulation: Simulation
     wheels: tuple
     turning: tuple = field(default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0)))
+    others: tuple = ()
 
     def write(self, target) -> Counter:
         """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or else a ROS 2 bag; return numbers of messages by kind.
 
-        In a bag the truth is the sensor's pose on ``/truth``, the laser's place on the robot on ``/tf_static``. In a
-        log the laser's poses are the truth and the robot's those of the wheels; it has no room for the gyroscope.
+        In a bag the truth is the first lidar's pose on ``/truth``, the lidars' places on the robot on ``/tf_static``.
+        In a log the laser's poses are the truth and the robot's those of the wheels; it has no room for the gyroscope
+        nor for further lidars.
 
         Raises
         ------
@@ -56,10 +60,11 @@ class RobotRecording:
             return write_log(target, self._records())
         counts: Counter[str] = Counter()
         with bag_writer(target) as (writer, serialize):
+            kinds = TOPICS | {f'/scan_{number}': TOPICS['/scan'] for number, _ in enumerate(self.others, 2)}
             added = {topic: writer.add_topic(topic, kind, latched=topic == '/tf_static')
-                     for topic, kind in TOPICS.items()}
+                     for topic, kind in kinds.items()}
             for stamp, topic, fields in self._messages():
-                writer.write(added[topic], stamp, serialize(TOPICS[topic], fields))
+                writer.write(added[topic], stamp, serialize(kinds[topic], fields))
                 counts[topic] += 1
         return counts
 
@@ -73,10 +78,12 @@ class RobotRecording:
     def _messages(self):
         """(stamp [ns], topic, fields) in order of time."""
         simulation, scans = self.simulation, self.simulation.scans
-        first = scans[0].stamp
+        first, lidars = scans[0].stamp, [each.lidar for each in (simulation, *self.others)]
+        further = [[(scan.stamp, f'/scan_{number}', scan_fields(scan)) for scan in other.scans]
+                   for number, other in enumerate(self.others, 2)]
         return heapq.merge(
-            [(first, '/tf_static', {'transforms': [_mounting(first, simulation.lidar)]})],
-            ((scan.stamp, '/scan', scan_fields(scan)) for scan in scans),
+            [(first, '/tf_static', {'transforms': [_mounting(first, lidar) for lidar in lidars]})],
+            ((scan.stamp, '/scan', scan_fields(scan)) for scan in scans), *further,
             ((scan.stamp, '/truth', pose_only_fields(scan.stamp, scan.frame_id, pose, 'world'))
              for scan, pose in zip(scans, simulation.truth, strict=True)),
             ((int(stamp), '/wheel_odom', pose_only_fields(stamp, 'base_link', pose))

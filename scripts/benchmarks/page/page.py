@@ -41,7 +41,7 @@ def measure(args):
         raise DbscanRegError('bench page: needs a chromium on the PATH')
     with tempfile.TemporaryDirectory() as folder:
         log = data_folder(args.data) / 'intel' / 'intel.log.gz'
-        replay_one(Job(log, None, NodeParameters(), Path(folder)))
+        replay_one(Job(log, (), NodeParameters(), Path(folder)))
         page = Path(folder, 'intel', 'latest', 'report.html')
         row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
     report = Report()
