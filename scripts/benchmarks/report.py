@@ -47,8 +47,15 @@ class Report:
         names = [name for name in shown or names if name in names]
         self.tables.append(_table(title, names, rows))
 
-    def add_courses(self, title, rows, method='dbscan'):
-        """Add a table of what one `method` did on several courses: `rows` is course -> metric -> number."""
+    def add_courses(self, title, rows, method='dbscan', bounds=None):
+        """Add a table of what one `method` did on several courses: `rows` is course -> metric -> number.
+
+        `bounds` (course -> metric -> `Bound`) hold for the method ``dbscan``.
+        """
+        for course, wanted in (bounds or {}).items() if method == 'dbscan' else ():
+            row = rows.get(course, {})
+            self.missed += [f'{course}_{name} = {row[name]:.4g}, expected {bound}'
+                            for name, bound in wanted.items() if name in row and not bound.holds(row[name])]
         self.metrics.setdefault(method, {}).update(
             {f'{course}_{name}': value for course, row in rows.items() for name, value in row.items()})
         names = list(dict.fromkeys(name for row in rows.values() for name in row))

@@ -2,8 +2,6 @@
 """Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
 import dataclasses
 import math
-from enum import Enum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,51 +17,7 @@ from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
 from .sensor import FIRST, Sensor
 from .state import Mode, Tracking
-
-
-class Decision(Enum):
-    """Decision about a result."""
-
-    ACCEPT = 'accept'
-    """The result is believed; no further reference is tried."""
-    TENTATIVE = 'tentative'
-    """The result is believed unless a further reference gives one that is accepted."""
-    REJECT = 'reject'
-    """The result is not believed."""
-
-
-class Reason(Enum):
-    """Reason for a decision."""
-
-    FAILED = 'the registration failed'
-    TOO_FAST = 'faster than odometry.max_speed'
-    TURNS_TOO_FAST = 'faster than odometry.max_turn_rate'
-    POOR_SCORE = 'outside the gate, and the score is much lower than a moment ago'
-    WITHIN_GATE = 'within the gate of a prediction'
-    INCONCLUSIVE = 'within the gate, but a direction is degenerate or another result is tentative'
-    UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
-    UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
-    CONFIRMED = 'outside every gate, but the scan before was found at the same place'
-    GUESS = 'not reliable, but more likely than a weak prediction'
-    SCAN_BEFORE = 'registered to the scan before, without a prediction'
-    REJOINED = 'found again in the map before the loss, which corrects the pose'
-    UNCONFIRMED = 'outside every gate; the next scan may confirm it'
-
-
-LIMITS = Reason.TOO_FAST, Reason.TURNS_TOO_FAST
-"""Reasons for which the status of a scan is ``FAILED``."""
-
-
-class Verdict(NamedTuple):
-    """A decision of the gate and the reason for it."""
-
-    decision: Decision
-    reason: Reason
-
-    @property
-    def outlier(self) -> bool:
-        """Whether the result is a reliable one outside the gates of the predictions: a jump if accepted."""
-        return self.reason in (Reason.UNKNOWN_MOTION, Reason.CONFIRMED, Reason.UNCONFIRMED)
+from .verdict import Decision, Reason, Verdict
 
 
 class Gate:
@@ -133,12 +87,18 @@ class Gate:
             return self._check_outlier(pose, registration.score)
         return Verdict(Decision.REJECT, Reason.UNRELIABLE)
 
-    def check_scan_before(self, before: SE2, pose: SE2, registration: Registration) -> Verdict:
-        """Decide on a scan registered without a prediction to the scan before, which is at the pose `before`."""
+    def check_scan_before(self, before: SE2, pose: SE2, registration: Registration,
+                          tentative: Registration | None = None) -> Verdict:
+        """Decide on a scan registered without a prediction to the scan before, which is at the pose `before`.
+
+        After a weak prediction it may replace a `tentative` result, which that prediction chose.
+        """
         excess = self._exceeded_limit(before, pose, self._time_since_found - self._tracking.lost_time)
         if excess is not None:
             return Verdict(Decision.REJECT, excess)
         if registration.status is not Status.OK or not self._is_reliable(registration):
+            if self._is_likely(pose, registration, tentative):
+                return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
             if self.weak_prior and self.predictions.by_motion_model:
                 return Verdict(Decision.REJECT, Reason.GUESS)
             failed = registration.status is Status.FAILED
@@ -146,6 +106,22 @@ class Gate:
         if self._scores_poorly(registration.score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
+
+    def _is_likely(self, pose: SE2, registration: Registration, tentative: Registration | None) -> bool:
+        """Whether a result without a prediction is more likely than a `tentative` one; without one, than any other.
+
+        The confidence of a degenerate result says nothing of the degenerate direction.
+        """
+        degenerate = registration.status is Status.DEGENERATE
+        if registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model):
+            return False
+        if tentative is None:
+            return not degenerate and registration.confidence > _LIKELY
+        if registration.score <= tentative.score:
+            return False
+        if tentative.status is Status.DEGENERATE:
+            return not degenerate or self._near_prediction(pose, registration)
+        return not degenerate and registration.confidence > tentative.confidence
 
     def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
                        registration: Registration) -> Verdict:
@@ -288,6 +264,8 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
     return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
+_LIKELY = 0.5
+"""Confidence from which on a result is more likely right than wrong."""
 _MIN_TIME = 0.01
 """Least time [s] in which the motion may differ from the prediction."""
 _RECENT_SCORE_RATIO = 0.55

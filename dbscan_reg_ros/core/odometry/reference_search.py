@@ -4,11 +4,12 @@ import dataclasses
 import math
 
 from ..features.records import Features
+from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
-from .gate import Decision, Gate
+from .gate import Gate
 from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
@@ -23,6 +24,7 @@ from .references import (
     unresolved_direction,
 )
 from .state import TrackState
+from .verdict import Decision
 
 
 class ReferenceSearch:
@@ -49,9 +51,8 @@ class ReferenceSearch:
     def run(self) -> Outcome:
         """Register to the map; a scan that it does not know to the scan before; after a loss also to the lost map."""
         outcome = self._search_map()
-        for with_poles in (False, True)[:1 + bool(self._features.poles)]:
-            if outcome.match is None or (self._gate.weak_prior and not outcome.is_accepted):
-                outcome = outcome.joined(self._match_scan_before(with_poles))
+        if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
+            outcome = outcome.joined(self._match_scan_before(outcome.match))
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
     def _search_map(self) -> Outcome:
@@ -72,20 +73,26 @@ class ReferenceSearch:
                     break
         return outcome
 
-    def _match_scan_before(self, with_poles: bool) -> Match:
-        """Register to the scan before, found or not, without a prediction.
+    def _match_scan_before(self, tentative: Match | None) -> Match:
+        """Register to the scan before, found or not, without a prediction; a `tentative` match is the alternative.
 
-        Few poles are seen from both of two places far apart: walls alone are tried first.
+        Few poles are seen from both of two places far apart: the more confident result with or without them counts.
         """
+        matches = [self._match_pair(poles, tentative) for poles in (False, True)[:1 + bool(self._features.poles)]]
+        return max(matches, key=lambda each: (each.verdict.decision is Decision.ACCEPT, each.registration.confidence))
+
+    def _match_pair(self, with_poles: bool, tentative: Match | None) -> Match:
+        """Register to the scan before, with or without poles."""
         frame = self._state.tracking.last_scan_of(self._sensor) or self._state.key_frames.frames_of(self._sensor)[-1]
         reference, current = (
             features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
             for features in (frame.features, self._features))
         registration = register(reference, current, self._search_parameters, None)
         pose = frame.pose @ registration.transform
-        verdict = self._gate.check_scan_before(frame.pose, pose, registration)
-        return Match(key_frame=frame, pose=pose, unresolved_direction=None, registration=registration,
-                     features=self._features, verdict=verdict)
+        alternative = None if tentative is None else tentative.registration
+        verdict = self._gate.check_scan_before(frame.pose, pose, registration, alternative)
+        return Match(key_frame=frame, pose=pose, unresolved_direction=unresolved_direction(frame, registration, None),
+                     registration=registration, features=self._features, verdict=verdict)
 
     def _match_lost_map(self, chained: Match | None) -> Match | None:
         """Register to the map before the loss; `chained` is the match with the scans since then."""
@@ -124,18 +131,24 @@ class ReferenceSearch:
         frame, best = reference.key_frame, self._gate.predictions.best
         prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
         registration, features = self._register(reference, static, prior)
-        pose = predicted_along_degenerate(frame, registration, best.pose)
+        pose = self._pose(frame, registration)
         before = None if tentative is None else tentative.unresolved_direction
         direction = unresolved_direction(frame, registration, before)
         if self._gate.asks_for_search_within(pose, registration):
             inside = register_within_gate(reference.features, features, self._search_parameters, prior)
             if inside.status is not Status.FAILED:
                 registration = dataclasses.replace(inside, status=registration.status, reason=registration.reason)
-                pose = predicted_along_degenerate(frame, registration, best.pose)
+                pose = self._pose(frame, registration)
                 direction = unresolved_direction(frame, registration, direction)
         verdict = self._gate.check(pose, registration, tentative is not None)
         return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
                      features=features, verdict=verdict)
+
+    def _pose(self, frame: KeyFrame, registration: Registration) -> SE2:
+        """Return the pose by a registration; along a degenerate direction the predicted one, unless that is weak."""
+        if self._gate.weak_prior:
+            return frame.pose @ registration.transform
+        return predicted_along_degenerate(frame, registration, self._gate.predictions.best.pose)
 
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
         """Register the `static` points; also return the features that were used.

@@ -9,9 +9,9 @@ from ..features.records import Features
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Registration, Status
-from .gate import LIMITS, Decision, Reason, Verdict
 from .mapping.key_frame import KeyFrame
 from .state import TrackState
+from .verdict import LIMITS, Decision, Reason, Verdict
 
 
 class Reference(NamedTuple):
@@ -82,9 +82,11 @@ class Outcome(NamedTuple):
     rejection: Reason | None = None
 
     @property
-    def is_accepted(self) -> bool:
-        """Whether there is a match that is not tentative."""
-        return self.match is not None and self.match.verdict.decision is Decision.ACCEPT
+    def is_certain(self) -> bool:
+        """Whether there is a match that is accepted and ``OK``."""
+        match = self.match
+        return (match is not None and match.verdict.decision is Decision.ACCEPT
+                and match.registration.status is Status.OK)
 
     @property
     def rejected(self) -> Registration:

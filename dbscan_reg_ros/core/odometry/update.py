@@ -23,7 +23,7 @@ from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
 from .alignment import Aligned, align_scan, completes_map, is_due
-from .gate import Gate, Reason
+from .gate import Gate
 from .mapping.correspondences import PosePrior
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow, latest_frames
@@ -39,6 +39,7 @@ from .references import Match, Outcome
 from .report import ReportedStep, report
 from .sensor import FIRST, Sensor
 from .state import LostMap, Mode, Tracking, TrackState
+from .verdict import Reason
 
 
 def initial_state(pose: SE2, number: int) -> TrackState:

@@ -13,12 +13,15 @@ from dbscan_reg_ros.evaluation.metrics import errors
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
+from ..bounds import at_least, at_most
 from ..report import Report
 from .drift import drive
 from .hard_courses import sparse_aces, sparse_buildings, sparse_intel
 
 TRANSLATION, ROTATION = 0.15, 3.0
 """A step is right within this [m], [deg]."""
+BOUNDS = {f'intel_{distance}m': {'odometry': at_least(share), 'failed_ok_count': at_most(0)}
+          for distance, share in ((0.8, 0.995), (1.2, 0.995), (1.6, 0.99), (2.0, 0.97), (2.4, 0.93))}
 
 
 def measure(args) -> Report:
@@ -33,7 +36,7 @@ def measure(args) -> Report:
             continue
         for name in args.method or ('dbscan',):
             rows = {course: compared(name, chosen[course], course) for course in chosen}
-            report.add_courses(title, grouped(rows) if title == 'buildings' else rows, name)
+            report.add_courses(title, grouped(rows), name, BOUNDS if args.limit is None else None)
     return report
 
 
@@ -73,10 +76,10 @@ def registered(registration, scans):
 
 
 def grouped(rows) -> dict:
-    """Return the buildings of one kind and distance as one row: counts added up, shares weighted by steps."""
-    groups = {}
+    """Return the courses of one kind and distance as one row: counts added up, shares weighted by steps."""
+    groups: dict[str, list[dict]] = {}
     for name, row in rows.items():
-        kind, _, distance = name.split('_')
+        kind, *_, distance = name.removesuffix('_half').split('_')
         groups.setdefault(f'{kind}_{distance}', []).append(row)
     return {name: {metric: sum(row[metric] for row in some) if metric.endswith('_count') else
                    float(np.average([row[metric] for row in some], weights=[row['steps_count'] for row in some]))

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.gate import Decision, Gate, Reason, Verdict
+from dbscan_reg_ros.core.odometry.gate import Gate
 from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
 from dbscan_reg_ros.core.odometry.models.wheel_calibration import WheelCalibration
 from dbscan_reg_ros.core.odometry.prediction import Prediction, Predictions
 from dbscan_reg_ros.core.odometry.state import Mode, Tracking
+from dbscan_reg_ros.core.odometry.verdict import Decision, Reason, Verdict
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
 
@@ -79,6 +80,34 @@ def test_a_scan_that_is_not_found_in_the_map_may_be_registered_to_the_scan_befor
 def test_after_a_weak_prediction_an_unreliable_result_is_a_better_guess():
     weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
     assert weak.check_scan_before(SE2(), SE2(0.3), result(Status.FAILED)) == (Decision.REJECT, Reason.GUESS)
+
+
+@pytest.mark.parametrize(('status', 'score', 'confidence', 'tentative', 'decision'), [
+    (Status.AMBIGUOUS, 0.5, 0.51, None, Decision.ACCEPT), (Status.AMBIGUOUS, 0.5, 0.49, None, Decision.REJECT),
+    (Status.DEGENERATE, 0.9, 0.9, None, Decision.REJECT),
+    (Status.AMBIGUOUS, 0.5, 0.1, (Status.DEGENERATE, 0.4), Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.5, 0.9, (Status.DEGENERATE, 0.6), Decision.REJECT),
+    (Status.DEGENERATE, 0.5, 0.1, (Status.DEGENERATE, 0.4), Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.5, 0.7, (Status.AMBIGUOUS, 0.4), Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.5, 0.5, (Status.AMBIGUOUS, 0.4), Decision.REJECT),
+    (Status.DEGENERATE, 0.5, 0.7, (Status.AMBIGUOUS, 0.4), Decision.REJECT)])
+def test_after_a_weak_prediction_the_more_likely_result_is_believed(status, score, confidence, tentative, decision):
+    """Of the tentative result with the map, at a confidence of 0.6, and the one with the scan before."""
+    weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
+    found = dataclasses.replace(result(status), score=score, confidence=confidence)
+    if tentative is not None:
+        tentative = dataclasses.replace(result(tentative[0]), score=tentative[1], confidence=0.6)
+    verdict = weak.check_scan_before(SE2(), SE2(0.3), found, tentative)
+    assert verdict == (decision, Reason.SCAN_BEFORE if decision is Decision.ACCEPT else Reason.GUESS)
+
+
+def test_a_degenerate_result_replaces_another_only_within_the_gate():
+    """It has to lie within 0.7 of the gate of 4 m, as corridors are symmetric."""
+    weak, less = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2), result(Status.DEGENERATE)
+    more = dataclasses.replace(less, score=0.5)
+    assert weak.check_scan_before(SE2(), SE2(0.0, 0.0, 0.1), more, less).decision is Decision.ACCEPT
+    far = gate(motion=3.0, covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
+    assert far.check_scan_before(SE2(), SE2(0.1), more, less).decision is Decision.REJECT
 
 
 @pytest.mark.parametrize(('status', 'x', 'decision'), [

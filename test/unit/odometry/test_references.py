@@ -8,7 +8,6 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.gate import Decision, Reason, Verdict
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.references import (
@@ -20,6 +19,7 @@ from dbscan_reg_ros.core.odometry.references import (
 )
 from dbscan_reg_ros.core.odometry.state import Tracking
 from dbscan_reg_ros.core.odometry.update import initial_state
+from dbscan_reg_ros.core.odometry.verdict import Decision, Reason, Verdict
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Registration, Status
 

@@ -42,6 +42,14 @@ def test_three_standard_deviations_in_the_sensors_frame_are_a_motion(axis, sigma
         assert found.as_array() == pytest.approx((pose if moved else half).as_array())
 
 
+def test_a_direction_that_is_hardly_constrained_proves_no_rest():
+    """Steps of 0.1 m stay within a sigma of 1 m along a corridor, and are motions."""
+    covariance = np.diag([1.0, 0.005, 0.005]) ** 2
+    rest = ZeroVelocityUpdate(SE2())
+    for k in range(1, 30):
+        assert rest.update(SE2(0.1 * k, 0.0, 0.0), covariance, 0.1, LIMIT).as_array() == pytest.approx([0.1 * k, 0, 0])
+
+
 def test_the_mean_of_two_turns_across_the_seam_lies_on_it():
     rest = ZeroVelocityUpdate(SE2(0.0, 0.0, math.pi - 0.004))
     assert abs(update(rest, 0.0, 0.0, -math.pi + 0.004)[2]) == pytest.approx(math.pi)

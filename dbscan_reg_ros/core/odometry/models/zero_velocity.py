@@ -41,6 +41,9 @@ class ZeroVelocityUpdate:
             The mean since the sensor came to rest, once it has rested for 1 s; before that `pose`.
         """
         offset = (self._mean.inverse() @ pose).as_array()
+        # A direction that is hardly constrained proves no rest: the pose of a moving sensor stays within its gate.
+        variance, axes = np.linalg.eigh(covariance)
+        covariance = axes * np.minimum(variance, _MAX_SIGMA ** 2) @ axes.T
         if mahalanobis(offset, covariance) > gate ** 2:
             self._mean, self._count, self._rest_time = pose, 1, 0.0
             return pose
@@ -51,6 +54,8 @@ class ZeroVelocityUpdate:
         return self._mean if self._rest_time > _MIN_REST_TIME else pose
 
 
+_MAX_SIGMA = 0.02
+"""Standard deviation [m], [rad] of a pose above which it proves no rest."""
 _MAX_COUNT = 50
 """Scans of the running mean."""
 _MIN_REST_TIME = 1.0
