@@ -14,6 +14,7 @@ from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.backends import compiled_backend
 from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
+from dbscan_reg_ros.commands.simulate import main as simulate_command
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
@@ -202,6 +203,15 @@ def compiled():
     if backend is None:
         pytest.skip('the compiled steps are not built: python setup.py build_ext --inplace')
     return backend
+
+
+@pytest.fixture(scope='session')
+def hall_recording(tmp_path_factory):
+    """A simulated drive through a hall as a bag."""
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
+    target = tmp_path_factory.mktemp('recording') / 'hall'
+    assert simulate_command([str(target), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
+    return target
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,6 @@ from matplotlib.image import imread
 from dbscan_reg_ros import Parameters, RecordingError
 from dbscan_reg_ros.commands.compare import main
 from dbscan_reg_ros.commands.competitors import Competitor
-from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.evaluation.comparison import Paired, difference, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.replays.trajectory import Trajectory
@@ -23,19 +22,11 @@ def related_errors(rng, count=800, reach=20):
     return 0.01 + 0.003 * smooth
 
 
-@pytest.fixture(scope='module')
-def recording(tmp_path_factory):
-    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
-    folder = tmp_path_factory.mktemp('recording')
-    assert simulate([str(folder / 'hall'), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
-    return folder / 'hall'
-
-
 @pytest.fixture
-def compare(recording, tmp_path, capsys):
+def compare(hall_recording, tmp_path, capsys):
     """``compare(a, b) -> exit code, printed, comparison.json``."""
     def compare(a, b, *words):
-        code = main([str(a), str(b), str(recording), *words, '--processes', '1', '--out', str(tmp_path)])
+        code = main([str(a), str(b), str(hall_recording), *words, '--processes', '1', '--out', str(tmp_path)])
         return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
     return compare
 
@@ -126,15 +117,15 @@ def test_without_truth_there_is_nothing_to_compare():
         paired(KnownMotion(None, None, None), trajectory, trajectory)
 
 
-def test_a_recording_without_truth_is_refused_by_name_before_any_work(recording, data, tmp_path, capsys):
-    assert main(['defaults', 'identity', str(recording), str(data / 'ccny_demo' / 'demo.bag'), '--out',
+def test_a_recording_without_truth_is_refused_by_name_before_any_work(hall_recording, data, tmp_path, capsys):
+    assert main(['defaults', 'identity', str(hall_recording), str(data / 'ccny_demo' / 'demo.bag'), '--out',
                  str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert 'demo.bag: its true motion is unknown' in error and error.count('\n') == 1
 
 
-def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
-    assert main(['defaults', 'absent', str(recording)]) == 2
+def test_a_wrong_name_is_one_line_that_says_what_there_is(hall_recording, capsys):
+    assert main(['defaults', 'absent', str(hall_recording)]) == 2
     assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: '
                                        'defaults, '
                                        'hokuyo_urg04lx, hokuyo_utm30lx, lds, paper, rplidar_a, rplidar_s, '
@@ -143,9 +134,9 @@ def test_a_wrong_name_is_one_line_that_says_what_there_is(recording, capsys):
                                        'MODULE:FUNCTION\n')
 
 
-def test_results_that_cannot_be_written_are_refused_before_any_work(recording, tmp_path, capsys):
+def test_results_that_cannot_be_written_are_refused_before_any_work(hall_recording, tmp_path, capsys):
     (tmp_path / 'file').write_text('')
-    assert main(['identity', 'identity', str(recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
+    assert main(['identity', 'identity', str(hall_recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
     printed = capsys.readouterr()
     assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another '
                                                       'place\n')

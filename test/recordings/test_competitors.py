@@ -13,24 +13,15 @@ import pytest
 
 from dbscan_reg_ros import RecordingError, open_recording
 from dbscan_reg_ros.commands.compare import main
-from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.recordings import true_poses, write_csv, write_tum
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.recordings.truth import read_truth
 
 
 @pytest.fixture(scope='module')
-def recording(tmp_path_factory):
-    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
-    folder = tmp_path_factory.mktemp('recording')
-    assert simulate([str(folder / 'hall'), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
-    return folder / 'hall'
-
-
-@pytest.fixture(scope='module')
-def truth(recording):
+def truth(hall_recording):
     """Stamps and true poses of the scans."""
-    opened = open_recording(recording)
+    opened = open_recording(hall_recording)
     stamps, poses = opened.truth()
     scans = np.array(opened.stamps())
     return scans, poses[np.searchsorted(stamps, scans)]
@@ -53,10 +44,10 @@ def write(truth, tmp_path):
 
 
 @pytest.fixture
-def compare(recording, tmp_path, capsys):
+def compare(hall_recording, tmp_path, capsys):
     """``compare(a, b, *words) -> exit code, printed, comparison.json``."""
     def compare(a, b, *words):
-        code = main([str(a), str(b), str(recording), *map(str, words), '--processes', '1', '--out', str(tmp_path)])
+        code = main([str(a), str(b), str(hall_recording), *map(str, words), '--processes', '1', '--out', str(tmp_path)])
         return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
     return compare
 
@@ -116,13 +107,13 @@ def test_poses_between_those_of_a_trajectory_are_interpolated(compare, write):
     assert 0.0 < content['differences']['all']['m']['b'] < 0.05
 
 
-def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path, recording, capsys):
+def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path, hall_recording, capsys):
     folder = tmp_path / 'theirs'
     folder.mkdir()
     shutil.copy(write('b', 0.002).partition('=')[2], folder / 'hall.tum')
     assert compare(write('a', 0.002), f'theirs={folder}')[0] == 0
     (folder / 'hall.tum').rename(folder / 'room.tum')
-    assert main(['identity', f'theirs={folder}', str(recording), '--processes', '1', '--out', str(tmp_path)]) == 2
+    assert main(['identity', f'theirs={folder}', str(hall_recording), '--processes', '1', '--out', str(tmp_path)]) == 2
     assert capsys.readouterr().err == f'compare: {folder}/hall.tum: no such trajectory of the recording hall\n'
 
 
@@ -133,8 +124,8 @@ def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path
     (('absent:align',), "method absent:align: No module named 'absent'; expected MODULE:FUNCTION, in the current "
                         'folder or installed'),
 ])
-def test_a_wrong_competitor_is_one_line(recording, capsys, words, says):
-    assert main(['identity', *words, str(recording)]) == 2
+def test_a_wrong_competitor_is_one_line(hall_recording, capsys, words, says):
+    assert main(['identity', *words, str(hall_recording)]) == 2
     assert capsys.readouterr().err == f'compare: {says}\n'
 
 

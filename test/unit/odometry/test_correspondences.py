@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from rooms import FULL, L_ROOM, look, outline
+from l_room import DENSITY, END, START, features, fitted
+from rooms import look
 
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
@@ -13,24 +14,10 @@ from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_le
 from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.registration.point_to_line import NO_STEP, fit, normal_equations
+from dbscan_reg_ros.core.registration.point_to_line import NO_STEP, normal_equations
 
 PARAMETERS = Parameters()
-DENSITY = PARAMETERS.density
 NO_PRIOR = PosePrior(SE2(), np.zeros((3, 3)))
-START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
-
-
-def features(pose):
-    return extract_features(look(outline(L_ROOM), pose, FULL))
-
-
-def rows(*motions):
-    return np.array([motion.as_array() for motion in motions])
-
-
-def fitted(reference, current, *motions):
-    return fit(rows(*motions), current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
 
 
 def plainly(reference, current, motion):

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from rooms import FULL, L_ROOM, look, outline
+from l_room import DENSITY, END, START, features, fitted, rows
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
@@ -23,22 +22,8 @@ from dbscan_reg_ros.core.registration.point_to_line import (
 )
 
 PARAMETERS = Parameters()
-DENSITY = PARAMETERS.density
-START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)
 MOTION = START.inverse() @ END
 NEAR = MOTION @ SE2(0.03, -0.02, 0.015)
-
-
-def features(pose):
-    return extract_features(look(outline(L_ROOM), pose, FULL))
-
-
-def rows(*motions):
-    return np.array([motion.as_array() for motion in motions])
-
-
-def fitted(reference, current, *motions):
-    return fit(rows(*motions), current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
 
 
 def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
