@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What reads the source before it runs: the same tools in the same versions wherever they are called."""
+import os
 import re
 import shutil
 import subprocess
 
 import pytest
 
-SIDE_BY_SIDE = '-n auto --maxprocesses 4 --dist worksteal'
+SIDE_BY_SIDE = f'-n {min(len(os.sched_getaffinity(0)) + 1, 4)} --dist worksteal'
 
 
 def locked(root):
@@ -55,7 +56,7 @@ def test_style_alone_runs_no_test(checks):
     assert checks('style') == (0, ['ruff check', 'mypy'])
 
 
-@pytest.mark.parametrize('folder', ['unit', 'recordings', 'page', 'node', 'fuzz', 'long'])
+@pytest.mark.parametrize('folder', ['unit', 'recordings', 'builds', 'page', 'node', 'fuzz', 'long'])
 def test_a_folder_of_tests_runs_by_its_name(checks, root, folder):
     assert (root / 'test' / folder).is_dir()
     assert checks(folder, '-k', 'some') == (0, [f'python -m pytest {SIDE_BY_SIDE} test/{folder} -k some'])
