@@ -9,32 +9,44 @@ from functools import partial
 
 import numpy as np
 
-from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, fmod, hypot, isfinite, isnan, rint
+from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, floor, fmod, isfinite, isnan, rint
 from libc.math cimport sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
+from ..errors import ScanError
 from ..features import free_space as free_space_steps
 from ..features import likelihood_field as likelihood_field_steps
 from ..features import normals as normal_steps
+from ..features import oriented_points as oriented_steps
 from ..features import range_noise as range_noise_steps
 from ..features import ring_band as ring_band_steps
 from ..features import segments as segment_steps
+from ..features import small_objects as small_object_steps
 from ..features.free_space import FreeSpaceProfile
 from ..features.likelihood_field import LikelihoodField
+from ..features.oriented_points import OrientedPoints
 from ..features.point_sequence import PointSequence
-from ..features.records import Segments
+from ..features.records import Features, Segments
+from ..features.small_objects import SmallObjects
 from ..geometry import tolerance
 from ..geometry.se2 import SE2
 from ..odometry.mapping import dynamic_points as dynamic_steps
 from ..odometry.mapping import key_frame_window as window_steps
 from ..odometry.mapping import local_map as local_map_steps
+from ..odometry.mapping import scan_to_map as map_steps
+from ..odometry.mapping.correspondences import Correspondences, PosePrior
 from ..odometry.mapping.key_frame_window import Pairs
 from ..registration import degeneracy as degeneracy_steps
 from ..registration import rotation as rotation_steps
+from ..registration import scoring as scoring_steps
+from ..registration import selection as selection_steps
 from ..registration import translation as translation_steps
+from ..registration import uncertainty as uncertainty_steps
 from ..registration.point_to_line import Fit
 from ..registration.rotation import Rotations
+from ..registration.search import Ranking
 from ..registration.translation import Translations
+from ..registration.uncertainty import Observability, Residuals
 
 cdef extern from *:
     """
@@ -58,25 +70,30 @@ include "features/segments.pxi"
 include "features/likelihood_field.pxi"
 include "features/free_space.pxi"
 include "features/leverage.pxi"
+include "features/small_objects.pxi"
+include "features/extraction.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
 include "registration/rotation.pxi"
 include "registration/clusters.pxi"
 include "registration/translation.pxi"
 include "registration/scoring.pxi"
+include "registration/ranking.pxi"
 include "registration/uncertainty.pxi"
 include "mapping/window.pxi"
 include "mapping/correspondences.pxi"
+include "mapping/scan_to_map.pxi"
 include "mapping/dynamic_points.pxi"
 include "mapping/local_map.pxi"
+include "models/covariance.pxi"
 
 STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
-    'leverage',
-    'fit', 'refine', 'next_step', 'polish', 'pair_weights', 'estimate_rotations',
-    'estimate_translations', 'score', 'reverse_violation', 'informations',
-    'look_up_pairs', 'points_by_frame', 'pair_weights_after', 'align', 'dynamic_points', 'detached_points', 'beside',
-    'newest_in_cell',
+    'leverage', 'high_leverage', 'find_small_objects', 'extract_from_returns', 'build_oriented_points',
+    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'rank_by_density',
+    'uncertainty', 'match_covariance',
+    'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
+    'dynamic_points', 'detached_points', 'beside', 'newest_in_cell', 'propagate_errors',
 )
 """Names of the steps."""

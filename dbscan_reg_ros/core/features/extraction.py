@@ -38,13 +38,14 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
         When fewer than `scan.min_returns` beams have a return.
     """
     backend = backend or default_backend()
-    return extract_from_returns(admitted_returns(scan, parameters.scan, backend), parameters, noise_ratio)
+    returns = admitted_returns(scan, parameters.scan, backend)
+    return backend.step(extract_from_returns)(returns, parameters, noise_ratio)
 
 
 def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
     """Extract the features of a scan whose returns are selected already; as `extract_features`."""
-    limits, scan, step = parameters.scan, returns.scan, returns.backend.step
-    filtered, _ = step(ring_band_filter)(returns.points, returns.noise, parameters.filter)
+    limits, scan = parameters.scan, returns.scan
+    filtered, _ = ring_band_filter(returns.points, returns.noise, parameters.filter)
     beams = np.isfinite(filtered[:, 0]).nonzero()[0]
     points = filtered[beams]
     if len(points) < limits.min_returns:
@@ -54,10 +55,10 @@ def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: 
     positions = as_complex(points)
     radius = np.abs(positions)
     # Before the filter, outliers count as noise. Corners must stand out from this noise, normals and breaks need not.
-    left = min(noise, step(estimate_noise)(radius, limits)) if len(points) < np.count_nonzero(returns.valid) else noise
-    sequence = step(point_sequence)(positions, beams, scan.geometry.angle_increment, left, parameters.segments)
-    normals = step(estimate_normals)(sequence, range_noise(radius, left, ratio), parameters.segments)
-    segments = step(extract_segments)(sequence, range_noise(radius, noise, ratio), parameters.segments)
+    left = min(noise, estimate_noise(radius, limits)) if len(points) < np.count_nonzero(returns.valid) else noise
+    sequence = point_sequence(positions, beams, scan.geometry.angle_increment, left, parameters.segments)
+    normals = estimate_normals(sequence, range_noise(radius, left, ratio), parameters.segments)
+    segments = extract_segments(sequence, range_noise(radius, noise, ratio), parameters.segments)
     if sequence.increment < 0.0:
         segments = segments.reversed()
     return Features(scan=scan, points=points, beams=beams, breaks=sequence.breaks, normals=as_vectors(normals),

@@ -144,16 +144,17 @@ class Features:
     @cached_property
     def wall_points(self) -> OrientedPoints:
         """The points that have a normal."""
-        return build_oriented_points(self.points, self.normals, self.beams)
+        return self.backend.step(build_oriented_points)(self.points, self.normals, self.beams)
 
     @cached_property
     def oriented_points(self) -> OrientedPoints:
         """The `wall_points` and then the `poles`, Q in all, with weights and inverse noise scales."""
         oriented = self.wall_points.joined(self.poles) if self.poles else self.wall_points
-        noise_scale = self.noise_ratio / TYPICAL_NOISE * np.abs(oriented.points)
-        inverse_noise = 1.0 / np.maximum(noise_scale, 1.0) if (noise_scale > 1.0).any() else None
-        weights = oriented.weights if self.weights is None else self.weights
-        return dataclasses.replace(oriented, weights=weights, inverse_noise=inverse_noise)
+        weights, inverse_noise = oriented.weights if self.weights is None else self.weights, None
+        if self.noise_ratio:
+            noise_scale = self.noise_ratio / TYPICAL_NOISE * np.abs(oriented.points)
+            inverse_noise = 1.0 / np.maximum(noise_scale, 1.0) if (noise_scale > 1.0).any() else None
+        return OrientedPoints(oriented.points, oriented.normals, oriented.beams, weights, inverse_noise)
 
     @cached_property
     def sampled_points(self) -> OrientedPoints:

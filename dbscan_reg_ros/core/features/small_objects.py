@@ -42,7 +42,7 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
     """
     if as_complex(features.normals).all():
         return features
-    objects = find_small_objects(features, size, parameters)
+    objects = features.backend.step(find_small_objects)(features, size, parameters)
     poles = objects.without_normals.nonzero()[0]
     if not len(poles):
         return features

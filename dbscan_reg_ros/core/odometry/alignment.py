@@ -73,9 +73,10 @@ def align_scan(window: KeyFrameWindow, match: Match, prior: PosePrior, predictio
     # An unobservable rotation is left to an external prior; the motion model knows it no better than the match.
     rotation_by_prior = (registration.rotation_unobservable and not predictions.by_motion_model
                          and bool(prior.information.any()))
-    pose, correspondences = align_to_map(
+    step = match.features.backend.step
+    pose, correspondences = step(align_to_map)(
         window, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
-    covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
+    covariance, observed = step(alignment_uncertainty)(match.features, pose, correspondences, initial, p)
     return Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
 
 

@@ -180,7 +180,7 @@ class Odometry:
             scan = deskew(scan, twist)
         returns = admitted_returns(scan, p.scan, self._backend)
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
-        features = extract_from_returns(returns, p, noise.value)
+        features = self._backend.step(extract_from_returns)(returns, p, noise.value)
         own.noise = noise
         return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
 

@@ -199,7 +199,7 @@ def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterva
     """Propagate heading and covariances to `pose`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
-    state.covariance.propagate(step, interval.length, prior, measurement)
+    state.covariance.propagate(step, interval.length, prior, measurement, state.key_frames.backend)
     if interval.gap:
         # Mostly the stamp is wrong and the motion continues, but its velocity is unknown.
         state.covariance.reset_twist()

@@ -20,7 +20,8 @@ from .scoring import distinct, within_gate
 
 def landmarks(features: Features, parameters: Parameters) -> ComplexArray:
     """Return the middles (complex [m]) of the nearest `selection.max_landmarks` small objects, nearest first."""
-    objects = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
+    find = features.backend.step(find_small_objects)
+    objects = find(features, parameters.selection.landmark_size, parameters.segments)
     nearest = objects.nearest.argsort(kind='stable')[:parameters.selection.max_landmarks]
     middles: ComplexArray = objects.middle[nearest]
     return middles

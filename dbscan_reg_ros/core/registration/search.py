@@ -135,7 +135,7 @@ class Problem:
     def refine(self, candidates: FloatArray, points: OrientedPoints, scales: Sequence[float],
                known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
         """Refine the candidates by `points` of the current scan, as `point_to_line.refine`."""
-        return self.current.backend.step(refine)(candidates, self.alignment(points), scales, known)
+        return refine(candidates, self.alignment(points), scales, known)
 
     def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:
         """Return the `Fit` of `points` of the current scan to the reference for each of the `candidates` ``(H, 3)``."""

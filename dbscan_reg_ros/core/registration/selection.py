@@ -9,6 +9,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
 from ..geometry.se2 import DOF
+from ..geometry.tolerance import TINY
 from ..parameters.tree import Parameters
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
@@ -32,13 +33,26 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
         return failed('no segments of the two scans match')
     if not len(problem.current.sampled_points):
         return failed('no returns of the current scan have a normal')
-    coarse = refine_coarsely(problem, candidates)
-    if coarse.score[0] <= min_score:
-        return failed_below(min_score, coarse)
-    fine = refine_finely(problem, coarse)
-    if fine.score[0] <= min_score:
-        return failed_below(min_score, fine)
-    return decide(problem, polish_best(problem, fine))
+    ranking = problem.current.backend.step(rank_by_density)(problem, candidates, min_score)
+    return failed_below(min_score, ranking) if ranking.score[0] <= min_score else decide(problem, ranking)
+
+
+def rank_by_density(problem: Problem, candidates: Candidates, min_score: float) -> Ranking:
+    """Refine the hypotheses and rank them: coarsely, finely, and the best once more by all points.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : Candidates
+        At least one.
+    min_score : float
+        Refinement ends as soon as the best score is known to be at most this.
+    """
+    ranking = refine_coarsely(problem, candidates)
+    if ranking.score[0] <= min_score:
+        return ranking
+    ranking = refine_finely(problem, ranking)
+    return ranking if ranking.score[0] <= min_score else polish_best(problem, ranking)
 
 
 def failed_below(min_score: float, ranking: Ranking) -> Registration:
@@ -63,8 +77,7 @@ def refine_coarsely(problem: Problem, candidates: Candidates) -> Ranking:
     start = candidates.joined()
     start, fits = promising(start, problem.fit(start, some), p.refinement.coarse_scale, p.selection.min_support_ratio)
     coarse = improve(problem, start, some, scales, fits)
-    step = problem.current.backend.step(next_step)(
-        coarse.best, points, p.refinement.fine_scale, p.refinement.damping)
+    step = next_step(coarse.best, points, p.refinement.fine_scale, p.refinement.damping)
     if math.hypot(step[0], step[1]) < p.refinement.final_scale:
         return coarse
     return coarse.joined(improve(problem, coarse.candidates, points, scales))
@@ -104,8 +117,7 @@ def polish_best(problem: Problem, fine: Ranking) -> Ranking:
         points = problem.current.oriented_points
     if points is not problem.current.sampled_points:
         best = problem.fit(fine.candidates[:1], points)
-    candidate, best = problem.current.backend.step(polish)(
-        fine.candidates[0], best, points, p.refinement)
+    candidate, best = polish(fine.candidates[0], best, points, p.refinement)
     return fine.with_best(candidate, best.thinned(p.density.max_points))
 
 
@@ -128,10 +140,9 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
     p, current = problem.parameters, problem.current
     candidates, equations = problem.refine(candidates, points, scales, fits)
     found = problem.fit(candidates, current.sampled_points)
-    value, overlap = current.backend.step(score)(
-        found, problem.reference, current, p.refinement.score_scale, p.density)
+    value, overlap = score(found, problem.reference, current, p.refinement.score_scale, p.density)
     if both_ways:
-        reverse = current.backend.step(reverse_violation)(candidates, problem.reference, current, p.density)
+        reverse = reverse_violation(candidates, problem.reference, current, p.density)
         value = value - p.density.violation_weight * reverse
     if problem.prior is not None:
         distance = squared_mahalanobis(candidates, problem.prior) / p.prior.gate ** 2
@@ -149,7 +160,7 @@ def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatAr
     if not degenerate.any():
         return candidates
     shifted = search_degenerate_direction(candidates[degenerate], angle[degenerate], problem)
-    return np.concatenate((candidates, shifted[(shifted != candidates[degenerate]).any(axis=1)]))
+    return np.concatenate((candidates, shifted[(np.abs(shifted - candidates[degenerate]) > TINY).any(axis=1)]))
 
 
 _RIVALS = 3

@@ -33,8 +33,8 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
     best, score = fine.candidates[0], float(fine.score[0])
     noise = max(reference.noise, current.noise)
-    covariance, observed = uncertainty(
-        best, fine.best, current.sampled_points, noise, problem.parameters, current.backend)
+    covariance, observed = current.backend.step(uncertainty)(
+        best, fine.best, current.sampled_points, noise, problem.parameters)
     degenerate = observed.weak < p.min_information
     rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p)
     margin = min(score - float(fine.score[rivals].max(initial=-np.inf)), MAX_MARGIN)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..backend import REFERENCE, Backend
 from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import DOF, turned
@@ -57,7 +56,7 @@ class Residuals(NamedTuple):
 
 
 def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise: float,
-                p: Parameters, backend: Backend = REFERENCE) -> tuple[FloatArray, Observability]:
+                p: Parameters) -> tuple[FloatArray, Observability]:
     """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
 
     Parameters
@@ -70,14 +69,12 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
     noise : float [m]
         Standard deviation of a range. It adds to the spread of the errors.
     p : Parameters
-    backend : Backend
     """
     rows = jacobian(found.normals[0], found.rotated_points[0])
     own = own_jacobian(points.sharpened(points.normals), float(candidate[2]), found.rotated_points[0])
     weight = points.weighted(found.weight(p.refinement.score_scale))[0]
     residuals = Residuals(found.error[0], weight, rows, own, noise)
-    covariance, observed = match_covariance(residuals, p.decision, backend=backend)
-    return turned(covariance, -candidate[2]), observed
+    return match_covariance(residuals, p.decision, float(candidate[2]))
 
 
 def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArray) -> FloatArray:
@@ -85,23 +82,24 @@ def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArr
     return jacobian((cmath.rect(1.0, theta) * normals).conj(), rotated_points)
 
 
-def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, latest_degenerate: bool = False,
-                     rotation_unobservable: bool = False,
-                     backend: Backend = REFERENCE) -> tuple[FloatArray, Observability]:
-    """Return the covariance ``(3, 3)`` of a match in the frame of the residuals, and its `Observability`.
+def match_covariance(residuals: Residuals, parameters: DecisionParameters, theta: float,
+                     latest_degenerate: bool = False,
+                     rotation_unobservable: bool = False) -> tuple[FloatArray, Observability]:
+    """Return the covariance ``(3, 3)`` of a match in the frame of the scan, and its `Observability`.
 
     Parameters
     ----------
     residuals : Residuals
     parameters : DecisionParameters
+    theta : float [rad]
+        Rotation of the scan in the frame of the residuals.
     latest_degenerate : bool
         Whether the translation to the latest key frame is degenerate: older ones have to constrain it beyond chance.
     rotation_unobservable : bool
         Whether the rotation is unobservable, whatever the residuals say.
-    backend : Backend
     """
     error, weight, _, _, noise = residuals
-    information, shared = backend.step(informations)(residuals, parameters)
+    information, shared = informations(residuals, parameters)
     count = float(weight.sum())
     observed = observability(information, shared, count, parameters)
     if latest_degenerate:
@@ -110,7 +108,8 @@ def match_covariance(residuals: Residuals, parameters: DecisionParameters, *, la
     if rotation_unobservable:
         observed = observed._replace(rotation=0.0)
     variance = mean_square(error, weight) + noise ** 2
-    return calibrated_covariance(information, shared, variance, observed, parameters), observed
+    covariance = calibrated_covariance(information, shared, variance, observed, parameters)
+    return turned(covariance, -theta), observed
 
 
 def informations(residuals: Residuals, parameters: DecisionParameters) -> tuple[FloatArray, FloatArray]:

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from accelerated_inputs import SIZES, assert_same, oriented_points, ranges, segments
 
-from dbscan_reg_ros import Parameters, Scan, extract_features, register
+from dbscan_reg_ros import SE2, Parameters, Scan, extract_features, register
 from dbscan_reg_ros.core.backend import REFERENCE
-from dbscan_reg_ros.core.registration.point_to_line import fit, next_step, polish
+from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.registration.point_to_line import fit
+from dbscan_reg_ros.core.registration.records import Prior
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
-from dbscan_reg_ros.core.registration.scoring import reverse_violation, score
+from dbscan_reg_ros.core.registration.search import Candidates, Problem
+from dbscan_reg_ros.core.registration.selection import rank_by_density
 from dbscan_reg_ros.core.registration.translation import estimate_translations
-from dbscan_reg_ros.core.registration.uncertainty import Residuals, informations
+from dbscan_reg_ros.core.registration.uncertainty import Residuals, match_covariance, uncertainty
 
 P = Parameters()
 
@@ -41,40 +44,61 @@ def test_hypotheses(both, rng, n, m, parallel):
                 assert_same(found.shortest, other.shortest)
 
 
-@pytest.mark.parametrize('size', SIZES)
-def test_single_candidate(both, rng, size):
-    points = dataclasses.replace(oriented_points(rng, size), inverse_noise=rng.uniform(0.1, 1.0, size))
-    field = extract_features(scan(rng, 360), backend=REFERENCE).likelihood_field
-    found = fit(rng.normal(0.0, 0.1, (1, 3)), points, field, 0.5)
-    both(next_step, found, points, 0.1, 0.003)
-    for iterations in (0, 1, 5):
-        both(polish, np.zeros(3), found, points, changed(P.refinement, polish_iterations=iterations))
-
-
 def scan(rng, size):
     distance, bearings = ranges(rng, size)
     return Scan.from_ranges(distance, bearings)
 
 
-def test_scores(both, rng):
-    reference, current = (extract_features(scan(rng, size), backend=REFERENCE) for size in (360, 180))
-    current = dataclasses.replace(current, noise_ratio=rng.choice([0.0, 0.03]))
-    for count in (0, 1, 5):
-        candidates = rng.normal(0.0, 0.2, (count, 3))
-        found = fit(candidates, current.sampled_points, reference.likelihood_field, 0.5)
-        both(score, found, reference, current, 0.05, P.density)
-        both(reverse_violation, candidates, reference, current, P.density)
+def feature_pairs(rng):
+    """Features of two scans, of the same and of different rooms, with far ranges that are noisier or not."""
+    reference = scan(rng, 360)
+    for current in (reference, scan(rng, 180), scan(rng, 1081)):
+        both = (extract_features(each, backend=REFERENCE) for each in (reference, current))
+        yield tuple(dataclasses.replace(each, noise_ratio=rng.choice([0.0, 0.03])) for each in both)
+
+
+SETTINGS = {
+    'usual': P, 'wide': P.widened,
+    'never degenerate': changed(P, degeneracy=changed(P.degeneracy, information_ratio=0.0)),
+    'degenerate': changed(P, degeneracy=changed(P.degeneracy, information_ratio=1.0)),
+    'not polished': changed(P, refinement=changed(P.refinement, polish_iterations=0)),
+    'not refined': changed(P, refinement=changed(P.refinement, coarse_iterations=0, fine_iterations=0)),
+    'few': changed(P, selection=changed(P.selection, preselected=2, preselection_points=20, top_candidates=1)),
+    'any normals': changed(P, density=changed(P.density, min_normal_cosine=-1.0, max_points=50)),
+}
+
+
+@pytest.mark.parametrize('name', SETTINGS)
+def test_ranking(both, rng, name):
+    """Of one candidate, of many at random, and of several close to each other; with and without a prior."""
+    for reference, current in feature_pairs(rng):
+        prior = Prior(SE2.from_array(rng.normal(0.0, 0.1, 3)), np.diag((0.04, 0.01, 0.02)))
+        for each in (None, prior):
+            problem = Problem(reference, current, SETTINGS[name], each)
+            for count, spread in ((1, 0.1), (9, 0.02), (30, 0.3)):
+                candidates = Candidates(rng.normal(0.0, spread, (1, 3)), rng.normal(0.0, spread, (count - 1, 3)))
+                for min_score in (-np.inf, 0.3):
+                    expected, found = (step(problem, candidates, min_score)
+                                       for step in (rank_by_density, both.compiled.step(rank_by_density)))
+                    if expected.score[0] <= min_score:
+                        expected, found = expected.score, found.score
+                    assert_same(expected, found)
 
 
 @pytest.mark.parametrize('size', SIZES)
-def test_informations(both, rng, size):
+def test_uncertainty(both, rng, size):
     """Of points all around, and of a corridor whose walls are nearly parallel."""
     for spread in (3.0, 0.02):
         angle = rng.normal(0.0, spread, size) + rng.choice([0.0, np.pi], size)
         rows, own = (np.array((np.cos(each), np.sin(each), rng.normal(0.0, 2.0, size)))
                      for each in (angle, angle + rng.normal(0.0, 0.1, size)))
-        weight = rng.uniform(0.0, 1.0, size)
-        both(informations, Residuals(rng.normal(0.0, 0.02, size), weight, rows, own, 0.01), P.decision)
+        residuals = Residuals(rng.normal(0.0, 0.02, size), rng.uniform(0.0, 1.0, size), rows, own, 0.01)
+        for flags in ((), (True, False), (False, True), (True, True)):
+            both(match_covariance, residuals, P.decision, rng.uniform(-3.0, 3.0), *flags)
+        points = dataclasses.replace(oriented_points(rng, size), inverse_noise=rng.uniform(0.1, 1.0, size))
+        field = build_likelihood_field(oriented_points(rng, 400), P.density)
+        candidate = rng.normal(0.0, 0.1, 3)
+        both(uncertainty, candidate, fit(candidate[None], points, field, 0.5), points, 0.01, P)
 
 
 def test_registrations(compiled, rng):

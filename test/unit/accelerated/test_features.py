@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled steps of the feature extraction against the reference."""
 import dataclasses
+import re
 
 import numpy as np
 import pytest
-from accelerated_inputs import SIZES, oriented_points, scan_points
+from accelerated_inputs import SIZES, oriented_points, ranges, scan_points
 
-from dbscan_reg_ros import Parameters
+from dbscan_reg_ros import Parameters, Scan, ScanError, extract_features
+from dbscan_reg_ros.core.features.extraction import extract_from_returns
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.normals import estimate_normals
-from dbscan_reg_ros.core.features.oriented_points import leverage
+from dbscan_reg_ros.core.features.oriented_points import build_oriented_points, leverage
 from dbscan_reg_ros.core.features.point_sequence import point_sequence
 from dbscan_reg_ros.core.features.range_noise import estimate_noise, estimate_noise_ratio
+from dbscan_reg_ros.core.features.returns import admitted_returns
 from dbscan_reg_ros.core.features.ring_band import ring_band_filter
 from dbscan_reg_ros.core.features.segments import extract_segments
+from dbscan_reg_ros.core.features.small_objects import find_small_objects
 from dbscan_reg_ros.core.geometry.se2 import as_complex
 
 P = Parameters()
@@ -81,3 +85,33 @@ def test_leverage(both, rng, size):
     points = oriented_points(rng, size)
     for weights in (points.weights, None, np.zeros(size)):
         both(leverage, dataclasses.replace(points, weights=weights), 1.0)
+
+
+def scans(rng, size):
+    """A scan of the full circle, one of part of it, and one clockwise; with thin poles in front."""
+    distance, bearings = ranges(rng, size)
+    if size:
+        distance[rng.integers(0, size, 1 + size // 40)] = 1.0
+    for angles in (bearings, 0.5 * bearings, -bearings):
+        yield Scan.from_ranges(distance, angles)
+
+
+@pytest.mark.parametrize('size', [2, 7, 30, 360, 1081])
+def test_features(both, rng, size):
+    """From scans: also of too few returns, with the noise of far ranges, and the small objects among them."""
+    for scan in scans(rng, size):
+        for p in (P, dataclasses.replace(P, scan=dataclasses.replace(P.scan, min_returns=3, range_max=4.0))):
+            try:
+                returns = admitted_returns(scan, p.scan)
+                features = both(extract_from_returns, returns, p, rng.choice([0.0, 0.04]))
+            except ScanError as error:
+                with pytest.raises(ScanError, match=re.escape(str(error))):
+                    extract_features(scan, p, backend=both.compiled)
+                continue
+            both(extract_from_returns, returns, p)
+            both(build_oriented_points, features.points, features.normals, features.beams)
+            for width in (0.1, 1.0, 100.0):
+                both(find_small_objects, features, width, p.segments)
+            bare = dataclasses.replace(features, normals=np.zeros_like(features.normals))
+            both(find_small_objects, bare, 0.5, p.segments)
+            both(build_oriented_points, bare.points, bare.normals, bare.beams)

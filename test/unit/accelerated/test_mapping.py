@@ -9,11 +9,20 @@ from accelerated_inputs import SIZES, oriented_points, ranges
 from dbscan_reg_ros import SE2, Parameters, Scan, extract_features
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.free_space import build_free_space_profile
-from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align, pair_weights_after
+from dbscan_reg_ros.core.features.oriented_points import high_leverage
+from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
 from dbscan_reg_ros.core.odometry.mapping.dynamic_points import beside, detached_points, dynamic_points
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow, look_up_pairs, points_by_frame
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import (
+    KeyFrameWindow,
+    look_up_correspondences,
+    look_up_pairs,
+    points_by_frame,
+)
 from dbscan_reg_ros.core.odometry.mapping.local_map import newest_in_cell
+from dbscan_reg_ros.core.odometry.mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty
+from dbscan_reg_ros.core.odometry.models.covariance import NO_MEASUREMENT, PoseMeasurement, propagate_errors
+from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
 
@@ -43,23 +52,54 @@ def test_pairs(both, rng, window, size):
         lookup = both(points_by_frame, always, rng.integers(0, 2 * size, size), frames, 66)
         for each in (points, noisy(rng, points)):
             pose = SE2.from_array(rng.normal(0.0, 0.3, 3))
-            both(look_up_pairs, window._fields, window._poses, pose, each, lookup, 0.5)
+            both(look_up_pairs, window.fields, window.poses, pose, each, lookup, 0.5)
 
 
 def test_alignment(both, rng, window):
     for points in (oriented_points(rng, 180, reach=3.0), oriented_points(rng, 3000, reach=3.0)):
         pose, other = (SE2.from_array(rng.normal(0.0, 0.1, 3)) for _ in range(2))
-        found = window.correspondences(pose, points, P.density)
-        both(pair_weights_after, found, rng.normal(0.0, 0.05, 4), 0.05)
-        both(pair_weights_after, dataclasses.replace(found, weights=None), np.array((0.0, 0.0, 0.0, 1.0)), 0.01)
-        for information in (np.zeros((3, 3)), np.diag((10.0, 20.0, 30.0)) + rng.normal(0.0, 1.0, (3, 3))):
-            for scales in ([], [0.05], [0.05, 0.03, 0.01]):
-                both(align, found, other, PosePrior(pose, 0.5 * (information + information.T)), scales, 0.003)
+        found = both(look_up_correspondences, window, pose, points, P.density)
+        both(high_leverage, points.normals)
+        for each in (found, dataclasses.replace(found, weights=None)):
+            for information in (np.zeros((3, 3)), np.diag((10.0, 20.0, 30.0)) + rng.normal(0.0, 1.0, (3, 3))):
+                for scales in ([], [0.05], [0.05, 0.03, 0.01]):
+                    both(align, each, other, PosePrior(pose, 0.5 * (information + information.T)), scales, 0.003)
+
+
+SETTINGS = {
+    'usual': P, 'no iterations': dataclasses.replace(P, refinement=dataclasses.replace(P.refinement, map_iterations=0)),
+    'dense': dataclasses.replace(P, density=dataclasses.replace(P.density, max_points=50)),
+}
+
+
+@pytest.mark.parametrize('name', SETTINGS)
+def test_scan_to_map(both, rng, window, name):
+    """Also from a degenerate direction, and with an unobservable rotation."""
+    p = SETTINGS[name]
+    distance, bearings = ranges(rng, 180)
+    features = extract_features(Scan.from_ranges(distance, bearings), backend=REFERENCE)
+    pose, expected = (SE2.from_array(rng.normal(0.0, 0.05, 3)) for _ in range(2))
+    for each in (features, dataclasses.replace(features, noise_ratio=0.03).downweighted([0, 1], 0.5)):
+        for initial in (InitialAlignment(pose), InitialAlignment(pose, 0.7), InitialAlignment(pose, None, True)):
+            for information in (np.zeros((3, 3)), np.diag((100.0, 300.0, 500.0))):
+                _, found = both(align_to_map, window, each, initial, PosePrior(expected, information), p)
+                both(alignment_uncertainty, each, pose, found, initial, p)
+
+
+def test_errors_are_propagated(both, rng):
+    """By the motion model and by an external prior, with and without a measurement, over a known interval and not."""
+    root = rng.normal(0.0, 0.1, (9, 9))
+    change = np.diag((0.01, 0.02, 0.3))
+    for prior in (Prior(SE2(), 2.0 * change), Prior(SE2(), 2.0 * change, change), Prior(SE2(), np.eye(3, dtype=int))):
+        for measurement in (NO_MEASUREMENT, PoseMeasurement(rng.uniform(0.0, 1.0, (3, 3)), change)):
+            for interval in (0.0, 0.1, 2.0):
+                step = SE2.from_array(rng.normal(0.0, 0.5, 3))
+                both(propagate_errors, root @ root.T, step, interval, prior, measurement)
 
 
 def test_no_pairs(both, rng, window):
     """Where a scan is far from every key frame."""
-    found = window.correspondences(SE2(1e4, 0.0, 0.0), oriented_points(rng, 100, reach=3.0), P.density)
+    found = both(look_up_correspondences, window, SE2(1e4, 0.0, 0.0), oriented_points(rng, 100, reach=3.0), P.density)
     assert not len(found.index)
     both(align, found, SE2(1e4, 0.0, 0.0), PosePrior(SE2(), np.eye(3)), [0.05, 0.01], 0.003)
 

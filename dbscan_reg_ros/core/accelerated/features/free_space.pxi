@@ -2,8 +2,23 @@
 """Free-space profile of a scan, as `core.features.free_space`."""
 
 
+cdef inline double rough_arctangent(double x, double y) noexcept nogil:
+    """Return the bearing of a point [rad] to 1e-5; not a number where the point is the sensor's or infinite.
+
+    Abramowitz and Stegun, "Handbook of Mathematical Functions", 4.4.47.
+    """
+    cdef double across = fabs(x), up = fabs(y), ratio = min(across, up) / max(across, up), s = ratio * ratio
+    cdef double angle = ratio * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
+    angle = 0.5 * M_PI - angle if up > across else angle
+    angle = M_PI - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
 cdef inline Py_ssize_t bin_of(double x, double y, Py_ssize_t size) noexcept nogil:
-    """Return which of `size` bins of the full circle a point lies in."""
+    """Return which of `size` bins of the full circle a point lies in: near an edge by the exact bearing."""
+    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest = place - floor(place)
+    if rest > 1e-5 * size and rest < 1.0 - 1e-5 * size:
+        return <Py_ssize_t> place
     return min(<Py_ssize_t> ((atan2(y, x) + M_PI) * (size / (2.0 * M_PI))), size - 1)
 
 
@@ -35,7 +50,7 @@ def build_free_space_profile(const double[:, ::1] points, double increment):
     with nogil:
         sort_stably(angle, order, scratch)
         for k in range(count):
-            bearing[k + 1], radius[k + 1] = angle[order[k]], hypot(points[order[k], 0], points[order[k], 1])
+            bearing[k + 1], radius[k + 1] = angle[order[k]], length_of(points[order[k], 0], points[order[k], 1])
         bearing[0], radius[0] = bearing[count] - 2.0 * M_PI, radius[count]
         bearing[count + 1], radius[count + 1] = bearing[1] + 2.0 * M_PI, radius[1]
         before = bisect_right(bearing, count + 2, edges[0]) - 1

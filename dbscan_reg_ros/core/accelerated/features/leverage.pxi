@@ -26,3 +26,32 @@ def leverage(oriented, double ridge):
         for k in range(size):
             weight[k] /= max(total, TINY)
     return weights
+
+
+def high_leverage(const double complex[::1] normals):
+    """Find points with a rare normal direction: those with more than twice the mean leverage.
+
+    Parameters
+    ----------
+    normals : (P,) complex
+        Unit normals.
+
+    Returns
+    -------
+    (P,) bool
+    """
+    cdef Py_ssize_t size = normals.shape[0], k
+    cdef double x = 0.0, y = 0.0
+    cdef double complex double_angle
+    flags = np.empty(size, dtype=bool)
+    cdef unsigned char[::1] rare = flags
+    with nogil:
+        # The double angle makes a direction and its opposite equal: the leverage is 2 (1 - c r) / (1 - r^2).
+        for k in range(size):
+            double_angle = rotated(normals[k], normals[k])
+            x, y = x + double_angle.real, y + double_angle.imag
+        x, y = x / max(size, 1), y / max(size, 1)
+        for k in range(size):
+            double_angle = rotated(normals[k], normals[k])
+            rare[k] = double_angle.real * x + double_angle.imag * y < 2.0 * (x * x + y * y) - 1.0
+    return flags

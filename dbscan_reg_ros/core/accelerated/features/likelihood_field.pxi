@@ -65,6 +65,7 @@ cdef int write_nearest(Index[::1] table, const double complex[::1] points, doubl
     cdef Py_ssize_t size = points.shape[0], k, at, row, column, disc, winners = 0
     cdef Py_ssize_t[::1] home = np.empty(size, np.intp), quarter = np.empty(size, np.intp)
     cdef Py_ssize_t[::1] order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
+    cdef Py_ssize_t[::1] cell_of = np.empty(size, np.intp), quarter_of = np.empty(size, np.intp)
     cdef double[::1] closeness = np.empty(size)
     cdef double x, y
     with nogil:
@@ -80,8 +81,9 @@ cdef int write_nearest(Index[::1] table, const double complex[::1] points, doubl
             if <Py_ssize_t> table[home[order[k]]] == order[k]:
                 order[winners] = order[k]
                 winners += 1
+        for k in range(winners):
+            cell_of[k], quarter_of[k] = home[order[k]], quarter[order[k]]
         for disc in range(offsets.shape[0]):
             for k in range(winners):
-                at = order[k]
-                table[home[at] + offsets[disc, quarter[at]]] = <Index> at
+                table[cell_of[k] + offsets[disc, quarter_of[k]]] = <Index> order[k]
     return 0

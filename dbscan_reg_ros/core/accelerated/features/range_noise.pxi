@@ -76,7 +76,7 @@ cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const Py_ss
         whole = cross(points[k - 1], points[k + 1])
         before, middle, after = modulus(points[k - 1]), modulus(points[k]), modulus(points[k + 1])
         error[count] = (middle * middle * fabs(whole - first - second)
-                        / hypot(whole * middle, hypot(second * before, first * after)))
+                        / length_of(whole * middle, length_of(second * before, first * after)))
         radius[count] = middle
         count += 1
     return count

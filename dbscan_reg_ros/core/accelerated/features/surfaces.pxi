@@ -32,7 +32,7 @@ def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams
     with nogil:
         for k in range(size):
             x, y = points[k].real, points[k].imag
-            radius[k] = hypot(x, y)
+            radius[k] = length_of(x, y)
             total[0, k + 1], total[1, k + 1] = total[0, k] + x, total[1, k] + y
             total[2, k + 1], total[3, k + 1] = total[2, k] + x * x, total[3, k] + x * y
             total[4, k + 1] = total[4, k] + y * y

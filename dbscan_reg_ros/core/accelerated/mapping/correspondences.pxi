@@ -2,19 +2,7 @@
 """Robust alignment of a scan with all key frames, as `core.odometry.mapping.correspondences`."""
 
 
-def pair_weights_after(correspondences, const double[::1] step, double scale):
-    """Return errors [m] and weights ``(M,)`` of the pairs after a `step` ``(4,)``, by a kernel of the `scale` [m].
-
-    The weights of one point sum to at most 1, however many lines it lies on.
-    """
-    cdef const double[:, ::1] rows = correspondences.rows
-    cdef Py_ssize_t size = rows.shape[1]
-    errors, weights = np.empty(size), np.empty(size)
-    weigh(rows, correspondences.index, correspondences.size, correspondences.weights, step, scale, errors, weights)
-    return errors, weights
-
-
-cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_t points, given, const double[::1] step,
+cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_t points, given, double *step,
                double scale, double[::1] error, double[::1] weight) except -1:
     """Write the errors and weights of the pairs after a step; `given` weights multiply them."""
     cdef double[::1] total = np.zeros(points)
@@ -54,7 +42,7 @@ def align(correspondences, start, prior, scales, double damping):
     cdef const double[:, ::1] rows = correspondences.rows, known = prior.information
     cdef const Py_ssize_t[::1] index = correspondences.index
     cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1])
-    cdef double[::1] step = correspondences.step(start)
+    cdef double[4] step = [start.x - pose.x, start.y - pose.y, wrap(start.theta - pose.theta), 1.0]
     cdef double x = pose.x - prior.pose.x, y = pose.y - prior.pose.y, t = wrap(pose.theta - prior.pose.theta)
     cdef Py_ssize_t k
     cdef double[3] found

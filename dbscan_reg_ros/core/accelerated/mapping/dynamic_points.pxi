@@ -66,7 +66,7 @@ cdef contains(const double complex[::1] own, pose, free_space, double margin, co
                 dx, dy = x - origins[k, 0].real, y - origins[k, 0].imag
                 at = first[k, 0] + bin_of(turns[k, 0].real * dx - turns[k, 0].imag * dy,
                                           turns[k, 0].imag * dx + turns[k, 0].real * dy, sizes[k, 0])
-                if near[at] - hypot(dx, dy) > margin / inverse_noise[p]:
+                if near[at] - length_of(dx, dy) > margin / inverse_noise[p]:
                     flag[p] = True
                     break
     return flags
@@ -132,7 +132,7 @@ cdef double extent(const double complex[::1] points, Py_ssize_t start, Py_ssize_
         point = points[k % points.shape[0]]
         left, right = min(left, point.real), max(right, point.real)
         low, high = min(low, point.imag), max(high, point.imag)
-    return hypot(right - left, high - low)
+    return length_of(right - left, high - low)
 
 
 def beside(points, const unsigned char[::1] dynamic, double margin):

@@ -109,11 +109,6 @@ def look_up_pairs(stack, poses, pose, points, const Py_ssize_t[:, ::1] lookup, d
     return pairs._replace(normals=pairs.normals * inverse_noise, error=pairs.error * inverse_noise)
 
 
-cdef inline double complex rotated(double complex a, double complex b) noexcept nogil:
-    """Return the product of two complex numbers."""
-    return (a.real * b.real - a.imag * b.imag) + 1j * (a.real * b.imag + a.imag * b.real)
-
-
 def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::1] beams, Py_ssize_t frame_count,
                     Py_ssize_t subset_size):
     """Choose the points that are looked up in each key frame.

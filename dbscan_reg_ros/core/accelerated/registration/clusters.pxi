@@ -89,7 +89,7 @@ cdef int flag_chains(const double complex[::1] samples, const Py_ssize_t[::1] la
     for k in range(samples.shape[0]):
         if chosen[k]:
             at = labels[k] - offset
-            off = hypot(samples[k].real - sums[0, at], samples[k].imag - sums[1, at])
+            off = length_of(samples[k].real - sums[0, at], samples[k].imag - sums[1, at])
             sums[2, at] += off * off
     for k in range(samples.shape[0]):
         chosen[k] = chosen[k] and sums[2, labels[k] - offset] > 0.0

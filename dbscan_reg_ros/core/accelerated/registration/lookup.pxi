@@ -39,3 +39,41 @@ cdef inline Py_ssize_t nearest(const unsigned char[::1] table, Grid *grid, doubl
     if grid.width == 2:
         return (<const unsigned short *> &table[cell])[0]
     return (<const unsigned int *> &table[cell])[0]
+
+
+cdef class Lines:
+    """Views of a `LikelihoodField`."""
+
+    cdef const unsigned char[::1] table
+    cdef const double complex[::1] normals
+    cdef const double[::1] offsets
+    cdef Py_ssize_t no_point
+    cdef Grid grid
+
+    def __cinit__(self, field):
+        self.table, self.normals, self.offsets = field.index.view(np.uint8), field.normals, field.offsets
+        self.grid, self.no_point = grid_of(field), self.normals.shape[0] - 1
+
+
+cdef class PointViews:
+    """Views of `OrientedPoints`."""
+
+    cdef const double complex[::1] points, normals
+    cdef const double[::1] weights, inverse_noise
+    cdef Py_ssize_t size
+
+    def __cinit__(self, oriented):
+        self.points, self.normals = oriented.points, oriented.normals
+        self.size = self.points.shape[0]
+        self.weights = given_or_ones(oriented.weights, self.size)
+        self.inverse_noise = given_or_ones(oriented.inverse_noise, self.size)
+
+
+cdef const double[::1] ones = np.ones(4096)
+
+
+cdef const double[::1] given_or_ones(values, Py_ssize_t size):
+    """Return the values of P points; where they are None as many ones."""
+    if values is not None:
+        return values
+    return ones[:size] if size <= ones.shape[0] else np.ones(size)

@@ -2,14 +2,39 @@
 """Point-to-line correspondences and robust iterations, as `core.registration.point_to_line`."""
 
 
-cdef const double[::1] ones = np.ones(4096)
+cdef struct Pose:
+    # Position [m], cosine and sine of the heading.
+    double x, y, c, s
 
 
-cdef const double[::1] given_or_ones(values, Py_ssize_t size):
-    """Return the values of P points; where they are None as many ones."""
-    if values is not None:
-        return values
-    return ones[:size] if size <= ones.shape[0] else np.ones(size)
+cdef inline int read_pose(const double[:, ::1] poses, Py_ssize_t h, Pose *pose) except -1 nogil:
+    """Read a row ``(x, y, theta)`` of `poses`."""
+    pose.x, pose.y, pose.c, pose.s = poses[h, 0], poses[h, 1], cos(poses[h, 2]), sin(poses[h, 2])
+    return 0
+
+
+cdef struct Match:
+    # Rotated point [m], normal of the line, distance from it [m], and whether the normals agree.
+    double x, y, nx, ny, error
+    bint alike
+
+
+cdef inline int match_point(PointViews views, Lines field, Py_ssize_t k, Pose *pose, double min_cosine,
+                            Match *found) except -1 nogil:
+    """Find the line of the reference that is nearest to a point; distance and normal without the inverse noise."""
+    cdef double x = views.points[k].real, y = views.points[k].imag
+    cdef double mx = views.normals[k].real, my = views.normals[k].imag
+    cdef Py_ssize_t at
+    # p_R = Rot(theta) p_O + t (Eq. 8)
+    found.x, found.y = pose.c * x - pose.s * y, pose.s * x + pose.c * y
+    x, y = found.x + pose.x, found.y + pose.y
+    at = nearest(field.table, &field.grid, x, y)
+    # The normal is conjugated: its product with a point has the distance from the line as the real part.
+    found.nx, found.ny = field.normals[at].real, field.normals[at].imag
+    found.error = found.nx * x - found.ny * y - field.offsets[at]
+    found.alike = (found.nx * (pose.c * mx - pose.s * my) - found.ny * (pose.s * mx + pose.c * my) > min_cosine
+                   and (min_cosine >= 0.0 or at != field.no_point))
+    return 0
 
 
 def fit(candidates, points, field, double min_normal_cosine):
@@ -25,15 +50,13 @@ def fit(candidates, points, field, double min_normal_cosine):
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     """
-    cdef const double[:, :] poses = candidates
-    cdef const double complex[::1] own = points.points, own_normals = points.normals
-    cdef const unsigned char[::1] table = field.index.view(np.uint8)
-    cdef const double complex[::1] lines = field.normals
-    cdef const double[::1] offsets = field.offsets
-    cdef Grid grid = grid_of(field)
-    cdef Py_ssize_t size = own.shape[0], none = lines.shape[0] - 1, h, k, at
-    cdef double c, s, x, y, nx, ny
-    shape = poses.shape[0], size
+    cdef const double[:, ::1] poses = np.ascontiguousarray(candidates)
+    cdef PointViews views = PointViews(points)
+    cdef Lines lines = Lines(field)
+    cdef Py_ssize_t h, k
+    cdef Match found
+    cdef Pose pose
+    shape = poses.shape[0], views.size
     errors, alikes = np.empty(shape), np.empty(shape, dtype=bool)
     normals, rotated, places = np.empty(shape, complex), np.empty(shape, complex), np.empty(shape, complex)
     cdef double[:, ::1] error = errors
@@ -41,22 +64,13 @@ def fit(candidates, points, field, double min_normal_cosine):
     cdef double complex[:, ::1] normal = normals, turned = rotated, place = places
     with nogil:
         for h in range(poses.shape[0]):
-            c, s = cos(poses[h, 2]), sin(poses[h, 2])
-            for k in range(size):
-                # p_R = Rot(theta) p_O + t (Eq. 8)
-                x, y = c * own[k].real - s * own[k].imag, s * own[k].real + c * own[k].imag
-                turned[h, k] = x + 1j * y
-                x, y = x + poses[h, 0], y + poses[h, 1]
-                place[h, k] = x + 1j * y
-                at = nearest(table, &grid, x, y)
-                # The normal is conjugated: its product with a point has the distance from the line as the real part.
-                nx, ny = lines[at].real, lines[at].imag
-                normal[h, k] = lines[at]
-                error[h, k] = nx * x - ny * y - offsets[at]
-                x, y = own_normals[k].real, own_normals[k].imag
-                alike[h, k] = (nx * (c * x - s * y) - ny * (s * x + c * y) > min_normal_cosine
-                               and (min_normal_cosine >= 0.0 or at != none))
-    return Fit(points.sharpened(errors), alikes, points.sharpened(normals), rotated, places)
+            read_pose(poses, h, &pose)
+            for k in range(views.size):
+                match_point(views, lines, k, &pose, min_normal_cosine, &found)
+                turned[h, k], place[h, k] = found.x + 1j * found.y, (found.x + pose.x) + 1j * (found.y + pose.y)
+                normal[h, k] = (found.nx + 1j * found.ny) * views.inverse_noise[k]
+                error[h, k], alike[h, k] = found.error * views.inverse_noise[k], found.alike
+    return Fit(errors, alikes, normals, rotated, places)
 
 
 cdef struct Equations:
@@ -96,86 +110,41 @@ cdef inline void write_equations(Equations *s, double[:, ::1] table) noexcept no
     table[3, 0], table[3, 1], table[3, 2], table[3, 3] = s.x, s.y, s.t, s.e
 
 
-def refine(candidates, alignment, scales, known=None):
-    """Refine all candidates together by robust point-to-line iterations, one for each of the `scales` [m].
-
-    Parameters
-    ----------
-    candidates : (H, 3) array
-    alignment : Alignment
-    scales : sequence of float [m]
-        Kernel of each iteration.
-    known : Fit, optional
-        Of the candidates as they are; their correspondences are looked up again, with the same result.
-
-    Returns
-    -------
-    candidates : (H, 3) array
-    equations : (H, 4, 4) array
-        The `normal_equations` of the last iteration.
-    """
-    points, field = alignment.points, alignment.field
-    refined, equations = candidates.copy(), np.zeros((len(candidates), 4, 4))
-    cdef double[:, ::1] poses = refined
-    cdef double[:, :, ::1] tables = equations
-    cdef const double[::1] kernels = np.array(scales, dtype=float)
-    cdef const double complex[::1] own = points.points, own_normals = points.normals
-    cdef const double[::1] weights = given_or_ones(points.weights, own.shape[0])
-    cdef const double[::1] inverse_noise = given_or_ones(points.inverse_noise, own.shape[0])
-    cdef const unsigned char[::1] table = field.index.view(np.uint8)
-    cdef const double complex[::1] lines = field.normals
-    cdef const double[::1] offsets = field.offsets
-    cdef Grid grid = grid_of(field)
-    cdef double min_cosine = alignment.min_normal_cosine, damping = alignment.damping
-    cdef Py_ssize_t none = lines.shape[0] - 1, h, k, at, level
-    cdef double c, s, x, y, mx, my, nx, ny, e, factor
+cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+                      double[:, ::1] poses, double[:, :, ::1] tables) except -1:
+    """Refine `poses` in place, and write the normal equations of the last iteration to `tables`."""
+    cdef Py_ssize_t h, k, level
     cdef double[3] step
     cdef Equations sums
+    cdef Pose pose
     with nogil:
         for h in range(poses.shape[0]):
             sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            for level in range(kernels.shape[0]):
-                c, s = cos(poses[h, 2]), sin(poses[h, 2])
-                factor = -0.5 / (kernels[level] * kernels[level])
-                sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-                for k in range(own.shape[0]):
-                    x, y = c * own[k].real - s * own[k].imag, s * own[k].real + c * own[k].imag
-                    at = nearest(table, &grid, x + poses[h, 0], y + poses[h, 1])
-                    nx, ny = lines[at].real, lines[at].imag
-                    mx, my = own_normals[k].real, own_normals[k].imag
-                    if not nx * (c * mx - s * my) - ny * (s * mx + c * my) > min_cosine:
-                        continue
-                    if min_cosine < 0.0 and at == none:
-                        continue
-                    # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
-                    e = (nx * (x + poses[h, 0]) - ny * (y + poses[h, 1]) - offsets[at]) * inverse_noise[k]
-                    nx, ny = nx * inverse_noise[k], ny * inverse_noise[k]
-                    add_row(&sums, exp(factor * e * e) * weights[k], nx, -ny, -(nx * y + ny * x), e)
+            for level in range(scales.shape[0]):
+                read_pose(poses, h, &pose)
+                add_points(views, field, &pose, min_cosine, scales[level], &sums)
                 solve_step(&sums, damping, step)
                 for k in range(3):
                     poses[h, k] -= step[k]
             write_equations(&sums, tables[h])
-    return refined, equations
+    return 0
 
 
-def next_step(found, points, double scale, double damping):
-    """Return the step ``(3,)`` of one more iteration with a kernel of `scale` [m], from the `Fit` of one candidate."""
-    cdef const double[:, ::1] error = found.error
-    cdef const unsigned char[:, ::1] alike = found.alike
-    cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef const double[::1] weights = given_or_ones(points.weights, error.shape[1])
-    cdef double factor = -0.5 / (scale * scale), e
+cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine, double scale,
+                    Equations *sums) except -1 nogil:
+    """Write the normal equations of all points at a pose, weighted by a kernel of `scale` [m]."""
+    cdef double factor = -0.5 / (scale * scale), e, nx, ny
     cdef Py_ssize_t k
-    cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    cdef double[3] step
-    with nogil:
-        for k in range(error.shape[1]):
-            if alike[0, k]:
-                e = error[0, k]
-                add_row(&sums, exp(factor * e * e) * weights[k], normal[0, k].real, -normal[0, k].imag,
-                        -product_imag(normal[0, k], rotated[0, k]), e)
-        solve_step(&sums, damping, step)
-    return np.array((-step[0], -step[1], -step[2]))
+    cdef Match found
+    sums[0] = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for k in range(views.size):
+        match_point(views, field, k, pose, min_cosine, &found)
+        if found.alike:
+            # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
+            e, nx, ny = (found.error * views.inverse_noise[k], found.nx * views.inverse_noise[k],
+                         found.ny * views.inverse_noise[k])
+            add_row(sums, exp(factor * e * e) * views.weights[k], nx, -ny, -(nx * found.y + ny * found.x), e)
+    return 0
 
 
 cdef inline double product_imag(double complex a, double complex b) noexcept nogil:
@@ -183,7 +152,7 @@ cdef inline double product_imag(double complex a, double complex b) noexcept nog
     return a.real * b.imag + a.imag * b.real
 
 
-def polish(candidate, found, points, refinement):
+cdef polish(candidate, found, points, refinement):
     """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
 
     The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
@@ -224,6 +193,6 @@ def polish(candidate, found, points, refinement):
         for k in range(error.shape[1]):
             error[0, k] -= (step[0] * normal[0, k].real - step[1] * normal[0, k].imag
                             - step[2] * product_imag(normal[0, k], rotated[0, k]))
-    if hypot(total[0], total[1]) >= refinement.final_scale:
+    if length_of(total[0], total[1]) >= refinement.final_scale:
         return candidate, found
     return candidate - np.array((total[0], total[1], total[2])), found._replace(error=errors)

@@ -26,8 +26,7 @@ def estimate_translations(reference, current, rotations, weights, parameters):
     samples = end_samples(reference, current, rotations.phi, pairs, p.end_weight * translation_steps._END_WEIGHT,
                           samples)
     translation, weight, rotation = samples
-    find_shortest = partial(translation_steps.shortest_translations, pairs, equations,
-                            rotations.phi[:p.shortest_rotations])
+    find_shortest = partial(shortest_translations, pairs, equations, rotations.phi[:p.shortest_rotations])
     if not len(translation):
         return Translations(np.empty((0, 3)), np.empty(0), np.empty((0, 2)), weight, rotation, np.empty(0, int), 0.0,
                             find_shortest)
@@ -142,3 +141,36 @@ cdef end_samples(reference, current, const double[::1] phi, pairs, const double[
             translation[count], sample_weight[count], group[count] = x + 1j * y, weight[k] * share, rotation[k]
             count += 1
     return tuple([np.concatenate((one, other[:count])) for one, other in zip(samples, (found, sums, groups))])
+
+
+def shortest_translations(pairs, equations, const double[::1] phi):
+    """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
+
+    Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
+
+    Returns
+    -------
+    (K, 3) array
+    """
+    cdef const Py_ssize_t[::1] rotation = pairs.rotation
+    cdef const double[::1] weight = pairs.weight, distance = equations.distance
+    cdef const double complex[::1] along = equations.along
+    cdef double scale, damping = translation_steps._SHORTEST_DAMPING, e
+    cdef Py_ssize_t h, k
+    cdef double[3] step
+    cdef Equations sums
+    motions = np.zeros((phi.shape[0], 3))
+    cdef double[:, ::1] found = motions
+    for scale in translation_steps._SHORTEST_SCALES:
+        for h in range(phi.shape[0]):
+            sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            for k in range(rotation.shape[0]):
+                if rotation[k] == h:
+                    # n . t - d for the normal n = i a of a line along a.
+                    e = -along[k].imag * found[h, 0] + along[k].real * found[h, 1] - distance[k]
+                    add_row(&sums, weight[k] / (1.0 + (e / scale) * (e / scale)), -along[k].imag, along[k].real, 0.0,
+                            -distance[k])
+            solve_step(&sums, damping, step)
+            found[h, 0], found[h, 1] = -step[0], -step[1]
+    motions[:, 2] = phi
+    return motions

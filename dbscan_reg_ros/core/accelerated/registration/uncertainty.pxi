@@ -1,34 +1,178 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Information of matched points, as `core.registration.uncertainty`."""
+"""Covariance and observability of a registered motion, as `core.registration.uncertainty`."""
 
 
-def informations(residuals, parameters):
-    """Return the information ``(3, 3)`` of all points, and the part of it that both scans share.
+def uncertainty(candidate, found, points, double noise, p):
+    """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
+
+    Parameters
+    ----------
+    candidate : (3,) array
+    found : Fit
+        Of the candidate, for the `points`.
+    points : OrientedPoints
+        Of the current scan.
+    noise : float [m]
+        Standard deviation of a range. It adds to the spread of the errors.
+    p : Parameters
+    """
+    cdef const double[:, ::1] error = found.error
+    cdef const unsigned char[:, ::1] alike = found.alike
+    cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
+    cdef PointViews views = PointViews(points)
+    cdef double theta = candidate[2], c = cos(theta), s = sin(theta), x, y, nx, ny, scale = p.refinement.score_scale
+    cdef double factor = -0.5 / (scale * scale)
+    cdef double[:, ::1] rows = np.empty((3, views.size)), own = np.empty((3, views.size))
+    cdef double[::1] weight = np.empty(views.size)
+    cdef Py_ssize_t k
+    with nogil:
+        for k in range(views.size):
+            x, y = rotated[0, k].real, rotated[0, k].imag
+            rows[0, k], rows[1, k] = normal[0, k].real, -normal[0, k].imag
+            rows[2, k] = -product_imag(normal[0, k], rotated[0, k])
+            nx, ny = views.normals[k].real * views.inverse_noise[k], views.normals[k].imag * views.inverse_noise[k]
+            own[0, k], own[1, k] = c * nx - s * ny, s * nx + c * ny
+            own[2, k] = x * own[1, k] - y * own[0, k]
+            weight[k] = exp(factor * error[0, k] * error[0, k]) * views.weights[k] if alike[0, k] else 0.0
+    return match_covariance(Residuals(error[0], weight, rows, own, noise), p.decision, theta)
+
+
+def match_covariance(residuals, parameters, double theta, bint latest_degenerate=False,
+                     bint rotation_unobservable=False):
+    """Return the covariance ``(3, 3)`` of a match in the frame of the scan, and its `Observability`.
 
     Parameters
     ----------
     residuals : Residuals
     parameters : DecisionParameters
+    theta : float [rad]
+        Rotation of the scan in the frame of the residuals.
+    latest_degenerate : bool
+        Whether the translation to the latest key frame is degenerate: older ones have to constrain it beyond chance.
+    rotation_unobservable : bool
+        Whether the rotation is unobservable, whatever the residuals say.
     """
-    cdef const double[:, :] rows = residuals.rows, own = residuals.own
-    cdef const double[:] weight = residuals.weight
-    information, shared = np.zeros((3, 3)), np.zeros((3, 3))
-    cdef double[:, ::1] total = information
+    cdef const double[::1] error = residuals.error, weight = residuals.weight
+    cdef const double[:, ::1] rows = residuals.rows, own = residuals.own
+    cdef double noise = residuals.noise, count = 0.0, squared = 0.0, chance, excess, few = parameters.min_information
+    cdef double[:, ::1] information = np.zeros((3, 3)), shared = np.zeros((3, 3))
+    cdef double[3] turn
+    cdef double[3] turn_noise
+    cdef Py_ssize_t k
+    cdef Weakest weakest, seeming
+    for k in range(weight.shape[0]):
+        count += weight[k]
+        squared += error[k] * error[k] * weight[k]
+    add_informations(rows, own, weight, parameters, information, shared)
+    # Where only noise constrains the rotation, as much of it as agrees by chance is subtracted.
+    read_weakest(shared, &weakest)
+    constrain_rotation(shared, information, few, turn)
+    constrain_rotation(information, information, few, turn_noise)
+    chance = SIGMAS * sqrt(uncertainty_steps._DEPENDENT / max(count, 1.0))
+    excess = max(turn[0] - chance * max(turn_noise[0] - turn[0], 0.0), 0.0)
+    if latest_degenerate:
+        read_weakest(information, &seeming)
+        weakest.weak = max(weakest.weak - chance * (seeming.weak - weakest.weak), 0.0)
+    if rotation_unobservable:
+        excess = 0.0
+    covariance = calibrated_covariance(information, shared, squared / max(count, TINY) + noise * noise, weakest,
+                                       excess < few, turn, parameters)
+    return turned(covariance, -theta), Observability(weakest.angle, weakest.weak, excess)
+
+
+cdef int constrain_rotation(const double[:, ::1] shared, const double[:, ::1] information, double few,
+                            double *turn) except -1 nogil:
+    """Write the information about the rotation, and the translation along x and y [m/rad] that compensates it best."""
+    cdef double xx = information[0, 0] + few, yy = information[1, 1] + few, xy = information[0, 1]
+    cdef double x = shared[2, 0], y = shared[2, 1], determinant = xx * yy - xy * xy
+    turn[1], turn[2] = (xy * y - yy * x) / determinant, (xy * x - xx * y) / determinant
+    turn[0] = shared[2, 2] + turn[1] * x + turn[2] * y
+    return 0
+
+
+cdef calibrated_covariance(const double[:, ::1] information, const double[:, ::1] shared, double variance,
+                           Weakest weakest, bint no_rotation, double *turn, parameters):
+    """Return the covariance ``(3, 3)`` of a motion from the information of its points, and `variance` [m^2] of one.
+
+    Few points along a direction are less certain than their number says, as their errors are not independent. A
+    direction that fewer than `decision.min_information` points constrain gets the variance of an unknown motion.
+    """
+    cdef const double[::1] prior = uncertainty_steps.PRIOR_INFORMATION
+    cdef double few = parameters.min_information, extra = 1.0 / prior[0]
+    cdef double[:, ::1] posterior = np.empty((3, 3)), result = np.empty((3, 3))
+    cdef double[3] along
+    cdef Py_ssize_t i, j
+    variance *= parameters.covariance_scale
+    for i in range(3):
+        for j in range(3):
+            posterior[i, j] = information[i, j] / variance
+        posterior[i, i] += prior[i]
+    write_inverse(posterior, result)
+    write_degenerate(weakest.angle, shared, few, along)
+    if weakest.weak >= few:
+        extra = min(variance * parameters.few_points_scale / (weakest.weak * weakest.weak), extra)
+    # The translation that goes with a rotation of 1 rad.
+    turn[0], turn[1], turn[2] = turn[1], turn[2], 1.0
+    for i in range(3):
+        for j in range(3):
+            result[i, j] += extra * along[i] * along[j]
+            if no_rotation:
+                result[i, j] += turn[i] * turn[j] / prior[2]
+    return np.asarray(result)
+
+
+cdef int write_degenerate(double angle, const double[:, ::1] shared, double few, double *along) except -1 nogil:
+    """Write a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it."""
+    cdef double c = cos(angle), s = sin(angle), x = shared[0, 2], y = shared[1, 2], rotation = shared[2, 2]
+    cdef double straight = c * c * shared[0, 0] + 2.0 * c * s * shared[0, 1] + s * s * shared[1, 1]
+    along[0], along[1] = c, s
+    along[2] = -(x * c + y * s) / rotation if min(straight, rotation) > few else 0.0
+    return 0
+
+
+cdef int add_informations(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight, parameters,
+                          double[:, ::1] information, double[:, ::1] shared) except -1:
+    """Add the information ``(3, 3)`` of all points, and the part of it that both scans share."""
     cdef Py_ssize_t k, i, j
+    cdef Weakest weakest
     with nogil:
         for k in range(rows.shape[1]):
             for i in range(3):
                 for j in range(3):
-                    total[i, j] += weight[k] * rows[i, k] * rows[j, k]
-    add_shared(rows, own, weight, 0.0, -1.0, shared)
-    angle, weak, _ = degeneracy_steps.weakest_direction(shared)
-    if weak < parameters.weak_prior_information and degeneracy_steps.is_corridor_like(shared, angle):
-        shared[:] = 0.0
-        add_shared(rows, own, weight, angle, parameters.parallel_tolerance, shared)
-    return information, shared
+                    information[i, j] += weight[k] * rows[i, k] * rows[j, k]
+        add_shared(rows, own, weight, 0.0, -1.0, shared)
+        read_weakest(shared, &weakest)
+    if weakest.weak < parameters.weak_prior_information and is_corridor_like(shared, weakest.angle):
+        shared[:, :] = 0.0
+        add_shared(rows, own, weight, weakest.angle, parameters.parallel_tolerance, shared)
+    return 0
 
 
-cdef int add_shared(const double[:, :] rows, const double[:, :] own, const double[:] weight, double angle,
+cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1:
+    """Whether few points face along the direction `angle` [rad], by their information."""
+    cdef double c = cos(angle), s = sin(angle), xx = information[0, 0], yy = information[1, 1]
+    return c * c * xx + 2.0 * c * s * information[0, 1] + s * s * yy < degeneracy_steps._CORRIDOR_RATIO * (xx + yy)
+
+
+cdef turned(covariance, double theta):
+    """Rotate the axes of a ``(3, 3)`` matrix over (x, y, theta) by `theta` [rad]."""
+    cdef const double[:, :] a = covariance
+    cdef double c = cos(theta), s = sin(theta)
+    cdef double[3][3] turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    cdef double[3][3] half
+    cdef Py_ssize_t i, j
+    result = np.empty((3, 3))
+    cdef double[:, ::1] rotated = result
+    for i in range(3):
+        for j in range(3):
+            half[i][j] = turn[i][0] * a[0, j] + turn[i][1] * a[1, j] + turn[i][2] * a[2, j]
+    for i in range(3):
+        for j in range(3):
+            rotated[i, j] = half[i][0] * turn[j][0] + half[i][1] * turn[j][1] + half[i][2] * turn[j][2]
+    return result
+
+
+cdef int add_shared(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight, double angle,
                     double min_component, double[:, ::1] shared) except -1 nogil:
     """Add the symmetric part of the products of the lines' Jacobian and the points' own.
 
@@ -42,7 +186,7 @@ cdef int add_shared(const double[:, :] rows, const double[:, :] own, const doubl
         for i in range(3):
             a[i], b[i] = rows[i, k], own[i, k]
         along = c * a[0] + s * a[1]
-        if fabs(along) < min_component * hypot(a[0], a[1]):
+        if fabs(along) < min_component * length_of(a[0], a[1]):
             off = c * b[0] + s * b[1]
             a[0], a[1], b[0], b[1] = a[0] - c * along, a[1] - s * along, b[0] - c * off, b[1] - s * off
         for i in range(3):

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...backend import REFERENCE, Backend
 from ...geometry.robust_kernel import kernel
 from ...geometry.se2 import DOF, SE2, wrap
 from ...geometry.symmetric_matrix import solve_one
@@ -48,7 +47,6 @@ class Correspondences:
         `point_to_line.linear_residuals` at `pose`, for rotations about the sensor.
     weights : (M,) float or None
         Weight of each point, from 0 to 1; None: all 1.
-    backend : Backend
     """
 
     pose: SE2
@@ -57,14 +55,16 @@ class Correspondences:
     rotated_points: NDArray[np.complex128]
     rows: NDArray[np.float64]
     weights: NDArray[np.float64] | None = None
-    backend: Backend = REFERENCE
 
     def match(self, step: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return errors [m] and weights ``(M,)`` after a `step` ``(4,)``, by a kernel of the `scale` [m].
 
         The weights of one point sum to at most 1, however many lines it lies on.
         """
-        return self.backend.step(pair_weights_after)(self, step, scale)
+        error = step @ self.rows
+        weight = kernel(error, scale)
+        weight /= np.maximum(np.bincount(self.index, weight, self.size), 1.0).take(self.index)
+        return error, weight if self.weights is None else weight * self.weights
 
     def equations(self, step: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
         """Return `point_to_line.normal_equations` ``(4, 4)`` at `pose`, with the weights after a `step` ``(4,)``."""
@@ -79,15 +79,6 @@ class Correspondences:
     def step(self, other: SE2) -> NDArray[np.float64]:
         """Return the homogeneous step ``(4,)`` from `pose` to another pose: (dx, dy, dtheta, 1) [m, m, rad, 1]."""
         return np.array((*_difference(self.pose, other), 1.0))
-
-
-def pair_weights_after(correspondences: Correspondences, step: NDArray[np.float64],
-                       scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return errors and weights of the pairs, as `Correspondences.match`."""
-    error, index = step @ correspondences.rows, correspondences.index
-    weight = kernel(error, scale)
-    weight /= np.maximum(np.bincount(index, weight, correspondences.size), 1.0).take(index)
-    return error, weight if correspondences.weights is None else weight * correspondences.weights
 
 
 def _difference(one: SE2, other: SE2) -> tuple[float, float, float]:

@@ -27,15 +27,22 @@ class KeyFrameWindow:
     ----------
     frames : sequence of KeyFrame
         At least one.
+
+    Attributes
+    ----------
+    poses : FramePoses
+    fields : LikelihoodFieldStack
+    backend : Backend
+        That of the latest key frame.
     """
 
     def __init__(self, frames: Sequence[KeyFrame]):
         self.frames = tuple(frames)
         poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
-        self._poses = FramePoses(origins(poses), unit_complex(-poses[:, 2:]))
-        self._step = self.latest.features.backend.step
+        self.poses = FramePoses(origins(poses), unit_complex(-poses[:, 2:]))
+        self.backend = self.latest.features.backend
         fields = [frame.features.likelihood_field for frame in self.frames]
-        self._fields = LikelihoodFieldStack(fields, *self._poses)
+        self.fields = LikelihoodFieldStack(fields, *self.poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
         self._local_maps: dict[str, Features] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
@@ -80,22 +87,12 @@ class KeyFrameWindow:
         count = frames * len(self.sensors)
         if count not in self._free_space:
             profiles = [frame.features.free_space for frame in self.frames[-count:]]
-            self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self._poses))}
+            self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self.poses))}
         return self._free_space[count]
 
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
-        """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
-
-        Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
-        subsets; each subset is looked up in several key frames, and each key frame looks up one.
-        """
-        lookup = self._step(points_by_frame)(
-            high_leverage(points.normals), points.beams, len(self.frames), density.max_points // _SUBSETS)
-        pairs = self._step(look_up_pairs)(self._fields, self._poses, pose, points, lookup, density.min_normal_cosine)
-        weights = None if points.weights is None else points.weights.take(pairs.point)
-        rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
-        return Correspondences(pose=pose, size=len(points), index=pairs.point, rotated_points=pairs.rotated_points,
-                               rows=rows, weights=weights, backend=self.latest.features.backend)
+        """Look up correspondences, as `look_up_correspondences`."""
+        return self.backend.step(look_up_correspondences)(self, pose, points, density)
 
     def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
                   min_cosine: float) -> NDArray[np.float64]:
@@ -120,10 +117,10 @@ class KeyFrameWindow:
             From 0 to 1: the largest kernel value of each point.
         """
         confirmed = np.zeros(len(points))
-        elsewhere = np.abs(self._poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
+        elsewhere = np.abs(self.poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
         if elsewhere.any():
             lookup = np.tile(np.arange(len(points)), (len(self.frames), 1))
-            pairs = self._step(look_up_pairs)(self._fields, self._poses, pose, points, lookup, min_cosine)
+            pairs = self.backend.step(look_up_pairs)(self.fields, self.poses, pose, points, lookup, min_cosine)
             np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
         return confirmed
 
@@ -169,6 +166,22 @@ class Pairs(NamedTuple):
     rotated_points: NDArray[np.complex128]
     normals: NDArray[np.complex128]
     error: NDArray[np.float64]
+
+
+def look_up_correspondences(window: KeyFrameWindow, pose: SE2, points: OrientedPoints,
+                            density: DensityParameters) -> Correspondences:
+    """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
+
+    Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
+    subsets; each subset is looked up in several key frames, and each key frame looks up one.
+    """
+    lookup = points_by_frame(high_leverage(points.normals), points.beams, len(window.frames),
+                             density.max_points // _SUBSETS)
+    pairs = look_up_pairs(window.fields, window.poses, pose, points, lookup, density.min_normal_cosine)
+    weights = None if points.weights is None else points.weights.take(pairs.point)
+    rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
+    return Correspondences(pose=pose, size=len(points), index=pairs.point, rotated_points=pairs.rotated_points,
+                           rows=rows, weights=weights)
 
 
 def look_up_pairs(stack: LikelihoodFieldStack, poses: FramePoses, pose: SE2, points: OrientedPoints,

@@ -71,13 +71,12 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     if initial.direction is not None or initial.rotation_unobservable:
         information = _strengthened(information, features, correspondences, initial, p)
     prior = PosePrior(prior.pose, information)
-    align_scan = features.backend.step(align)
-    pose = align_scan(correspondences, pose, prior, scales[:-1], damping)
+    pose = align(correspondences, pose, prior, scales[:-1], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     is_dense = len(features.oriented_points) > p.density.max_points
     if is_dense or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size:
         correspondences = _correspondences(window, pose, features, initial.direction, p)
-    return align_scan(correspondences, pose, prior, scales[-1:], damping), correspondences
+    return align(correspondences, pose, prior, scales[-1:], damping), correspondences
 
 
 def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,
@@ -134,11 +133,9 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
     """
     error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
     own = _own_jacobian(features, pose, correspondences)
-    covariance, observability = match_covariance(
-        Residuals(error, weight, correspondences.rows[:DOF], own, features.noise), p.decision,
-        latest_degenerate=initial.direction is not None, rotation_unobservable=initial.rotation_unobservable,
-        backend=features.backend)
-    return turned(covariance, -pose.theta), observability
+    residuals = Residuals(error, weight, correspondences.rows[:DOF], own, features.noise)
+    return match_covariance(
+        residuals, p.decision, pose.theta, initial.direction is not None, initial.rotation_unobservable)
 
 
 def information_along(features: Features, pose: SE2, angle: float, p: Parameters) -> NDArray[np.float64]:

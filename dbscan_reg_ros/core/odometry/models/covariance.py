@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...backend import REFERENCE, Backend
 from ...geometry.se2 import DOF, SE2
 from ...registration.records import Prior
 
@@ -73,51 +74,68 @@ class CovariancePropagation:
         self.start_key_frame()
         self.reset_twist()
 
-    def propagate(self, step: SE2, interval: float, prior: Prior,
-                  measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
-        """Propagate all covariances over a `step`.
+    def propagate(self, step: SE2, interval: float, prior: Prior, measurement: PoseMeasurement = NO_MEASUREMENT,
+                  backend: Backend = REFERENCE) -> None:
+        """Propagate all covariances over a `step`; arguments as for `propagate_errors`.
 
-        Parameters
-        ----------
-        step : SE2
-            Motion since the last scan, in the last scan's frame.
-        interval : float [s]
-            Time since the last scan; 0 where unknown, which resets the twist.
-        prior : Prior
-            The predicted step.
-        measurement : PoseMeasurement
+        An `interval` of 0 resets the twist.
         """
-        gain = measurement.gain
-        rate = 1.0 / interval if interval > 0.0 else 0.0
-        prediction_gain, adjoint = np.eye(DOF) - gain, step.inverse().adjoint()
-        change = prior.covariance if prior.velocity_change is None else prior.velocity_change
-        errors = np.zeros((_MEASUREMENT.stop, _MEASUREMENT.stop))
-        errors[:_TWIST.stop, :_TWIST.stop] = self._joint
-        errors[_TWIST_CHANGE, _TWIST_CHANGE] = change
-        errors[_PREDICTION, _PREDICTION] = prior.covariance - change
-        errors[_MEASUREMENT, _MEASUREMENT] = measurement.covariance
-        # Their effect on the error of the step. The measurement removes the error made since the key frame.
-        effect = np.zeros((DOF, len(errors)))
-        effect[:, _SINCE_KEY_FRAME] = -gain @ adjoint
-        effect[:, _TWIST_CHANGE] = effect[:, _PREDICTION] = prediction_gain
-        effect[:, _MEASUREMENT] = gain
-        if prior.velocity_change is not None:
-            # The variance of the twist stays below that of `reset_twist`: old errors fade as new ones are added.
-            fading = np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0))
-            effect[:, _TWIST] = interval * fading * prediction_gain
-        transition = np.concatenate((effect, effect, rate * effect))
-        transition[_POSE, _POSE] += adjoint
-        transition[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME] += adjoint
-        transition[_TWIST, _PREDICTION] = 0.0
-        self._joint = transition @ errors @ transition.T
-        if not rate:
+        self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
+        if interval <= 0.0:
             self.reset_twist()
         self._bound_twist()
 
     def _bound_twist(self) -> None:
         """Scale the error of the twist where it exceeds that of `reset_twist` in any direction."""
+        if self.twist.trace() <= 1.0:
+            return
         variance, directions = np.linalg.eigh(self.twist)
         if variance[-1] > 1.0:
             scale = np.eye(len(self._joint))
             scale[_TWIST, _TWIST] = directions / np.sqrt(np.maximum(variance, 1.0)) @ directions.T
             self._joint = scale @ self._joint @ scale
+
+
+def propagate_errors(joint: NDArray[np.float64], step: SE2, interval: float, prior: Prior,
+                     measurement: PoseMeasurement) -> NDArray[np.float64]:
+    """Propagate the joint covariance of pose, pose since the key frame and twist over a `step`.
+
+    Parameters
+    ----------
+    joint : (9, 9) array
+    step : SE2
+        Motion since the last scan, in the last scan's frame.
+    interval : float [s]
+        Time since the last scan; 0 where unknown.
+    prior : Prior
+        The predicted step.
+    measurement : PoseMeasurement
+
+    Returns
+    -------
+    (9, 9) array
+    """
+    gain = measurement.gain
+    rate = 1.0 / interval if interval > 0.0 else 0.0
+    prediction_gain, adjoint = np.eye(DOF) - gain, step.inverse().adjoint()
+    change = prior.covariance if prior.velocity_change is None else prior.velocity_change
+    errors = np.zeros((_MEASUREMENT.stop, _MEASUREMENT.stop))
+    errors[:_TWIST.stop, :_TWIST.stop] = joint
+    errors[_TWIST_CHANGE, _TWIST_CHANGE] = change
+    errors[_PREDICTION, _PREDICTION] = prior.covariance - change
+    errors[_MEASUREMENT, _MEASUREMENT] = measurement.covariance
+    # Their effect on the error of the step. The measurement removes the error made since the key frame.
+    effect = np.zeros((DOF, len(errors)))
+    effect[:, _SINCE_KEY_FRAME] = -gain @ adjoint
+    effect[:, _TWIST_CHANGE] = effect[:, _PREDICTION] = prediction_gain
+    effect[:, _MEASUREMENT] = gain
+    if prior.velocity_change is not None:
+        # The variance of the twist stays below that of `reset_twist`: old errors fade as new ones are added.
+        fading = np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0))
+        effect[:, _TWIST] = interval * fading * prediction_gain
+    transition = np.concatenate((effect, effect, rate * effect))
+    transition[_POSE, _POSE] += adjoint
+    transition[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME] += adjoint
+    transition[_TWIST, _PREDICTION] = 0.0
+    propagated: NDArray[np.float64] = transition @ errors @ transition.T
+    return propagated
