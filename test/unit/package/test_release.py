@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Version, placeholders, citation, container and templates agree with each other."""
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+
+
+@pytest.fixture(scope='module')
+def placeholders(root):
+    return yaml.safe_load((root / '.github' / 'placeholders.yml').read_text())
+
+
+@pytest.fixture(scope='module')
+def manifest(root):
+    return ElementTree.parse(root / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def citation(root):
+    return yaml.safe_load((root / '.github' / 'CITATION.cff').read_text())
+
+
+def test_one_version_everywhere_and_its_changes_are_forthcoming(root, manifest, citation):
+    version = manifest.findtext('version')
+    assert re.fullmatch(r'\d+\.\d+\.\d+', version)
+    assert f"version='{version}'" in (root / 'setup.py').read_text()
+    assert citation['version'] == version
+    assert re.search(r'^Forthcoming\n-+\n\* ', (root / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+
+
+def test_what_is_not_known_yet_is_in_one_file(root, placeholders, manifest, citation):
+    maintainer = manifest.find('maintainer')
+    assert (maintainer.text, maintainer.get('email')) == (placeholders['maintainer'], placeholders['email'])
+    assert citation['authors'] == [{'name': placeholders['maintainer']}]
+    assert [url.text for url in manifest.findall('url')] == list(filter(None, [placeholders['repository']]))
+
+
+def test_readme_has_no_made_up_address(root, placeholders):
+    """Addresses of the paper, of recordings, and of the repository once it is known."""
+    readme = (root / 'README.md').read_text()
+    real = ('https://doi.org/', 'https://radish.sourceforge.net', 'http://ais.informatik.uni-freiburg.de/',
+            'https://www.ros.org/', *filter(None, (placeholders['repository'], placeholders['documentation'])))
+    found = re.findall(r'https?://[^\s)>"]+', readme)
+    assert found and [address for address in found if not address.startswith(real)] == []
+    assert '.example' not in readme and '@users' not in readme and 'badge' not in readme
+
+
+def test_the_container_installs_the_manifest_and_builds_the_package(root):
+    lines = (root / '.devcontainer' / 'Dockerfile').read_text()
+    steps = re.sub(r'\\\n', ' ', re.sub(r'^#.*\n', '', lines, flags=re.MULTILINE)).strip().splitlines()
+    words = {line.split()[0] for line in steps if line.strip()}
+    assert words == {'FROM', 'SHELL', 'WORKDIR', 'COPY', 'RUN', 'CMD'} and steps[0] == 'FROM ros:jazzy'
+    for source in re.findall(r'^COPY (\S+)', lines, re.MULTILINE):
+        assert (root / source).exists()
+    command = json.loads(re.search(r'^CMD (.*)$', lines, re.MULTILINE)[1])
+    assert (root / 'launch' / command[-1]).exists()
+    container = json.loads((root / '.devcontainer' / 'devcontainer.json').read_text())
+    assert (root / '.devcontainer' / container['build']['dockerfile']).exists()
+
+
+@pytest.mark.parametrize('name', ['fault', 'feature'])
+def test_templates_of_issues_are_complete(root, name):
+    form = yaml.safe_load((root / '.github' / 'ISSUE_TEMPLATE' / f'{name}.yml').read_text())
+    assert {'name', 'description', 'body'} <= set(form)
+    assert all(part['id'] and part['attributes']['label'] for part in form['body'])
+    assert any(part.get('validations', {}).get('required') for part in form['body'])
+
+
+def test_workflows_name_what_is_there(root):
+    for path in (root / '.github' / 'workflows').glob('*.yml'):
+        steps = [step for job in yaml.safe_load(path.read_text())['jobs'].values() for step in job['steps']]
+        assert all('run' in step or '@v' in step['uses'] for step in steps)
+        for file in re.findall(r'scripts/[\w./]+', path.read_text()):
+            assert (root / file).exists(), file
