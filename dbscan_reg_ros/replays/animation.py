@@ -121,8 +121,9 @@ def write_animation(path, scans, track, closed=None):
     frames = list(_frames(canvas, scans, track))
     times = [INTERVAL] * (len(frames) - 1) + [LAST]
     if closed:
-        frames.append(canvas.closed_picture(closed))
-        times.append(CLOSED)
+        # It comes first as well: that is what is visible where pictures do not move.
+        picture = canvas.closed_picture(closed)
+        frames, times = [picture, *frames, picture], [LAST, *times, CLOSED]
     with replacing(path, binary=True) as file:
         frames[0].save(file, format='GIF', save_all=True, append_images=frames[1:], loop=0, duration=times)
     with replacing(path.with_suffix('.png'), binary=True) as file:

@@ -32,7 +32,7 @@ def checks(root, tmp_path):
     shutil.copytree(root / 'scripts', tmp_path / 'scripts')
     with open(tmp_path / 'scripts' / 'setup', 'a') as setup:
         setup.write(f'set_up() {{ python={tmp_path}/python; }}\nset_up_style() {{ style={tmp_path}; }}\n'
-                    'set_up_noble() { noble=; }\nset_up_evo() { :; }\n')
+                    'set_up_noble() { noble=; }\nset_up_evo() { :; }\nset_up_docs() { :; }\n')
 
     def checks(*words, ruff=0, mypy=0):
         for name, status in (('ruff', ruff), ('mypy', mypy), ('python', 0)):
@@ -56,7 +56,7 @@ def test_style_alone_runs_no_test(checks):
     assert checks('style') == (0, ['ruff check', 'mypy'])
 
 
-@pytest.mark.parametrize('folder', ['unit', 'recordings', 'builds', 'page', 'node', 'fuzz', 'long'])
+@pytest.mark.parametrize('folder', ['unit', 'recordings', 'documents', 'builds', 'page', 'node', 'fuzz', 'long'])
 def test_a_folder_of_tests_runs_by_its_name(checks, root, folder):
     assert (root / 'test' / folder).is_dir()
     assert checks(folder, '-k', 'some') == (0, [f'python -m pytest {SIDE_BY_SIDE} test/{folder} -k some'])
