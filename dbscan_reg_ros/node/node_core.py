@@ -10,6 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 
 from ..core.errors import DbscanRegError
+from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.odometry.pipeline import Odometry
 from ..core.odometry.records import OdometryUpdate
@@ -21,10 +22,10 @@ from .frames.mountings import Mountings
 from .frames.transform_sender import TransformSender, transform_type
 from .frames.transforms import TransformListener
 from .interfaces.graph_entities import GraphEntities
+from .interfaces.lidar import Lidar, OdometryTrigger
 from .interfaces.live_parameters import LiveParameters
 from .interfaces.messages import stamp_from_message
 from .interfaces.outputs import Outputs
-from .interfaces.scan_input import ScanInbox, ScanReader, StampFilter
 from .interfaces.services import Services
 from .monitoring.counters import Counters
 from .monitoring.diagnostics import PERIOD, Diagnostics
@@ -58,7 +59,6 @@ class NodeCore:
         self._odometry = Odometry(parameters.for_odometry())
         self._log = ThrottledLog(node.get_logger())
         self._counters = Counters()
-        self._inbox: ScanInbox | None = None
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
             node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._has_pending,
@@ -66,8 +66,9 @@ class NodeCore:
         ) if transform_type() else None
         self._mountings = Mountings(parameters, self._listener, self._log)
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
-        self._reader = ScanReader(node.get_clock(), self._log)
-        self._stamps = StampFilter()
+        topics = parameters.scan_topics
+        self._lidars = [Lidar(topic, len(topics) > 1, node.get_clock(), self._log) for topic in topics]
+        self._trigger = OdometryTrigger(len(topics))
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
         self._diagnostics = Diagnostics(node, self._counters, self._log, self._sender, self._outputs.odom,
@@ -83,16 +84,17 @@ class NodeCore:
 
     def activate(self) -> None:
         """Subscribe to the scans; ParameterError as of `ScanInbox`."""
-        self._inbox = ScanInbox(self._node, self._live.value, self._is_ready, self._on_scan)
-        self._diagnostics.watch(self._inbox)
-        self._node.get_logger().info(f'ready: {self._inbox.topic} -> {self._outputs.odom.topic_name}')
+        inboxes = [lidar.subscribe(self._node, self._live.value, self._is_ready, self._on_scan)
+                   for lidar in self._lidars]
+        self._diagnostics.watch(inboxes)
+        topics = ', '.join(inbox.topic for inbox in inboxes)
+        self._node.get_logger().info(f'ready: {topics} -> {self._outputs.odom.topic_name}')
 
     def deactivate(self) -> None:
         """Unsubscribe from the scans; the pose and the map are kept."""
-        self._diagnostics.watch(None)
-        if self._inbox:
-            self._inbox.close()
-        self._inbox = None
+        self._diagnostics.watch(())
+        for lidar in self._lidars:
+            lidar.unsubscribe()
 
     def close(self) -> None:
         """Destroy everything that was created on the node, except its parameters."""
@@ -103,7 +105,7 @@ class NodeCore:
     def _reconfigure(self, parameters: NodeParameters, names: Collection[str] = ()) -> None:
         """Apply `parameters`; `names` are those that were just set, even to their old values."""
         self._odometry.parameters = parameters.for_odometry()
-        for part in (self._priors, self._outputs, self._services, self._inbox):
+        for part in (self._priors, self._outputs, self._services, *(lidar.inbox for lidar in self._lidars)):
             if part:
                 part.parameters = parameters
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
@@ -111,46 +113,55 @@ class NodeCore:
     def _is_ready(self, message: LaserScan) -> bool:
         """Whether mounting and prior are known at the stamp of a scan, or will not become known by waiting."""
         frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
-        return self._mountings.ready(frame, stamp) and self._priors.ready(frame, stamp)
+        return self._mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
 
-    def _on_scan(self, message: LaserScan) -> None:
+    def _followed_frame(self, frame: str) -> str:
+        """Frame that the odometry follows: that of the only lidar, or else the base."""
+        return frame if len(self._lidars) == 1 else self._live.value.base_frame
+
+    def _on_scan(self, lidar: Lidar, message: LaserScan) -> None:
         if self._services.paused:
             return
-        self._counters.add_warnings(self._reader.check(message))
-        due, wrong = self._stamps.update(message, self._live.value.time.max_jump)
+        self._counters.add_warnings(lidar.reader.check(message))
+        due, wrong = lidar.stamps.update(message, self._live.value.time.max_jump)
         if wrong:
             self._skip('its stamp lies far before those of the scans around it')
         for scan in due:
-            self._process(scan)
+            self._process(lidar, scan)
 
     def _skip(self, reason: str) -> None:
         self._log.warn(f'scan skipped: {reason}')
         self._counters.skip(reason)
 
-    def _process(self, message: LaserScan) -> None:
+    def _process(self, lidar: Lidar, message: LaserScan) -> None:
         began = time.perf_counter()
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
-            scan = self._reader.read(message, mounting, self._live.value)
-            if self._stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
+            scan = lidar.reader.read(message, mounting, self._live.value)
+            if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
                 self._reset('the stamps of the scans start again', InitialPose())
-            prior = self._priors.find(scan.frame_id, scan.stamp, mounting, self._odometry.predict_motion)
-            update = self._odometry.process(scan, prior)
+            followed = mounting if len(self._lidars) == 1 else Mounting()
+            frame = self._followed_frame(scan.frame_id)
+            prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
+            update = self._odometry.process(scan, prior, lidar.sensor(mounting))
         except DbscanRegError as error:
             self._skip(str(error))
             return
         if self._origin is None:
-            self._origin = self._initial.pose @ mounting.aligned_pose
-        self._stamps.used(scan.stamp)
-        self._priors.processed(scan.stamp, mounting)
+            self._origin = self._initial.pose @ followed.aligned_pose
+        lidar.stamps.used(scan.stamp)
+        self._priors.processed(scan.stamp, followed)
         self._services.keep(update, prior)
         self._log_tracking(update)
-        state = base_state(update, self._origin, mounting.aligned_pose, self._initial)
+        state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
-        self._sender.send(state)
-        self._outputs.publish(update, state, self._origin)
-        self._counters.processed_scan(update, self._origin, mounting.aligned_pose, time.perf_counter() - began)
+        if self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
+            self._sender.send(state)
+            self._outputs.publish(update, state, self._origin)
+        else:
+            self._outputs.keep(update)
+        self._counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
     def _log_tracking(self, update: OdometryUpdate) -> None:
         """Log a restart of the tracking and a failed registration."""
@@ -169,8 +180,10 @@ class NodeCore:
         self._origin = None
         self._odometry.reset()
         self._outputs.reset()
-        for part in (self._priors, self._stamps, self._sender):
+        for part in (self._priors, self._trigger, self._sender):
             part.restart()
+        for lidar in self._lidars:
+            lidar.stamps.restart()
 
     def _on_timer(self) -> None:
         """Timer callback, once a `PERIOD`, with or without scans."""
@@ -181,11 +194,12 @@ class NodeCore:
         self._diagnostics.publish()
 
     def _has_pending(self) -> bool:
-        return self._inbox is not None and self._inbox.has_pending()
+        return any(lidar.inbox is not None and lidar.inbox.has_pending() for lidar in self._lidars)
 
     def _retry_pending(self) -> None:
-        if self._inbox:
-            self._inbox.retry_pending()
+        for lidar in self._lidars:
+            if lidar.inbox:
+                lidar.inbox.retry_pending()
 
     def _on_transform(self, transform: TransformStamped, topic: str) -> None:
         self._sender.on_transform(transform, topic)
@@ -197,8 +211,9 @@ class NodeCore:
             return
         if self._listener:
             self._listener.restart()
-        self._reader.restart()
-        held = self._stamps.held
+        held = [lidar.stamps.held for lidar in self._lidars]
         self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', InitialPose())
-        # The first scan of a recording that starts again may come before its clock.
-        self._stamps.held = held
+        for lidar, message in zip(self._lidars, held, strict=True):
+            lidar.reader.restart()
+            # The first scan of a recording that starts again may come before its clock.
+            lidar.stamps.held = message

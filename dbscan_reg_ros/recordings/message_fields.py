@@ -135,7 +135,7 @@ def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
     matches = update.registration.matches if update.registration else np.empty((0, 2), dtype=int)
     markers = []
     for column, (name, features, pose) in enumerate((('reference', update.reference, update.reference_pose),
-                                                     ('current', update.features, update.pose))):
+                                                     ('current', update.features, update.scan_pose))):
         lines = np.empty((0, 2, 2))
         if features is not None:
             lines = (origin @ pose).apply(np.stack((features.segments.start, features.segments.end), axis=1))

@@ -83,8 +83,8 @@ class SnapshotUpdate:
     def of(cls, update, prior=None) -> 'SnapshotUpdate':
         """From an `OdometryUpdate` and the `Prior` that it was made with."""
         return cls(update.features.scan, update.reference.scan if update.reference else None, update.stamp,
-                   update.interval, update.pose, update.covariance, update.twist, update.reference_pose, update.status,
-                   update.registration, prior, update.restarted)
+                   update.interval, update.scan_pose, update.covariance, update.twist, update.reference_pose,
+                   update.status, update.registration, prior, update.restarted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -145,6 +145,10 @@ class NodeParameters(Parameters):
         False, read_only=True,
         help='If true, the transform on /tf has odom_frame as the child of base_frame. Use it for a base_frame that '
              'already has another parent.')
+    scan_topics: tuple[str, ...] = parameter(
+        ('scan',), read_only=True,
+        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first; while it is '
+             'silent for two of its periods, for those of the next. Several lidars need mounting tf.')
     mounting: str = parameter(
         'tf', choices=MOUNTINGS, read_only=True,
         help='Source of the pose of the laser on the base: tf (the transform from base_frame to the frame of the '
@@ -167,6 +171,11 @@ class NodeParameters(Parameters):
                 raise ParameterError(f'{name} = {frame!r}: expected the name of a frame, without a leading slash')
         if self.odom_frame == self.base_frame:
             raise ParameterError(f'odom_frame = base_frame = {self.base_frame!r}: expected two different frames')
+        if len(set(self.scan_topics)) < len(self.scan_topics):
+            raise ParameterError(f'scan_topics = {list(self.scan_topics)}: expected each topic once')
+        if len(self.scan_topics) > 1 and self.mounting != 'tf':
+            raise ParameterError(f'mounting = {self.mounting!r} with scan_topics = {list(self.scan_topics)}: expected '
+                                 "mounting 'tf' for several lidars")
         if self.prior.source == 'tf' and self.prior.frame in (self.odom_frame, self.base_frame):
             raise ParameterError(f'prior.frame = {self.prior.frame!r}: expected an odometry frame of another node, '
                                  'neither odom_frame nor base_frame')

@@ -76,8 +76,8 @@ class Odometry:
             Systematic errors of whole motions are learned (`prior.calibration_distance`). Without a prior the motion
             model predicts, unless `odometry.prior` says otherwise.
         sensor : Sensor
-            The sensor of the scan. Scans of several sensors are given in the order of their stamps. A track begins
-            with the sensor of its first scan; the others join when its velocity is known.
+            The sensor of the scan. Scans of several sensors are best given in the order of their stamps. A track
+            begins with the sensor of its first scan; the others join when its velocity is known.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class Odometry:
         Raises
         ------
         ScanError
-            When the scan has too few returns to be used, or is older than the last one of another sensor; the state is
+            When the scan has too few returns to be used, or comes too late after one of another sensor; the state is
             unchanged.
         """
         state, p = self._state, self._parameters
@@ -127,7 +127,11 @@ class Odometry:
         if state.window is None:
             return None
         own = state.sensors[state.key_frames.latest.sensor.name]
-        return state.motion.predict(copy.deepcopy(own.stamps).next(stamp, 0.0, p.time, own.stamps.duration), p)
+        interval = copy.deepcopy(own.stamps).next(stamp, 0.0, p.time, own.stamps.duration)
+        if len(state.sensors) > 1:
+            elapsed = state.order.time_since_last(stamp)
+            interval = dataclasses.replace(interval, length=elapsed, elapsed=elapsed, of_others=True)
+        return state.motion.predict(interval, p)
 
     def _sensor_state(self, scan: Scan, sensor: Sensor) -> SensorState:
         """Return what is remembered of the scans of a sensor; `ScanError` for a scan that comes too late."""

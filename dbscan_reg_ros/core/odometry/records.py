@@ -27,7 +27,7 @@ class OdometryUpdate:
     twist_covariance : (3, 3) float
         Covariance of `twist`.
     interval : float [s]
-        Filtered time since the last scan; 0 for the first.
+        Filtered time since the last scan of any sensor; 0 for the first.
     increment : SE2
         Motion of the first sensor since the last scan, in its frame at that time.
     status : Status
@@ -53,6 +53,8 @@ class OdometryUpdate:
         `number` of the scan of `reference`, whose features may have been extracted again since.
     sensor : Sensor
         The sensor of the scan.
+    joined : bool
+        Whether this is the first scan of a sensor that joins a track.
     """
 
     stamp: int
@@ -73,6 +75,12 @@ class OdometryUpdate:
     number: int = 0
     reference_number: int | None = None
     sensor: Sensor = FIRST
+    joined: bool = False
+
+    @property
+    def starts_track(self) -> bool:
+        """Whether a track starts with this scan."""
+        return self.registration is None and self.reference_changed and not self.joined
 
     @property
     def scan_pose(self) -> SE2:

@@ -25,6 +25,7 @@ class ReportedStep(NamedTuple):
     key_frame: KeyFrame | None = None
     is_key_frame: bool = False
     sensor: Sensor = FIRST
+    joined: bool = False
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
@@ -39,7 +40,8 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
         reference_changed=step.is_key_frame, restarted=step.interval.reason,
         wheel_correction=state.wheels.matrix.copy(),
-        number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor)
+        number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor,
+        joined=step.joined)
 
 
 def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:

@@ -75,7 +75,7 @@ def join(state: TrackState, features: Features, predictions: Predictions, sensor
     size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
     state.window = state.key_frames.with_frame(frame, size)
     return report(state, features, ReportedStep(
-        pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor))
+        pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor, joined=True))
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from ..errors import ParameterError
 
-Value: TypeAlias = 'float | int | bool | str | tuple[float, ...]'
+Value: TypeAlias = 'float | int | bool | str | tuple[float, ...] | tuple[str, ...]'
 """Types that a parameter can have."""
 Number = TypeVar('Number', bound=Value)
 Tree = TypeVar('Tree', bound='ParameterTree')
@@ -24,8 +24,8 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
 
     Parameters
     ----------
-    default : float, int, bool, str or tuple of float
-        A tuple of numbers as default makes a list of that length.
+    default : float, int, bool, str or tuple of float or str
+        A tuple of numbers as default makes a list of that length, a tuple of texts a list of one or more.
     help : str
         Whole sentences: what the parameter does, and what larger and smaller values cause.
     unit : str
@@ -179,8 +179,12 @@ def check(description: Description, value: object) -> Any:
     return value
 
 
-def _check_list(d: Description, values: Any) -> tuple[float, ...]:
+def _check_list(d: Description, values: Any) -> tuple[Any, ...]:
     default: Any = d.default
+    if isinstance(default[0], str):
+        if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or not all(values):
+            raise ParameterError(f'{d.name} = {_shown(values)}: expected a list of one or more texts')
+        default = (default[0],) * len(values)
     if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(default):
         raise ParameterError(f'{d.name} = {_shown(values)}: expected {len(default)} numbers')
     each = dataclasses.replace(d, type=type(default[0]))

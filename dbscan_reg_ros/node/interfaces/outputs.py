@@ -82,18 +82,18 @@ class Outputs:
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, frame))
         self._extend_path(state)
-        self._update_map(update)
+        self.keep(update)
         self._latest = state, origin
         if time.monotonic() >= self._next_picture:
             self.publish_pictures()
 
-    def _update_map(self, update: OdometryUpdate) -> None:
-        """Keep the last ``odometry.key_frames`` key frames."""
-        if update.registration is None:
+    def keep(self, update: OdometryUpdate) -> None:
+        """Keep the last ``odometry.key_frames`` key frames of each lidar for the map."""
+        if update.starts_track:
             self._key_frames.clear()
         if update.reference_changed:
-            self._key_frames.append((update.features, update.pose))
-        del self._key_frames[:-self.parameters.odometry.key_frames]
+            self._key_frames.append((update.features, update.scan_pose))
+        del self._key_frames[:-self.parameters.odometry.key_frames * len(self.parameters.scan_topics)]
 
     def _extend_path(self, state: BaseState) -> None:
         """Add the pose to the path when it is at least ``path.step`` away from the last one."""

@@ -30,7 +30,7 @@ BEARING_TOLERANCE = 1e-6
 
 
 class ScanInbox:
-    """Subscribes to ``scan`` and hands over one scan after the other.
+    """Subscribes to the scans of one lidar and hands over one after the other.
 
     When the queue is full, the oldest scan is dropped.
 
@@ -44,6 +44,7 @@ class ScanInbox:
         Whether a scan can be processed, so that it need not wait for mounting or prior any longer.
     handle : callable
         Takes each scan.
+    topic : str
 
     Attributes
     ----------
@@ -57,14 +58,14 @@ class ScanInbox:
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
-                 handle: Callable[[LaserScan], None]) -> None:
+                 handle: Callable[[LaserScan], None], topic: str = 'scan') -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
         self._node = node
         self._is_ready = is_ready
         self._handle = handle
         self._pending: deque[tuple[LaserScan, float]] = deque()
-        self._subscription = subscription(node, LaserScan, 'scan', self._on_message, QUALITY)
+        self._subscription = subscription(node, LaserScan, topic, self._on_message, QUALITY)
         self._timer = node.create_timer(1.0, self._process_next, callback_group=WakingCallbackGroup(self.has_pending),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
 

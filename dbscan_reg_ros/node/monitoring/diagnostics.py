@@ -3,7 +3,7 @@
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -57,19 +57,20 @@ class Diagnostics:
         self._odom = odom
         self._is_paused = is_paused
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
-        self._inbox: ScanInbox | None = None
+        self._inboxes: Sequence[ScanInbox] = ()
         self._seen: set[str] = set()
         self._logged: set[str] = set()
         self._begin()
 
-    def watch(self, inbox: ScanInbox | None) -> None:
-        """Report on the scans of `inbox` from now on; None while the node is not subscribed."""
-        self._inbox = inbox
+    def watch(self, inboxes: Sequence[ScanInbox]) -> None:
+        """Report on the scans of the `inboxes` from now on; none while the node is not subscribed."""
+        self._inboxes = inboxes
         self._begin()
 
     def _begin(self) -> None:
         self._last: tuple[float, tuple[int, int, int]] | None = None
         self._last_scan = time.monotonic()
+        self._heard: dict[str, tuple[int, float]] = {}
         self._patience = LOGGED_AFTER
 
     def publish(self) -> None:
@@ -96,15 +97,24 @@ class Diagnostics:
 
     def _counts(self) -> tuple[int, int, int]:
         """Count the scans received, processed and dropped so far."""
-        received, dropped = (self._inbox.received, self._inbox.dropped) if self._inbox else (0, 0)
+        received, dropped = (sum(getattr(inbox, name) for inbox in self._inboxes) for name in ('received', 'dropped'))
         return received, self._counters.processed, dropped
+
+    def _silent(self) -> list[str]:
+        """Why lidars are silent while others publish: a sentence for each."""
+        now = time.monotonic()
+        for inbox in self._inboxes:
+            if self._heard.get(inbox.topic, (0, now))[0] != inbox.received or inbox.topic not in self._heard:
+                self._heard[inbox.topic] = inbox.received, now
+        silent = [inbox for inbox in self._inboxes if now - self._heard[inbox.topic][1] > STALE_AFTER]
+        return [] if len(silent) == len(self._inboxes) else [self._no_scans(inbox) for inbox in silent]
 
     def _level(self, silence: float, dropped: int) -> tuple[bytes, str]:
         """Level and message of the report, after `silence` [s] without a scan."""
         faults = self._graph_faults()
         conflict = self._sender.conflict
         level, message = self._odometry_level(silence)
-        warnings = [text for text in (*self._counters.take_warnings(), *faults) if text not in message]
+        warnings = [text for text in (*self._counters.take_warnings(), *faults, *self._silent()) if text not in message]
         if dropped:
             warnings.append(f'too slow: {dropped} scans dropped')
         if warnings and level == DiagnosticStatus.OK:
@@ -115,11 +125,12 @@ class Diagnostics:
 
     def _odometry_level(self, silence: float) -> tuple[bytes, str]:
         """Level and message of the odometry itself."""
-        if self._inbox is None or self._is_paused():
-            return DiagnosticStatus.OK, 'inactive' if self._inbox is None else 'paused'
-        if silence > STALE_AFTER or not self._inbox.received:
-            waiting = self._no_scans(self._inbox)
-            if not self._inbox.received and silence >= self._patience:
+        if not self._inboxes or self._is_paused():
+            return DiagnosticStatus.OK, 'paused' if self._inboxes else 'inactive'
+        received = any(inbox.received for inbox in self._inboxes)
+        if silence > STALE_AFTER or not received:
+            waiting = '; '.join(map(self._no_scans, self._inboxes))
+            if not received and silence >= self._patience:
                 self._node.get_logger().warning(f'{waiting} ({self._patience:.0f} s so far)')
                 self._patience *= 2.0
             return DiagnosticStatus.STALE, waiting
@@ -146,7 +157,7 @@ class Diagnostics:
         """Find incompatible publishers on our topics and other publishers of our odometry; log each once."""
         faults = [text for subscription in self._node.subscriptions
                   for text in incompatibilities(self._node, subscription)]
-        if self._inbox:
+        if self._inboxes:
             faults += filter(None, [shared(self._node, self._odom)])
         # The name of a new node may be discovered after its publisher.
         complete = {text for text in faults if UNNAMED not in text or text in self._seen}
@@ -169,6 +180,10 @@ class Diagnostics:
         yield 'scans processed', str(processed)
         yield 'scans dropped', str(dropped)
         yield 'scans skipped', str(self._counters.skipped)
+        if len(self._inboxes) > 1:
+            for inbox in self._inboxes:
+                yield f'{inbox.topic}: scans received', str(inbox.received)
+                yield f'{inbox.topic}: scans dropped', str(inbox.dropped)
 
     def _estimates(self) -> Iterator[tuple[str, str]]:
         """Values of the latest registration, and the learned correction of the wheels."""

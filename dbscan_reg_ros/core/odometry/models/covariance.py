@@ -78,10 +78,11 @@ class CovariancePropagation:
                   backend: Backend = REFERENCE) -> None:
         """Propagate all covariances over a `step`; arguments as for `propagate_errors`.
 
-        An `interval` of 0 resets the twist.
+        An `interval` of 0 resets the twist; a negative one, where the state goes back, counts as one forward.
         """
+        interval = abs(interval)
         self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
-        if interval <= 0.0:
+        if not interval:
             self.reset_twist()
         self._bound_twist()
 

@@ -206,7 +206,7 @@ class ConstantVelocityModel:
         if self.position_unknown:
             self.reset_velocity()
             self._increment = None
-        elif before and interval.length > 0.0 and interval.elapsed > 0.0 and not interval.gap:
+        elif before and interval.measures_velocity(before.time + interval.middle_offset):
             predicted, time = self._mean_twist(), before.time + interval.middle_offset
             self.twist = (before.pose.inverse() @ middle).as_array() / max(time, 0.5 * interval.length)
             if direction is not None:

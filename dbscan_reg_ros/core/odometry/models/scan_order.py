@@ -15,11 +15,11 @@ class ScanOrder:
         self._last: tuple[str, int] | None = None
 
     def lateness(self, sensor: str, stamp: int, parameters: TimeParameters) -> float:
-        """Return by how much [s] a scan is older than the last one of another sensor; 0 where the stamps jumped."""
+        """Return by how much [s] a scan comes too late after one of another sensor; 0 where the stamps jumped."""
         if self._last is None or self._last[0] == sensor:
             return 0.0
         late = (self._last[1] - stamp) * _SECOND
-        return late if 0.0 < late <= parameters.max_jump else 0.0
+        return late if _MAX_LATE < late <= parameters.max_jump else 0.0
 
     def time_since_last(self, stamp: int) -> float:
         """Return the time [s] from the last scan of any sensor to a `stamp` [ns]."""
@@ -42,7 +42,8 @@ class ScanOrder:
         Returns
         -------
         ScanInterval
-            `own` where the last scan was of the same sensor; else the difference of the stamps.
+            `own` where the last scan was of the same sensor; else the difference of the stamps, which is negative for a
+            scan that is older: then the state goes back to its stamp.
         """
         last, self._last = self._last, (sensor, stamp)
         if last is None or last[0] == sensor:
@@ -56,3 +57,7 @@ class ScanOrder:
         typical = stamps.typical
         late = typical and dataclasses.replace(interval, length=typical).gap
         return dataclasses.replace(interval, length=typical) if late else interval
+
+
+_MAX_LATE = 0.25
+"""Time [s] by which a scan may be older than the last one: slow lidars send a scan that long after its first beam."""

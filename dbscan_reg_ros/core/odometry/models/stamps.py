@@ -75,7 +75,12 @@ class ScanInterval:
     @property
     def gap(self) -> bool:
         """Whether the last velocity does not predict the motion: scans are missing for long, or the stamp is wrong."""
-        return self.jump is not None or self.elapsed > _GAP_RATIO * self.length
+        return self.jump is not None or self.elapsed > _GAP_RATIO * abs(self.length)
+
+    def measures_velocity(self, time: float) -> bool:
+        """Whether a velocity follows from the last scan of the same sensor, a `time` [s] ago."""
+        known = time > 0.0 if self.of_others else self.length > 0.0 and self.elapsed > 0.0
+        return known and not self.gap
 
 
 class StampFilter:

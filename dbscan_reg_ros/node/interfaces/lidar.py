@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lidars that the node subscribes to, and whose scans the odometry is published for."""
+import itertools
+from collections import deque
+from collections.abc import Callable
+from statistics import median
+
+from rclpy.clock import Clock
+from rclpy.node import Node
+from sensor_msgs.msg import LaserScan
+
+from ...core.geometry.mounting import Mounting
+from ...core.geometry.se2 import SE2
+from ...core.odometry.sensor import FIRST, Sensor
+from ...robot.parameters import NodeParameters
+from ..throttled_log import ThrottledLog
+from .scan_input import ScanInbox, ScanReader, StampFilter
+
+
+class Lidar:
+    """One lidar: its topic, its subscription, and the checks of its messages.
+
+    Parameters
+    ----------
+    topic : str
+        Topic of its scans.
+    several : bool
+        Whether there are other lidars: then the odometry estimates the pose of the base, not that of the only lidar.
+    clock : rclpy.clock.Clock
+        As for `ScanReader`.
+    log : ThrottledLog
+        Log for warnings about its scans.
+
+    Attributes
+    ----------
+    reader : ScanReader
+    stamps : StampFilter
+    inbox : ScanInbox or None
+        None while the node is not subscribed.
+    """
+
+    def __init__(self, topic: str, several: bool, clock: Clock, log: ThrottledLog) -> None:
+        self.topic, self._several = topic, several
+        self.reader, self.stamps = ScanReader(clock, log), StampFilter()
+        self.inbox: ScanInbox | None = None
+
+    def subscribe(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
+                  handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
+        """Subscribe to the topic; `is_ready` and errors as of `ScanInbox`; `handle` takes this lidar and each scan."""
+        self.inbox = ScanInbox(node, parameters, is_ready, lambda message: handle(self, message), self.topic)
+        return self.inbox
+
+    def unsubscribe(self) -> None:
+        """Unsubscribe, and drop the pending scans."""
+        if self.inbox:
+            self.inbox.close()
+        self.inbox = None
+
+    def sensor(self, mounting: Mounting) -> Sensor:
+        """Return the sensor of a scan: the only one, or one of several by its pose on the base."""
+        return Sensor(self.topic, mounting.aligned_pose) if self._several else FIRST
+
+    def followed_pose(self, mounting: Mounting) -> SE2:
+        """Return the pose on the base of the frame that the odometry follows."""
+        return SE2() if self._several else mounting.aligned_pose
+
+
+class OdometryTrigger:
+    """Decides for which scans odometry is published: those of the first lidar that is not silent.
+
+    Parameters
+    ----------
+    count : int
+        Number of lidars.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._stamps: list[deque[int]] = [deque(maxlen=_STAMPS) for _ in range(count)]
+        self._last: int | None = None
+
+    def restart(self) -> None:
+        """Accept any stamp next: the odometry was reset."""
+        self._last = None
+        for stamps in self._stamps:
+            stamps.clear()
+
+    def is_due(self, lidar: int, stamp: int) -> bool:
+        """Take the `stamp` [ns] of a scan of a lidar, and return whether odometry is published for it.
+
+        It is unless a lidar before this one published within its last two periods. Stamps of odometry increase.
+        """
+        self._stamps[lidar].append(stamp)
+        if any(self._is_alive(stamps, stamp) for stamps in self._stamps[:lidar]):
+            return False
+        if len(self._stamps) > 1 and self._last is not None and stamp <= self._last:
+            return False
+        self._last = stamp
+        return True
+
+    @staticmethod
+    def _is_alive(stamps: deque[int], now: int) -> bool:
+        """Whether a lidar with these last `stamps` published within its last two periods."""
+        steps = [later - stamp for stamp, later in itertools.pairwise(stamps)]
+        return bool(steps) and now - stamps[-1] <= _SILENT_PERIODS * median(steps)
+
+
+_SILENT_PERIODS = 2
+"""Periods after which a lidar counts as silent."""
+_STAMPS = 9
+"""Stamps of a lidar from which its period is taken."""

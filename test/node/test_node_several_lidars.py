@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One node with two lidars, on topics of their own."""
+import heapq
+import math
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from ros_helpers import LATCHED, Loudspeaker, diagnosis, pose_of, said, transform
+from sensor_msgs.msg import LaserScan
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.node.interfaces.lidar import OdometryTrigger
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+
+FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
+MS = 1_000_000
+
+
+@pytest.fixture
+def tf_type():
+    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+
+
+@pytest.fixture(scope='module')
+def drive():
+    """Scans of both lidars in the order of their stamps, and the path of the base."""
+    world = rooms(1)
+    path = follow(world.tour[:2], speed=1.0)
+    front, rear = (simulate(world, path, Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
+                                               mounting=at, phase=phase, frame_id=name), 1)
+                   for name, at, rate, phase in (('front', FRONT, 12.5, 0.0), ('rear', REAR, 15.0, 0.019)))
+    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
+    return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
+
+
+def test_odometry_is_due_for_the_first_lidar_that_publishes():
+    trigger = OdometryTrigger(2)
+    # The first lidar each 80 ms; the second each 67 ms, from 20 ms on.
+    assert trigger.is_due(1, 20 * MS)
+    assert all(trigger.is_due(0, 80 * k * MS) for k in (1, 2, 3))
+    assert not trigger.is_due(1, 250 * MS) and not trigger.is_due(1, 380 * MS)
+    # Silent for more than two of its periods, and back.
+    assert trigger.is_due(1, 420 * MS) and trigger.is_due(1, 490 * MS)
+    assert not trigger.is_due(0, 480 * MS)
+    assert trigger.is_due(0, 560 * MS) and not trigger.is_due(1, 570 * MS)
+    # One lidar: every scan, even with a stamp that is not later.
+    alone = OdometryTrigger(1)
+    assert all(alone.is_due(0, stamp) for stamp in (5, 5, 3))
+
+
+def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, peer, drive, tf_type):
+    scans, base_at = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]')
+    said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
+    found, statuses = peer.subscribe(Odometry, '/odom'), peer.listen(DiagnosticArray, '/diagnostics')
+    start, stop, end = (scans[0].stamp + int(1e9 * seconds) for seconds in (1.5, 3.0, 4.5))
+
+    def publish(chosen):
+        """Publish scans one by one, each after the odometry of the last one that asks for it has come."""
+        for scan in chosen:
+            count = len(found)
+            lidars[scan.frame_id].tell(scan_to_message(scan))
+            if scan.frame_id == waited_for:
+                peer.until(lambda count=count: len(found) > count)
+
+    # The rear lidar has no transform yet: it is named, and the front one is used.
+    static.tell(tf_type(transforms=[transform('base_link', 'front', FRONT)]))
+    first = scan_to_message(scans[0])
+    lidars['front'].until(lambda: found, first)
+    waited_for = 'front'
+    publish(scan for scan in scans[1:] if scan.stamp < start)
+    said(node, "no transform from 'base_link' to 'rear'", peer)
+    # It joins when its transform comes.
+    static.tell(tf_type(transforms=[transform('base_link', 'rear', REAR)]))
+    publish(scan for scan in scans if start <= scan.stamp < stop)
+    fronts = {scan.stamp for scan in scans if scan.frame_id == 'front'}
+    assert {stamp_from_message(message.header.stamp) for message in found} <= fronts
+    # The front lidar dies: odometry goes on with the rear one after two periods.
+    waited_for = None
+    publish(scan for scan in scans if stop <= scan.stamp < stop + 200 * MS and scan.frame_id == 'rear')
+    waited_for = 'rear'
+    publish(scan for scan in scans if stop + 200 * MS <= scan.stamp < end and scan.frame_id == 'rear')
+    report = diagnosis(peer, statuses, lambda status: '/front/scan' in status.message)
+    assert 'no scans on /front/scan' in report.message
+    values = {value.key: value.value for value in report.values}
+    assert int(values['/rear/scan: scans received']) > int(values['/front/scan: scans received']) - 30
+    # And it comes back.
+    waited_for = 'front'
+    publish(scan for scan in scans if end <= scan.stamp < end + 500 * MS)
+    stamps = [stamp_from_message(message.header.stamp) for message in found]
+    assert stamps == sorted(set(stamps)) and max(np.diff(stamps)) < 250 * MS
+    origin = base_at(stamps[0])
+    for message, stamp in zip(found, stamps, strict=True):
+        true = origin.inverse() @ base_at(stamp)
+        pose = pose_of(message)
+        assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
+
+
+@pytest.mark.parametrize('words, expected', [
+    (['-p', 'scan_topics:=[a, b]', '-p', 'mounting:=none'], "expected mounting 'tf' for several lidars"),
+    (['-p', 'scan_topics:=[a, a]'], 'expected each topic once')])
+def test_lidars_that_cannot_be_used_are_refused(start_command, peer, words, expected):
+    said(start_command('scan_matcher', '--ros-args', *words), expected, peer)
