@@ -7,7 +7,6 @@ KDD 1996.
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.tolerance import TINY
@@ -136,6 +135,7 @@ def _near_pairs(samples: FloatArray, eps: float) -> tuple[IntArray, IntArray]:
     axes = samples[order].T.copy()
     end = axes[0].searchsorted(axes[0] + eps, 'right')
     if (end - np.arange(1, len(end) + 1)).sum() > _MANY * len(samples):
+        from scipy.spatial import cKDTree
         first, second = cKDTree(samples).query_pairs(eps, output_type='ndarray').T
         return first, second
     one, two = pairs_before(end)
@@ -240,6 +240,7 @@ def k_distances(samples: FloatArray, k: int) -> FloatArray:
             high = padded[2 * k - before:2 * k - before + size]
             np.minimum(nearest, np.maximum(x - low, high - x), out=nearest)
     else:
+        from scipy.spatial import cKDTree
         nearest = cKDTree(samples).query(samples, k=k + 1)[0][:, k]
     return np.sort(nearest)[::-1]
 
