@@ -140,7 +140,7 @@ class ScanChecks:
         if frame != old_frame:
             self.restart()
             return ScanWarning(Kind.FRAME, f'the scans change from the frame {old_frame!r} to {frame!r}: the odometry '
-                               'is that of one laser; give each laser a topic and a node of its own')
+                               'is that of one laser; give each laser a topic of its own, and name them in scan_topics')
         if abs(size - old_size) > OTHER_SIZE * old_size:
             return ScanWarning(Kind.BEAMS, f'the scans change from {old_size} to {size} beams: expected about as many '
                                'in each; is one cut off, or are there two lasers on one topic?')

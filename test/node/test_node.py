@@ -210,10 +210,11 @@ def test_all_parameters_are_declared_with_their_descriptors(start_command, peer)
     names = [d.name for d in descriptions]
     assert set(names) <= set(parameters.names())
     assert parameters.get(*names) == [list(d.default) if d.type is tuple else d.default for d in descriptions]
-    kinds = {bool: 1, int: 2, float: 3, str: 4, tuple: 8}
+    kinds = {bool: 1, int: 2, float: 3, str: 4, tuple: NUMBERS}
     for description, descriptor in zip(descriptions, parameters.describe(*names), strict=True):
         assert descriptor.name == description.name
-        assert descriptor.type == kinds[description.type]
+        texts = description.type is tuple and isinstance(description.default[0], str)
+        assert descriptor.type == (TEXTS if texts else kinds[description.type])
         assert descriptor.description.startswith(description.help)
         assert description.unit in descriptor.description
         assert descriptor.read_only == description.read_only
@@ -238,6 +239,9 @@ def test_a_misspelt_parameter_is_named(start_node, peer):
     node = start_node('-p', 'scan.rangemax:=5.0')
     said(node, "unknown parameter 'scan.rangemax' is ignored; did you mean 'scan.range_max'?", peer)
     said(node, 'ready', peer)
+
+NUMBERS, TEXTS = 8, 9
+"""Types of parameters that are lists of numbers and of texts."""
 
 
 @pytest.mark.parametrize('argument, complaint', [

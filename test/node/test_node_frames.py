@@ -91,7 +91,7 @@ def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
                               for s, frame in zip(scans[:6], ['front', 'rear'] * 3, strict=True)])
     assert answers.lost == 0
     said(node, "the scans change from the frame 'front' to 'rear'", peer)
-    assert 'give each laser a topic and a node of its own' in node.output()
+    assert 'give each laser a topic of its own, and name them in scan_topics' in node.output()
     assert node.output().count('the scans change') == 1
 
 
