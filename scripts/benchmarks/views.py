@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two views of a simulated world from places that a robot can drive between."""
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,6 +11,12 @@ from dbscan_reg_ros.simulation.worlds import clearance
 
 MARGIN = 0.2
 STEP = 0.1
+
+
+@lru_cache(maxsize=16)
+def path_along(world):
+    """Return the path of a robot along the tour of a `World`."""
+    return follow(world.tour)
 
 
 def two_views(world, lidar, rng, motion, times=(0.0, 0.0)):
@@ -32,7 +39,7 @@ def two_views(world, lidar, rng, motion, times=(0.0, 0.0)):
     truth : SE2
         Pose of the current sensor in the reference's frame.
     """
-    path = follow(world.tour)
+    path = path_along(world)
     while True:
         x, y, _ = path.poses_at(rng.uniform(0.0, path.duration, 1))[0]
         first = SE2(x, y, rng.uniform(-math.pi, math.pi))
