@@ -48,7 +48,7 @@ def registrations(trial, fitting):
     except ScanError:
         return
     if fitting:
-        normal = parameters.replace({'selection.wide_search_factor': 1})
+        normal = parameters.replace({'advanced.selection.wide_search_factor': 1})
         yield register(reference, current, normal)
         yield register(reference, current, parameters, first_stage=SearchStage.WIDE)
     else:
@@ -108,7 +108,7 @@ def fit(terms, right, weight) -> tuple:
 
 def coefficient_lines(intercept, coefficients) -> str:
     """Format fitted coefficients as they stand in `confidence/model.py`."""
-    return '\n'.join([f'_INTERCEPT = {intercept:.3f}', '_COEFFICIENTS = {',
+    return '\n'.join([f'INTERCEPT = {intercept:.3f}', 'COEFFICIENTS = {',
                       *(f'    {name!r}: {value:.3f},' for name, value in zip(TERMS, coefficients, strict=True)), '}'])
 
 
