@@ -13,6 +13,8 @@ import tarfile
 import numpy as np
 import pytest
 
+from dbscan_reg_ros.replays.page.live import live_page
+
 AXE = 'axe-core-4.10.3'
 SHA512 = 'Xm7bpRXnDSX2YE2YFfBk2FnF0ep6tmG7xPh8iHee8MIcrgq762Nkce856dYtJYLkuIoYZvGfTs/PbZhideTcEg=='
 """Of the package that npm downloads (MPL-2.0): kept in the user's cache, no part of this project."""
@@ -64,6 +66,28 @@ def test_axe_finds_no_violation_of_level_a_or_aa(show, page, known, axe, screen,
                               'each => [each.id, each.help, each.nodes.map(node => node.html.slice(0, 150))])'
                               '.concat(result.passes.length > 15 ? [] : ["too few rules ran"]))')
         assert found == []
+
+
+@pytest.mark.parametrize('dark', [False, True])
+@pytest.mark.parametrize('screen', [(390, 844), (1400, 900)])
+def test_axe_finds_no_violation_in_the_live_page(browser, axe, tmp_path, screen, dark):
+    path = tmp_path / 'live.html'
+    # Without a server there is nothing to connect to.
+    path.write_text(live_page('/scan').decode().replace("new EventSource('events' + location.search)",
+                                                        'new EventTarget()'))
+    browser.screen(*screen, dark)
+    browser.open(path.as_uri())
+    browser.value('ready.then(() => 0)')
+    for k in range(3):
+        browser.value(f'page.add({{time: {k}, pose: [{k}, 0, 0], sigma: [0.1, 0.05, 0, 0.01], status: {k % 2}, '
+                      'reason: "tracking", speed: 0.5, points: btoa("\\x01\\x00\\x02\\x00")})')
+    browser.frame()
+    browser.value('for (const details of document.querySelectorAll("details")) details.open = true')
+    browser.value(f'{axe}; 0')
+    found = browser.value(f'axe.run({{runOnly: {json.dumps(LEVELS)}}}).then(result => result.violations.map('
+                          'each => [each.id, each.help, each.nodes.map(node => node.html.slice(0, 150))])'
+                          '.concat(result.passes.length > 15 ? [] : ["too few rules ran"]))')
+    assert found == [] and browser.complaints == []
 
 
 def linear(colour):
