@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
+from ...core.odometry.verdict import LIMITS
 from ...core.registration.records import Status
 from ...recordings.scan_checks import Kind, ScanWarning
 
@@ -36,6 +37,8 @@ class Counters:
         Scans so far.
     statuses : Counter
         Number of scans with each `Status`.
+    too_fast : int
+        Scans rejected by `odometry.max_speed` or `odometry.max_turn_rate` so far.
     durations : deque of float
         Processing times of the last `TIMED_SCANS` scans [s].
     update : OdometryUpdate or None
@@ -54,6 +57,7 @@ class Counters:
     processed: int = 0
     skipped: int = 0
     statuses: Counter[Status] = field(default_factory=Counter)
+    too_fast: int = 0
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=TIMED_SCANS))
     update: OdometryUpdate | None = None
     degenerate_direction: float | None = None
@@ -77,6 +81,8 @@ class Counters:
         """
         self.processed += 1
         self.statuses[update.status] += 1
+        rejected = update.status is Status.FAILED and update.registration is not None
+        self.too_fast += rejected and any(limit.value in update.registration.reason for limit in LIMITS)
         self.durations.append(duration)
         self.update = update
         self.skip_reason = ''

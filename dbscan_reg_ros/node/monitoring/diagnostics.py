@@ -180,6 +180,7 @@ class Diagnostics:
         yield 'scans processed', str(processed)
         yield 'scans dropped', str(dropped)
         yield 'scans skipped', str(self._counters.skipped)
+        yield 'scans rejected by limits of speed', str(self._counters.too_fast)
         if len(self._inboxes) > 1:
             for inbox in self._inboxes:
                 yield f'{inbox.topic}: scans received', str(inbox.received)
