@@ -25,6 +25,11 @@ BENCHMARKS = {
     'sparse': 'key frames far apart: the odometry beside registrations without a guess',
     'narrow': 'odometry of depth cameras with narrow fields of view',
     'passers': 'odometry while people cross close in front of the lidar',
+    'companions': 'odometry among people who walk along with the robot',
+    'doors': 'odometry in a corridor whose doors open and close',
+    'pillar': 'odometry along a wall with one pillar in view',
+    'stops': 'odometry that stops in a corridor with doors',
+    'curved': 'odometry in a smooth curved corridor',
     'covered': 'odometry of a lidar with a box over it for a while',
     'spin': 'turn rates of published twists while the robot rotates in place',
     'spinup': 'odometry that begins while the lidar spins up',
@@ -42,7 +47,8 @@ MODULES = {
     'confidence': 'registration.confidence',
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
-    'passers': 'odometry.passers', 'spinup': 'odometry.spinup',
+    **dict.fromkeys(('passers', 'companions', 'doors', 'pillar', 'stops', 'curved'), 'odometry.moving'),
+    'spinup': 'odometry.spinup',
     'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
     'page': 'page.page', 'watch': 'node.watched',
@@ -52,11 +58,14 @@ MODULES = {
 OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'ablation', 'page', 'watch',
              'fingerprint')
 """No other method has what they measure."""
-SIMULATED = ('node', 'watch', 'soak', 'covariance', 'narrow', 'passers', 'covered', 'spin', 'spinup', 'overlap')
+SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')
+"""Courses with one drive for each seed."""
+SIMULATED = ('node', 'watch', 'soak', 'covariance', 'overlap', *SEEDED)
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
-           'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup')
+           'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup', 'curved', 'stops', 'pillar', 'doors',
+           'companions')
 
 
 def main(argv=None) -> int:
@@ -94,7 +103,7 @@ def make_parser():
                                  help='mean and two standard errors (+-) over N copies '
                                  'of each course with 2 mm of noise on the ranges, without bounds')
             add_processes(command)
-        elif name in ('narrow', 'passers', 'covered', 'spin', 'spinup'):
+        elif name in SEEDED:
             command.add_argument('--seeds', type=positive, default=10, metavar='N',
                                  help='the first N of the ten seeds (default: 10)')
         elif name == 'overlap':

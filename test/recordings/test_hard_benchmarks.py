@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.__main__ import main
 from benchmarks.intel import Intel
-from benchmarks.odometry import courses, hard_courses, seeds, sparse
+from benchmarks.odometry import courses, hard_courses, moving_courses, seeds, sparse
 from benchmarks.odometry.copies import NOISE, noised, scatter
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import Drive
@@ -150,7 +150,22 @@ def test_what_is_called_ok_and_is_wrong_is_counted():
     assert seeds.summary([found, found | {'error_m': 0.75}])['error_worst_m'] == 0.75
 
 
-@pytest.mark.parametrize('name', ['narrow', 'passers', 'covered', 'spinup'])
+def test_moving_courses_drive_free_of_walls_at_the_speeds_they_name():
+    for name, make in moving_courses.COURSES.items():
+        course = make(seeds=(0,))[-1]
+        way = np.hypot(*np.diff(course.reference[:, :2], axis=0).T)
+        nearest = np.array([scan.ranges[scan.valid].min() for scan in course.scans])
+        assert nearest.min() > 0.25, name
+        assert way.sum() > 5.0 and 0.7 < way.max() / 0.1 < 1.7, name
+
+
+def test_doors_swing_by_a_right_angle():
+    edge = moving_courses.Edge(np.array((1.0, 2.0)), 0.5, 0.0, 1.0)
+    np.testing.assert_allclose(edge.circle_at(0.0), (1.5, 2.0, 0.03), atol=1e-12)
+    np.testing.assert_allclose(edge.circle_at(0.5 * moving_courses.PERIOD), (1.0, 2.5, 0.03), atol=1e-12)
+
+
+@pytest.mark.parametrize('name', ['narrow', 'passers', 'covered', 'spinup', 'pillar', 'stops'])
 def test_hard_courses_are_run_by_ours_and_others(name, tmp_path, capsys):
     path = tmp_path / 'rates.json'
     assert main([name, '--seeds', '1', '--limit', '25', '--method', 'dbscan', 'identity', '--json', str(path)]) == 0

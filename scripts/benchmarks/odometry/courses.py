@@ -14,7 +14,7 @@ from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, sides
 
 from ..intel import Intel
-from . import hard_courses
+from . import hard_courses, moving_courses
 from .course import Course, simulated
 
 SEEDS = (0, 1, 2)
@@ -225,5 +225,6 @@ COURSES = {
     'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses,
     'bursts': bursts,
     'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
+    **moving_courses.COURSES,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

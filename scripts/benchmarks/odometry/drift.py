@@ -115,7 +115,7 @@ def judge(drive) -> dict:
     if course.axis is not None:
         metrics |= _free_direction(drive)
     if all(step.covariance is not None for step in drive.steps):
-        metrics['within'] = _within(drive)
+        metrics['within'] = pose_within(drive)
     return metrics | _times(np.array(drive.milliseconds))
 
 
@@ -134,7 +134,8 @@ def _free_direction(drive):
     return {'named': float(np.mean(named)), 'across_m': float(across.max(initial=0.0))}
 
 
-def _within(drive):
+def pose_within(drive) -> float:
+    """Return the fraction of the judged scans whose pose errors are all below three standard deviations."""
     judged, reference = drive.course.judged, drive.course.reference
     error = drive.poses - relative(reference[:1], reference)
     error[:, 2] = wrap(error[:, 2])
