@@ -113,14 +113,15 @@ class Gate:
         The confidence of a degenerate result says nothing of the degenerate direction.
         """
         degenerate = registration.status is Status.DEGENERATE
-        if registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model):
+        if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
+                or not self._near_prediction(pose, registration)):
             return False
         if tentative is None:
             return not degenerate and registration.confidence > _LIKELY
         if registration.score <= tentative.score:
             return False
         if tentative.status is Status.DEGENERATE:
-            return not degenerate or self._near_prediction(pose, registration)
+            return True
         return not degenerate and registration.confidence > tentative.confidence
 
     def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,

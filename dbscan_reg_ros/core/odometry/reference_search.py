@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 from ..features.records import Features
-from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
@@ -131,24 +130,18 @@ class ReferenceSearch:
         frame, best = reference.key_frame, self._gate.predictions.best
         prior = Prior(frame.pose.inverse() @ best.pose, best.prior.covariance)
         registration, features = self._register(reference, static, prior)
-        pose = self._pose(frame, registration)
+        pose = predicted_along_degenerate(frame, registration, best.pose)
         before = None if tentative is None else tentative.unresolved_direction
         direction = unresolved_direction(frame, registration, before)
         if self._gate.asks_for_search_within(pose, registration):
             inside = register_within_gate(reference.features, features, self._search_parameters, prior)
             if inside.status is not Status.FAILED:
                 registration = dataclasses.replace(inside, status=registration.status, reason=registration.reason)
-                pose = self._pose(frame, registration)
+                pose = predicted_along_degenerate(frame, registration, best.pose)
                 direction = unresolved_direction(frame, registration, direction)
         verdict = self._gate.check(pose, registration, tentative is not None)
         return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
                      features=features, verdict=verdict)
-
-    def _pose(self, frame: KeyFrame, registration: Registration) -> SE2:
-        """Return the pose by a registration; along a degenerate direction the predicted one, unless that is weak."""
-        if self._gate.weak_prior:
-            return frame.pose @ registration.transform
-        return predicted_along_degenerate(frame, registration, self._gate.predictions.best.pose)
 
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
         """Register the `static` points; also return the features that were used.
