@@ -81,8 +81,8 @@ class Counters:
         """
         self.processed += 1
         self.statuses[update.status] += 1
-        rejected = update.status is Status.FAILED and update.registration is not None
-        self.too_fast += rejected and any(limit.value in update.registration.reason for limit in LIMITS)
+        reason = update.registration.reason if update.registration and update.status is Status.FAILED else ''
+        self.too_fast += any(limit.value in reason for limit in LIMITS)
         self.durations.append(duration)
         self.update = update
         self.skip_reason = ''
