@@ -121,11 +121,11 @@ class Gate:
         if registration.score <= tentative.score:
             return False
         if tentative.status is Status.DEGENERATE:
-            return not degenerate or self._tells_the_heading(registration)
+            return not degenerate or self._constrains_heading(registration)
         return not degenerate and registration.confidence > tentative.confidence
 
-    def _tells_the_heading(self, registration: Registration) -> bool:
-        """Whether the heading of a result, within the gate of its covariance, is known better than the predicted one."""
+    def _constrains_heading(self, registration: Registration) -> bool:
+        """Whether the heading of a result, within the gate of its covariance, is better known than the predicted one."""
         predicted = self.predictions.best.prior.covariance[2, 2]
         return bool(registration.covariance[2, 2] * self._parameters.prior.gate ** 2 < predicted)
 
