@@ -125,7 +125,7 @@ class Gate:
         return not degenerate and registration.confidence > tentative.confidence
 
     def _constrains_heading(self, registration: Registration) -> bool:
-        """Whether the heading of a result, within the gate of its covariance, is better known than the predicted one."""
+        """Whether the heading of a result, with the gate of its covariance, is better known than the predicted one."""
         predicted = self.predictions.best.prior.covariance[2, 2]
         return bool(registration.covariance[2, 2] * self._parameters.prior.gate ** 2 < predicted)
 
