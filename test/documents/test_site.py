@@ -28,7 +28,10 @@ def python(root):
 
 def run(root, *words):
     """Run a command with the package on the path; its output."""
-    done = subprocess.run(words, env=os.environ | {'PYTHONPATH': str(root), 'DBSCAN_REG_PURE': '1'},
+    variables = os.environ | {'PYTHONPATH': str(root), 'DBSCAN_REG_PURE': '1'}
+    # A notebook draws into its own page.
+    variables.pop('MPLBACKEND', None)
+    done = subprocess.run(words, env=variables,
                           capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

