@@ -155,7 +155,8 @@ def test_moving_courses_drive_free_of_walls_at_the_speeds_they_name():
         course = make(seeds=(0,))[-1]
         way = np.hypot(*np.diff(course.reference[:, :2], axis=0).T)
         nearest = np.array([scan.ranges[scan.valid].min() for scan in course.scans])
-        assert nearest.min() > 0.2, name
+        # Companions walk up to 0.21 m close.
+        assert nearest.min() > (0.2 if name == 'companions' else 0.25), name
         assert way.sum() > 5.0 and 0.7 < way.max() / 0.1 < 1.7, name
 
 
