@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from . import backends
+from . import backend_choice
 from .core.backend import set_default_source
 
 __all__ = [
@@ -12,7 +12,7 @@ __all__ = [
     'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'register',
 ]
 
-set_default_source(backends.choose)
+set_default_source(backend_choice.choose)
 
 if TYPE_CHECKING:
     from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError

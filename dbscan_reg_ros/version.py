@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from .backends import choose
+from .backend_choice import choose
 
 PACKAGE = 'dbscan_reg_ros'
 MANIFEST = Path(__file__).absolute().parent.parent / 'package.xml'

@@ -11,7 +11,7 @@ import hypothesis
 import pytest
 
 from dbscan_reg_ros import SE2, RecordingError
-from dbscan_reg_ros.backends import compiled_backend
+from dbscan_reg_ros.backend_choice import compiled_backend
 from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.commands.simulate import main as simulate_command

@@ -195,7 +195,7 @@ def written(folder, letter, trajectory, truth):
 
 
 def write_comparison(folder, comparisons, text):
-    """Write table.txt, comparison.json and comparison.png, and a picture of each further competitor."""
+    """Write table.txt, comparison.json, comparison.png (B against A) and a picture of each further competitor X."""
     import dataclasses
     import json
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which implementation of the steps of the method runs: the numpy reference, or compiled counterparts."""
+"""One implementation of the steps: the numpy reference, or the compiled one. The package chooses the default."""
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast

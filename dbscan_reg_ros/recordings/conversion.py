@@ -97,10 +97,10 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
         raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end '
                              'that is not before it')
     if to_log and kept.topics:
-        raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) are for bags; a log takes the scans '
-                             'of one topic')
+        raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) apply to bags; a log takes the '
+                             'scans of one topic (--topic)')
     if bag_to_bag and kept.topic:
-        raise RecordingError(f'{target}: one topic of scans ({kept.topic}) is for logs; name topics to keep for a bag')
+        raise RecordingError(f'{target}: --topic {kept.topic} applies to logs; for a bag use --topics')
     open_target = partial(bag_writer, target, storage)
     if bag_to_bag:
         return _bag_to_bag(source, open_target, kept, progress)
@@ -131,7 +131,7 @@ def check_target(target):
     if not target.parent.is_dir():
         raise RecordingError(f'{target.parent}: no such folder to write to')
     if target.suffix in ('.mcap', '.db3'):
-        raise RecordingError(f'{target}: a ROS 2 bag is a folder; name it without ending and choose its storage')
+        raise RecordingError(f'{target}: a ROS 2 bag is a folder; leave out the ending and choose --storage')
     check_writable(target, RecordingError)
 
 

@@ -16,7 +16,7 @@ class Schedule:
         self._offset = 0
 
     def time(self, stamp) -> int:
-        """Return the time [ns] for the next `stamp` [ns]: no earlier than that for the one before."""
+        """Return the time [ns] at which a message with this `stamp` [ns] is due; times never decrease."""
         if self._last is not None and stamp + self._offset <= self._last - RESTART:
             self._offset = self._last - stamp
         time = stamp + self._offset

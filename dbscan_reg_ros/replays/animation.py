@@ -114,7 +114,7 @@ def write_animation(path, scans, track, closed=None):
         One for each pose of the track; taken one at a time.
     track : Track
     closed : Track, optional
-        The drive after loop closing, whose map is the last frame.
+        The drive after loop closing. Its map is the first and the last frame.
     """
     extents = np.array([each.density.extent for each in (track, closed) if each])
     canvas = Canvas((extents[:, 0].min(), extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max()))

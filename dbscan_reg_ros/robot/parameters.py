@@ -64,7 +64,7 @@ class NodePriorParameters(PriorParameters):
              'an external one gives nothing, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
-        help='Odometry frame on /tf that another node publishes. It is used with prior.source tf.')
+        help='Odometry frame on /tf that another node publishes. Used only if prior.source is tf.')
     translation: float = parameter(
         0.1, bounds=(0.0, 10.0),
         help='Standard deviation of the translation of wheel odometry, as a fraction of the distance. Larger values '
@@ -155,9 +155,9 @@ class NodeParameters(Parameters):
              'scans), laser_pose (the parameter of that name) or none (the laser is the base).')
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), bounds=(-1000.0, 1000.0), read_only=True,
-        help='Pose of the laser on the base: x [m], y [m] and yaw [rad]. It is used with mounting laser_pose.')
+        help='Pose of the laser on the base: x [m], y [m] and yaw [rad]. Used only if mounting is laser_pose.')
     upside_down: bool = parameter(
-        False, read_only=True, help='If true, the laser is mounted upside down. It is used with mounting laser_pose.')
+        False, read_only=True, help='If true, the laser is mounted upside down. Used only if mounting is laser_pose.')
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
     prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)
     path: PathParameters = dataclasses.field(default_factory=PathParameters)

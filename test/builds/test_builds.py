@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dbscan_reg_ros import backends
+from dbscan_reg_ros import backend_choice
 
 PACKAGE = 'dbscan_reg_ros'
 NO_COMPILER = {'CC': 'false', 'CXX': 'false'}
@@ -69,7 +69,7 @@ def installed_backend(run, tmp_path_factory):
         run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation',
              '--target', target, '.'],
             folder, **environment)
-        code = ('import numpy as np, dbscan_reg_ros as package; from dbscan_reg_ros.backends import choose\n'
+        code = ('import numpy as np, dbscan_reg_ros as package; from dbscan_reg_ros.backend_choice import choose\n'
                 'angles = np.linspace(-3.0, 3.0, 300); scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), '
                 'angles)\n'
                 'print(package.__file__, choose().name, package.register(scan, scan).status.name)')
@@ -106,31 +106,31 @@ def test_setup_prints_nothing_of_its_own(source, run):
 def test_setup_and_package_agree_on_the_hash_of_the_sources(root, source, run):
     code = ("import runpy, sys; sys.argv[1:] = ['-q', '--name']; "
             "print(runpy.run_path('setup.py')['extensions']()[0].define_macros)")
-    assert f'"{backends.source_hash()}"' in run([sys.executable, '-c', code], source())
+    assert f'"{backend_choice.source_hash()}"' in run([sys.executable, '-c', code], source())
 
 
 @pytest.fixture
 def fresh_choice(monkeypatch):
     """Choose again during the test."""
-    for chosen in (backends.choose, backends.compiled_backend):
+    for chosen in (backend_choice.choose, backend_choice.compiled_backend):
         chosen.cache_clear()
     yield monkeypatch
-    for chosen in (backends.choose, backends.compiled_backend):
+    for chosen in (backend_choice.choose, backend_choice.compiled_backend):
         chosen.cache_clear()
 
 
 def test_steps_of_other_sources_are_not_used(fresh_choice):
-    if backends.compiled_backend() is None:
+    if backend_choice.compiled_backend() is None:
         pytest.skip('the compiled steps are not built')
-    backends.compiled_backend.cache_clear()
-    fresh_choice.setattr(backends, 'source_hash', lambda: 'another')
-    fresh_choice.delenv(backends.PURE, raising=False)
+    backend_choice.compiled_backend.cache_clear()
+    fresh_choice.setattr(backend_choice, 'source_hash', lambda: 'another')
+    fresh_choice.delenv(backend_choice.PURE, raising=False)
     with pytest.warns(RuntimeWarning, match='built from other sources: the slower reference runs'):
-        assert backends.choose().name == 'reference'
+        assert backend_choice.choose().name == 'reference'
 
 
 @pytest.mark.parametrize(('value', 'names'), [('1', ['reference']), ('0', ['compiled', 'reference']),
                                               ('', ['compiled', 'reference'])])
 def test_the_environment_chooses_the_reference(fresh_choice, value, names):
-    fresh_choice.setenv(backends.PURE, value)
-    assert backends.choose().name in names
+    fresh_choice.setenv(backend_choice.PURE, value)
+    assert backend_choice.choose().name in names

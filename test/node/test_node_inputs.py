@@ -13,7 +13,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
-from dbscan_reg_ros.node.interfaces.scan_input import within
+from dbscan_reg_ros.node.interfaces.scan_reader import within
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 
 

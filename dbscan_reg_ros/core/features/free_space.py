@@ -25,7 +25,7 @@ class FreeSpaceProfile:
 
     @cached_property
     def nearby(self) -> FloatArray:
-        """``(B,)`` least of `near` [m] over each bin and two on either side, for bearings uncertain by a bin."""
+        """``(B,)`` least `near` [m] of each bin and two on either side, which allows for errors of the bearing."""
         near = np.concatenate((self.near[-2:], self.near, self.near[:2]))
         nearby: FloatArray = np.lib.stride_tricks.sliding_window_view(near, _NEARBY_BINS).min(axis=1)
         return nearby

@@ -114,7 +114,7 @@ class NoiseRatioHistory:
 
     @property
     def value(self) -> float:
-        """Noise ratio by the scans so far, at least one."""
+        """Low quantile of `ratios`, of which there is at least one."""
         return sorted(self.ratios)[int(_NOISE_QUANTILE * len(self.ratios))]
 
 

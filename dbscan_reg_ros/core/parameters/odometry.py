@@ -87,8 +87,9 @@ class OdometryParameters(ParameterGroup):
              'leave out static points.')
     movable_size: float = parameter(
         1.1, unit='m', bounds=(0.0, 100.0),
-        help='An object smaller than this, with larger ranges or the scan end on both sides, is movable, as '
-             'people are. Larger values reduce the weight of more objects; 0 treats no object as movable.')
+        help='An object smaller than this counts as movable (a person, for example) if the ranges on both sides of it '
+             'are larger or the scan ends there. Larger values reduce the weight of more objects; 0 treats no object '
+             'as movable.')
     movable_weight: float = parameter(
         0.03, bounds=(0.0, 1.0),
         help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '
@@ -163,8 +164,8 @@ class ManhattanParameters(ParameterGroup):
     correlation_distance: float = parameter(
         20.0, unit='m', bounds=(0.1, 100000.0),
         help='Distance over which the deviation of walls from the common directions is correlated. Larger values '
-             'correct the heading less along one wing of a building; smaller values take every wall as a new '
-             'observation.')
+             'take the walls of a longer distance as one observation and correct the heading less; smaller values '
+             'take more walls as new observations.')
     direction_sigma: float = parameter(
         0.035, unit='rad', bounds=(0.001, 0.5),
         help='Standard deviation within which a wall counts as parallel to a common direction. Larger values use more '

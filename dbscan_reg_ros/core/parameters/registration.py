@@ -251,15 +251,15 @@ class RefinementParameters(ParameterGroup):
     polish_iterations: int = parameter(
         5, bounds=(0, 100),
         help='Number of polishing iterations of the best hypothesis, with a kernel that narrows to the spread of the '
-             'errors. Larger values converge further and take longer; 0 disables polishing.')
+             'errors. Larger values converge more exactly and take longer; 0 disables polishing.')
     polish_spread: float = parameter(
         1.6, bounds=(1.2, 10.0),
         help='Kernel scale of a polishing iteration in multiples of the spread of the errors. Larger values use more '
              'points; smaller values resist outliers more.')
     map_iterations: int = parameter(
         4, bounds=(0, 100),
-        help='Number of iterations that align a scan with the key-frame window. Larger values converge further and '
-             'take longer; 0 leaves out this alignment.')
+        help='Number of iterations that align a scan with the key-frame window. Larger values converge more exactly '
+             'and take longer; 0 leaves out this alignment.')
     map_first_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the first iteration against the key-frame window. Larger values correct larger errors; '
@@ -357,8 +357,9 @@ class DecisionParameters(ParameterGroup):
              'predictions more; smaller values ask for more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0),
-        help='Number of effective points that must constrain the weakest direction for OK after a weak prior. Larger '
-             'values report OK less often in corridors; smaller values report it more often.')
+        help='Number of effective points that must constrain the weakest direction for OK after a weak prior '
+             '(advanced.decision.weak_prior_sigma). Larger values report OK less often in corridors; smaller values '
+             'report it more often.')
     parallel_tolerance: float = parameter(
         0.15, bounds=(0.0, 1.0),
         help='Normals with a smaller component than this along the weakest direction of a corridor add nothing to its '

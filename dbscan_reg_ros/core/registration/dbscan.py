@@ -79,7 +79,7 @@ def dbscan_line(samples: FloatArray, eps: float, min_samples: float, sample_weig
 
 
 def _chains(x: FloatArray, index: IntArray, eps: float, period: float | None) -> IntArray:
-    """Cut the sorted `x` at the gaps; return the chain of each, numbered by the least `index` in it."""
+    """Split the sorted `x` at gaps above `eps`; return the chain of each value, numbered by the least `index` in it."""
     chain: IntArray = np.zeros(len(x), dtype=int)
     (x[1:] - x[:-1] > eps).cumsum(out=chain[1:])
     if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= eps:
@@ -196,7 +196,7 @@ def recluster(size: int, cluster: Callable[[IntArray, float], IntArray],
     Returns
     -------
     (size,) int array
-        Cluster of each sample, or `NOISE`. Numbers of clusters that were clustered again are unused.
+        Cluster of each sample, or `NOISE`. Labels of clusters that were split again do not occur.
     """
     labels = cluster(np.arange(size), 1.0)
     chosen = (labels != NOISE).nonzero()[0]

@@ -117,7 +117,7 @@ def within_gate(candidates: FloatArray, prior: Prior, parameters: PriorParameter
 def distinct(candidates: FloatArray, count: int, distance: float, angle: float) -> list[int]:
     """Return the indices of the first `count` hypotheses ``(H, 3)`` that differ from all those returned before them.
 
-    Hypotheses differ by more than `distance` [m] or more than `angle` [rad].
+    Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
     """
     chosen: list[int] = []
     rows = candidates.tolist()

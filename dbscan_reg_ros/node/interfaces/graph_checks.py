@@ -63,7 +63,7 @@ def _incompatibility(node: Node, subscription: Subscription, endpoint: TopicEndp
 
 
 def _difference(node: Node, topic: str, offered: QoSProfile, requested: QoSProfile) -> str:
-    """Policies in which less is offered than requested, and what to do."""
+    """Policies in which the publisher offers less than we request, and how to resolve this."""
     differences, remedies = [], ['let it publish with ours']
     for policy, (more, less) in POLICIES.items():
         if getattr(requested, policy) == more and getattr(offered, policy) == less:
@@ -79,7 +79,7 @@ def _words(policy: ReliabilityPolicy | DurabilityPolicy) -> str:
 
 
 def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:
-    """Whether the node of an endpoint publishes an odometry, or is not discovered yet."""
+    """Whether the node of an endpoint publishes an odometry; true also while the node is not discovered yet."""
     try:
         topics = node.get_publisher_names_and_types_by_node(endpoint.node_name, endpoint.node_namespace)
     except RuntimeError:

@@ -14,7 +14,8 @@ from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
 from ...robot.parameters import NodeParameters
 from ..throttled_log import ThrottledLog
-from .scan_input import ScanInbox, ScanReader, StampFilter
+from .scan_input import ScanInbox, StampFilter
+from .scan_reader import ScanReader
 
 
 class Lidar:
@@ -61,7 +62,7 @@ class Lidar:
         return Sensor(self.topic, mounting.aligned_pose) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
-        """Return the pose on the base of the frame that the odometry follows."""
+        """Return the pose on the base of the frame that is tracked: the lidar, or with several lidars the base."""
         return SE2() if self._several else mounting.aligned_pose
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of poses, transforms and markers to messages, and of poses from messages."""
+"""Conversion of poses, transforms and markers to messages, and of poses from messages; `ScanReader` reads scans."""
 import math
 
 import numpy as np

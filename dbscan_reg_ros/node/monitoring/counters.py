@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counters of the odometry, updated scan by scan and reported once a second."""
+"""Counters of the odometry, and level and message of the latest scan in /diagnostics (`Counters.grade`)."""
 import math
 from collections import Counter, deque
 from collections.abc import Iterable

@@ -141,7 +141,7 @@ class Listener:
         self._subscriptions = []
 
     def _look_for_node(self) -> None:
-        """Notice another publisher of the odometry, and ask it for its mounting."""
+        """If another node publishes the odometry now, forget the old node and request the new one's mounting."""
         if not self._subscriptions:
             return
         found = publishers(self._node, self._node.resolve_topic_name('odom'))
@@ -199,7 +199,7 @@ class Listener:
                                   math.hypot(velocity.x, velocity.y)))
 
     def _mounting(self, frame: str, base: str) -> Mounting:
-        """Return the mounting by the parameters of the node, else by the transforms."""
+        """Return the mounting from the parameters of the node, or else from the transforms."""
         if self._parameters is None:
             if self._client:
                 self._ask()

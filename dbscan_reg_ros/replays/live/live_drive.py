@@ -67,7 +67,7 @@ class LiveDrive:
             self._changed.notify_all()
 
     def report(self, level: int, message: str) -> None:
-        """Take the level, 0 to 3, and the message of the node's last report: those of the scans from now on."""
+        """Store level (0 to 3) and message of the latest diagnostics; scans added later are shown with them."""
         self._report = level, message
 
     def add(self, scan: WatchedScan) -> None:

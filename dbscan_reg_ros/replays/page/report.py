@@ -120,7 +120,7 @@ def _map(density):
 
 
 def _pair_data(pair, scans):
-    """Describe a pair to review; `scans` are the numbers, in the recording, of the scans that were used."""
+    """Return the page's entry of a `PairToReview`; ``scans[n]`` is the number in the recording of used scan n."""
     return {'number': pair.number, 'scan': int(scans[pair.number]), 'on': int(scans[pair.reference_number]),
             'status': pair.status.value, 'reason': pair.reason, 'overlap': round(float(pair.overlap), 3),
             'reference': rounded(pair.reference.T), 'current': rounded(pair.current.T),

@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from dbscan_reg_ros import Odometry, ParameterError, extract_features, register
-from dbscan_reg_ros.backends import compiled_backend
+from dbscan_reg_ros.backend_choice import compiled_backend
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate

@@ -20,7 +20,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
 LAYERS = (
     {'paths', 'allocation', 'command_lines'},
     {'core'},
-    {'backends', 'version'},
+    {'backend_choice', 'version'},
     {'requirements', 'recordings', 'robot'},
     {'evaluation', 'simulation'},
     {'node'},

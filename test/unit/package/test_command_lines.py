@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from dbscan_reg_ros import command_lines
-from dbscan_reg_ros.backends import choose
+from dbscan_reg_ros.backend_choice import choose
 from dbscan_reg_ros.command_lines import ROOT, command_line, python_line
 from dbscan_reg_ros.version import version
 

@@ -45,7 +45,7 @@ class WheelCalibration:
         return Prior(prior.transform, prior.covariance * np.outer(self._sigma_ratio, self._sigma_ratio))
 
     def learn(self, prior: Prior, observed: SE2, weight: float, memory: float) -> None:
-        """Learn from one more motion.
+        """Update the calibration and the estimate of the noise from one motion.
 
         Parameters
         ----------
