@@ -89,32 +89,30 @@ def describe(registration) -> list:
              *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
              f'overlap     {registration.overlap:.3f}',
              f'confidence  {registration.confidence:.3f}',
-             *_describe_evidence(registration.evidence)]
+             *_describe_evidence(registration)]
     if registration.degenerate_direction is not None:
         lines.append(f'free        along {math.degrees(registration.degenerate_direction):.1f} deg of the reference')
     if registration.rotation_unobservable:
         lines.append('free        the rotation')
     lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
-    lines += [f'            score {h.score:.3f}  {_motion(h.transform)}'
+    lines += [f'            score {h.score:.3f}  log-odds {h.log_odds:6.2f}  {_motion(h.transform)}'
               f'{"  rival" if h in registration.rivals else ""}' for h in registration.hypotheses]
     return lines
 
 
-def _describe_evidence(evidence) -> list:
-    """Describe the `Evidence` for a motion in lines of text."""
-    from ..core.registration.records import MAX_MARGIN
-
+def _describe_evidence(registration) -> list:
+    """Describe the evidence for a motion in lines of text."""
+    evidence, margin = registration.evidence, registration.margin
     if evidence is None:
         return []
-    rival = 'no rival' if evidence.margin >= MAX_MARGIN else f'the best rival scores {evidence.margin:.3f} less'
-    current, reference = evidence.current, evidence.reference
-    return [f'evidence    score {evidence.score:.3f}, {rival}',
-            f'            visible to the other scan: {100 * current.visible:.0f} % of the current scan, '
-            f'{100 * reference.visible:.0f} % of the reference',
-            f'            in free space of the other scan: {100 * current.conflicts:.1f} %, '
-            f'{100 * reference.conflicts:.1f} %',
-            f'            corners and free ends that match: {evidence.matched_ends}',
-            f'            {evidence.weak:.1f} points constrain the weakest direction, '
+    rival = f'the log-odds of the best rival are {margin:.2f} less' if registration.rivals else 'no rival'
+    return [f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',
+            f'            in free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
+            f'current scan, {100 * evidence.conflicts_reference:.1f} % of the reference',
+            f'            corners and free ends: {evidence.matched_ends} match, {evidence.unmatched_ends} that the '
+            'other should see do not',
+            f'            matched walls across their main direction: {evidence.crossing:.1f} m',
+            f'            {registration.weakest_information:.1f} points constrain the weakest direction, '
             f'residual {evidence.residual:.3f} m']
 
 

@@ -4,6 +4,8 @@ import numpy as np
 
 EDGE = 1e-9
 """A ray that passes the end of a segment by this fraction of its length still hits it: joints have no gaps."""
+_RAYS_AT_ONCE = 128
+"""Number of rays for which the tables of rays and surfaces stay in the cache."""
 
 
 def cast(origins, directions, segments, circles):
@@ -24,9 +26,13 @@ def cast(origins, directions, segments, circles):
     (B,) float [m]
         `inf` where nothing is hit.
     """
-    to_segments = _to_segments(origins, directions, segments)
-    to_circles = _to_circles(origins, directions, circles)
-    return np.minimum(to_segments.min(axis=1, initial=np.inf), to_circles.min(axis=1, initial=np.inf))
+    distances, shared = np.empty(len(directions)), len(origins) == 1
+    for first in range(0, len(directions), _RAYS_AT_ONCE):
+        some = slice(first, first + _RAYS_AT_ONCE)
+        rays = origins if shared else origins[some], directions[some]
+        distances[some] = np.minimum(_to_segments(*rays, segments).min(axis=1, initial=np.inf),
+                                     _to_circles(*rays, circles).min(axis=1, initial=np.inf))
+    return distances
 
 
 def _to_segments(origins, directions, segments):

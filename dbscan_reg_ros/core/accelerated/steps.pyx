@@ -42,7 +42,9 @@ from ..registration import scoring as scoring_steps
 from ..registration import selection as selection_steps
 from ..registration import translation as translation_steps
 from ..registration import uncertainty as uncertainty_steps
+from ..registration.confidence import evidence as evidence_steps
 from ..registration.point_to_line import Fit
+from ..registration.records import Evidence
 from ..registration.rotation import Rotations
 from ..registration.search import Ranking
 from ..registration.translation import Translations
@@ -80,6 +82,7 @@ include "registration/translation.pxi"
 include "registration/scoring.pxi"
 include "registration/ranking.pxi"
 include "registration/uncertainty.pxi"
+include "registration/evidence.pxi"
 include "mapping/window.pxi"
 include "mapping/correspondences.pxi"
 include "mapping/scan_to_map.pxi"
@@ -91,8 +94,8 @@ STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
     'leverage', 'high_leverage', 'find_small_objects', 'extract_from_returns', 'build_oriented_points',
-    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'rank_by_density',
-    'uncertainty', 'match_covariance',
+    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'rank_by_density', 'polish_best',
+    'uncertainty', 'match_covariance', 'collect_evidence',
     'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
     'dynamic_points', 'detached_points', 'beside', 'newest_in_cell', 'propagate_errors',
 )

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from ..backend import REFERENCE, Backend
-from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.se2 import wrap
+from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
+from ..geometry.se2 import as_complex, wrap
 from ..parameters.registration import DensityParameters
 from ..scan import Scan
 from .free_space import FreeSpaceProfile, build_free_space_profile
@@ -72,6 +72,14 @@ class Segments:
     def midpoint(self) -> FloatArray:
         """``(M, 2)`` midpoint of each segment [m]."""
         return 0.5 * (self.start + self.end)
+
+    @cached_property
+    def fixed_ends(self) -> ComplexArray:
+        """``(E,)`` complex [m]: corners and free ends, each corner once."""
+        starts, ends = self.kinds.T
+        places: ComplexArray = np.concatenate((as_complex(self.start)[starts != EndKind.OCCLUSION],
+                                               as_complex(self.end)[ends == EndKind.FREE]))
+        return places
 
     def reversed(self) -> 'Segments':
         """Direct every segment from its end to its start."""

@@ -195,9 +195,10 @@ class SelectionParameters(ParameterGroup):
         help='Number of distinct hypotheses that reach the fine refinement and are compared there. Larger values '
              'decide better between similar places and take longer; 1 takes the best coarse score.')
     max_score_gap: float = parameter(
-        0.4, bounds=(0.0, 2.0),
-        help='Hypotheses whose coarse score is lower than the best by more than this skip the fine refinement. Larger '
-             'values compare more of them; smaller values are faster.')
+        0.8, bounds=(0.0, 2.0),
+        help='Hypotheses whose coarse score, less the square roots of the fractions in free space, is lower than the '
+             'best by more than this are dropped before the fine refinement. Larger values compare more of them; '
+             'smaller values are faster.')
     same_distance: float = parameter(
         0.05, unit='m', bounds=(0.0, 10.0),
         help='Two hypotheses closer than this, and than advanced.selection.same_angle in rotation, count as one. '

@@ -64,4 +64,4 @@ class Parameters(ParameterTree):
                 self.rotation, max_hypotheses=min(factor * self.rotation.max_hypotheses, MAX_COUNT)),
             selection=dataclasses.replace(
                 s, wide_search_factor=1, preselected=min(factor * s.preselected, MAX_COUNT),
-                max_clusters=min(factor * s.max_clusters, MAX_COUNT)))
+                max_clusters=min(factor * s.max_clusters, MAX_COUNT), min_support_ratio=0.5 * s.min_support_ratio))

@@ -60,9 +60,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
         if found.score > parameters.prior.max_score_outside_gate:
             return found
     found = search_normal(problem)
-    if needs_wide_search(found, problem):
-        found = max(found, search_wide(problem), key=lambda each: each.confidence)
-    return found
+    return search_wide(problem) if needs_wide_search(found, problem) else found
 
 
 def as_features(scan: Scan | Features, parameters: Parameters, backend: Backend) -> Features:

@@ -28,10 +28,11 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One candidate motion and its score."""
+    """One candidate motion, its score, and its log-odds by the evidence."""
 
     transform: SE2
     score: float
+    log_odds: float = -math.inf
 
 
 def sigma_text(covariance: FloatArray) -> str:
@@ -69,65 +70,38 @@ class TranslationSamples(NamedTuple):
     find_shortest: Callable[[], FloatArray] = no_motions
 
 
-MAX_MARGIN = 0.5
-"""Largest `Evidence.margin`: that of a motion without a rival. A larger one is no better evidence."""
-
-
-class Agreement(NamedTuple):
-    """How one scan agrees with what the other saw, if a motion is right.
-
-    Attributes
-    ----------
-    visible : float
-        Fraction of the points that the other scan should see, 0..1.
-    on_outline : int
-        Number of points on the outline of the other scan.
-    conflicts : float
-        Fraction of the points in free space of the other scan, 0..1.
-    """
-
-    visible: float
-    on_outline: int
-    conflicts: float
-
-
 class Evidence(NamedTuple):
     """Evidence for and against a motion.
 
     Attributes
     ----------
-    score : float
-        Score of the motion.
-    margin : float
-        Score of the motion less that of its best rival; at most `MAX_MARGIN`.
-    residual : float [m]
-        Root mean square of the errors of the current scan's points on the reference's surfaces.
-    weak : float
-        Number of points that constrain the translation along its weakest direction.
-    rotation : float
-        Number of points, as if at a distance of 1 m, that constrain the rotation.
-    current, reference : Agreement
-        Of the current scan by the reference, and of the reference by the current scan.
+    conflicts_current, conflicts_reference : float
+        Fraction of the points of the current scan in free space of the reference, and the reverse, 0..1.
+    on_outline : int
+        Number of points of the reference on the outline of the current scan.
     matched_ends : int
-        Number of corners and free ends of the current scan's segments that the reference has at the same place.
+        Number of corners and free ends of either scan's segments that the other one has at the same place.
+    unmatched_ends : int
+        Number of those that the other scan should see, but has none nearby.
     crossing : float [m]
         Length of the matched segments across the main direction of all matched segments.
+    residual : float [m]
+        Root mean square of the errors of the current scan's points on the reference's surfaces.
     distance : float [m]
-    angle : float [rad]
-        Absolute values of the translation and of the rotation.
+        Length of the translation.
+    weak : float
+        Number of points that constrain the translation along its weakest direction.
     """
 
-    score: float
-    margin: float
-    residual: float
-    weak: float
-    rotation: float
-    current: Agreement
-    reference: Agreement
+    conflicts_current: float
+    conflicts_reference: float
+    on_outline: int
     matched_ends: int
+    unmatched_ends: int
     crossing: float
+    residual: float
     distance: float
-    angle: float
+    weak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +160,11 @@ class Registration:
         return (f'Registration({self.transform.brief()}, {sigma_text(self.covariance)}, score {self.score:.3f}, '
                 f'overlap {self.overlap:.3f}, confidence {self.confidence:.2f}, {len(self.hypotheses)} hypotheses, '
                 f'{self.status.name}{reason})')
+
+    @property
+    def margin(self) -> float:
+        """Log-odds of the result less those of its best rival; infinite without a rival."""
+        return self.hypotheses[0].log_odds - max(each.log_odds for each in self.rivals) if self.rivals else math.inf
 
     @cached_property
     def matches(self) -> IntArray:

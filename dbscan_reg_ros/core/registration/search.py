@@ -65,6 +65,8 @@ class Ranking(NamedTuple):
         From `scoring.score`, the score less the penalties.
     equations : (H, 4, 4) float
         The normal equations of the last iteration.
+    odds : (H,) float
+        Log-odds from `rank_by_evidence`, 0 before.
     best : Fit
         Of the best, for one candidate.
     """
@@ -73,6 +75,7 @@ class Ranking(NamedTuple):
     score: FloatArray
     overlap: FloatArray
     equations: FloatArray
+    odds: FloatArray
     best: Fit
 
     def joined(self, other: 'Ranking') -> 'Ranking':
@@ -80,13 +83,13 @@ class Ranking(NamedTuple):
         best = self.best if self.score[0] >= other.score[0] else other.best
         parts = [np.concatenate(each) for each in zip(self[:-1], other[:-1], strict=True)]
         order = (-parts[1]).argsort(kind='stable')
-        candidates, value, overlap, equations = (part[order] for part in parts)
-        return Ranking(candidates, value, overlap, equations, best)
+        candidates, value, overlap, equations, odds = (part[order] for part in parts)
+        return Ranking(candidates, value, overlap, equations, odds, best)
 
     def select(self, chosen: list[int] | IntArray) -> 'Ranking':
         """Return the hypotheses with the `chosen` indices, which begin with the best."""
         return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.equations[chosen],
-                       self.best)
+                       self.odds[chosen], self.best)
 
     def with_best(self, candidate: FloatArray, best: Fit) -> 'Ranking':
         """Return the ranking with another pose ``(3,)`` and fit of the best hypothesis."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
-from ..geometry.se2 import DOF
+from ..geometry.se2 import DOF, inverses
 from ..geometry.tolerance import TINY
-from ..parameters.tree import Parameters
+from .confidence.ranking import rank_by_evidence
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
 from .records import Registration
@@ -33,12 +33,15 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
         return failed('no segments of the two scans match')
     if not len(problem.current.sampled_points):
         return failed('no returns of the current scan have a normal')
-    ranking = problem.current.backend.step(rank_by_density)(problem, candidates, min_score)
-    return failed_below(min_score, ranking) if ranking.score[0] <= min_score else decide(problem, ranking)
+    step = problem.current.backend.step
+    ranking = step(rank_by_density)(problem, candidates, min_score)
+    if ranking.score[0] <= min_score:
+        return failed_below(min_score, ranking)
+    return decide(problem, step(polish_best)(problem, rank_by_evidence(problem, ranking)))
 
 
 def rank_by_density(problem: Problem, candidates: Candidates, min_score: float) -> Ranking:
-    """Refine the hypotheses and rank them: coarsely, finely, and the best once more by all points.
+    """Refine the hypotheses and rank them by their scores: coarsely, and finely.
 
     Parameters
     ----------
@@ -49,10 +52,7 @@ def rank_by_density(problem: Problem, candidates: Candidates, min_score: float) 
         Refinement ends as soon as the best score is known to be at most this.
     """
     ranking = refine_coarsely(problem, candidates)
-    if ranking.score[0] <= min_score:
-        return ranking
-    ranking = refine_finely(problem, ranking)
-    return ranking if ranking.score[0] <= min_score else polish_best(problem, ranking)
+    return ranking if ranking.score[0] <= min_score else refine_finely(problem, ranking)
 
 
 def failed_below(min_score: float, ranking: Ranking) -> Registration:
@@ -89,25 +89,43 @@ def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
     A single top candidate is not compared; its last iterations are left to `polish_best`.
     """
     p = problem.parameters
-    chosen = select_finalists(coarse, p)
-    min_score = coarse.score[0] - p.selection.max_score_gap
-    close = coarse.select([each for each in chosen if coarse.score[each] >= min_score])
-    finalists = with_shifted_along_degenerate(problem, close)
+    top = select_top_candidates(problem, coarse)
+    compared = with_shifted_along_degenerate(problem, top)
     points, scales = problem.current.sampled_points, p.refinement.fine_scales()
-    if len(finalists) > 1:
-        return improve(problem, finalists, points, scales, both_ways=True)
-    top = coarse.select(chosen)
+    if len(compared) > 1:
+        return improve(problem, compared, points, scales, both_ways=True)
     if p.refinement.polish_iterations:
         return top
-    refined, _ = problem.refine(finalists, points, scales, top.best)
+    refined, _ = problem.refine(compared, points, scales, top.best)
     return top.with_best(refined[0], problem.fit(refined, points))
 
 
-def select_finalists(coarse: Ranking, parameters: Parameters) -> list[int]:
-    """Return the indices of the hypotheses that are compared finely: top candidates, and rivals of the best."""
-    s, d = parameters.selection, parameters.decision
-    top = distinct(coarse.candidates, s.top_candidates, s.same_distance, s.same_angle)
-    return sorted({*top, *distinct(coarse.candidates, 1 + _RIVALS, d.rival_distance, d.rival_angle)})
+def select_top_candidates(problem: Problem, coarse: Ranking) -> Ranking:
+    """Return the hypotheses that are compared finely, most plausible first: the best, and rivals of it."""
+    s, d = problem.parameters.selection, problem.parameters.decision
+    if len(distinct(coarse.candidates, 2, s.same_distance, s.same_angle)) == 1:
+        return coarse.select([0])
+    value = plausibility(problem, coarse)
+    order = (-value).argsort(kind='stable')
+    order = order[value[order] >= value[order[0]] - s.max_score_gap]
+    ranked = coarse.select(order)
+    top = distinct(ranked.candidates, s.top_candidates, s.same_distance, s.same_angle)
+    chosen = ranked.select(sorted({*top, *distinct(ranked.candidates, 1 + _RIVALS, d.rival_distance, d.rival_angle)}))
+    return chosen if order[0] == 0 else chosen._replace(best=problem.fit(chosen.candidates[:1],
+                                                                         problem.current.sampled_points))
+
+
+def plausibility(problem: Problem, ranking: Ranking) -> FloatArray:
+    """Return the score of each hypothesis less the square roots of the fractions in free space, of either scan.
+
+    Few points that contradict a hypothesis tell more than the points that agree: without the roots, motions that share
+    much of the view with another place of the building outrank the right one that shares little.
+    """
+    reference, current, density = problem.reference, problem.current, problem.parameters.density
+    forward = reverse_violation(inverses(ranking.candidates), current, reference, density)
+    back = reverse_violation(ranking.candidates, reference, current, density)
+    value: FloatArray = ranking.score - np.sqrt(forward) - np.sqrt(back)
+    return value
 
 
 def polish_best(problem: Problem, fine: Ranking) -> Ranking:
@@ -149,7 +167,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
         value = value - p.prior.weight * np.minimum(distance, 1.0)
     order = (-value).argsort(kind='stable')
     best = found.select(slice(order[0], order[0] + 1))
-    return Ranking(candidates[order], value[order], overlap[order], equations[order], best)
+    return Ranking(candidates[order], value[order], overlap[order], equations[order], np.zeros(len(order)), best)
 
 
 def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatArray:
@@ -163,5 +181,5 @@ def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatAr
     return np.concatenate((candidates, shifted[(np.abs(shifted - candidates[degenerate]) > TINY).any(axis=1)]))
 
 
-_RIVALS = 3
+_RIVALS = 7
 """Number of rivals, which are different motions, that are compared with the best hypothesis."""

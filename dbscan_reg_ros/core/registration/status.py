@@ -13,12 +13,12 @@ from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
 from .confidence.evidence import collect_evidence
-from .confidence.model import confidence, share_of_best
-from .records import MAX_MARGIN, Evidence, Hypothesis, Prior, Registration, Status
+from .confidence.model import confidence, log_odds, probability
+from .records import Evidence, Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
 from .search import Problem, Ranking
-from .uncertainty import PRIOR_INFORMATION, uncertainty
+from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
 
 
 def decide(problem: Problem, fine: Ranking) -> Registration:
@@ -37,15 +37,16 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         best, fine.best, current.sampled_points, noise, problem.parameters)
     degenerate = observed.weak < p.min_information
     rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p)
-    margin = min(score - float(fine.score[rivals].max(initial=-np.inf)), MAX_MARGIN)
-    evidence = collect_evidence(problem, best, fine.best, observed, (score, margin))
-    certainty = confidence(evidence, problem.prior, best)
-    status, reason = judge(evidence, certainty, p)
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), value)
-                       for candidate, value in zip(fine.candidates.tolist(), fine.score.tolist(), strict=True))
+    evidence, = current.backend.step(collect_evidence)(
+        fine.candidates[:1], fine.best, (observed.weak,), reference, current, problem.parameters)
+    odds = [log_odds(evidence, problem.prior, best), *fine.odds[1:].tolist()]
+    certainty = confidence(odds[0], np.array(odds)[rivals].tolist())
+    status, reason = judge(score, evidence, observed, certainty, p)
+    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
+                       in zip(fine.candidates.tolist(), fine.score.tolist(), odds, strict=True))
     transform = hypotheses[0].transform
     return Registration(
-        transform, covariance + rival_covariance(fine, rivals), status,
+        transform, covariance + rival_covariance(fine.candidates, np.array(odds), rivals), status,
         overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
         find_matches=partial(match_segments, reference.segments, current.segments, transform), reason=reason,
@@ -69,19 +70,27 @@ def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
     return candidates - np.outer((candidates - one) @ along, along)
 
 
-def rival_covariance(fine: Ranking, rivals: BoolArray) -> FloatArray:
+def rival_covariance(candidates: FloatArray, odds: FloatArray, rivals: BoolArray) -> FloatArray:
     """Return the covariance ``(3, 3)`` that rivals add to that of the best, in its own frame.
 
     Each rival counts by the probability that it is the right one of the two.
+
+    Parameters
+    ----------
+    candidates : (H, 3) array
+    odds : (H,) array
+        Log-odds of them.
+    rivals : (H,) bool array
+        Which of them are rivals of the first.
     """
     if not rivals.any():
         return np.zeros((DOF, DOF))
-    best = fine.candidates[0]
-    off = fine.candidates[rivals] - best
+    best = candidates[0]
+    off = candidates[rivals] - best
     off[:, 2] = wrap(off[:, 2])
     off = off @ turn_matrix(best[2])
-    probability = [1.0 - share_of_best(float(fine.score[0]) - score) for score in fine.score[rivals].tolist()]
-    covariance: FloatArray = (off.T * probability) @ off
+    weight = [probability(float(each)) for each in odds[rivals] - odds[0]]
+    covariance: FloatArray = (off.T * weight) @ off
     return covariance
 
 
@@ -90,18 +99,18 @@ def failed(reason: str) -> Registration:
     return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, reason=reason)
 
 
-def judge(evidence: Evidence, certainty: float, parameters: DecisionParameters) -> tuple[Status, str]:
-    """Return the status of a result from its evidence and its confidence, and the reason for it, '' for ``OK``."""
-    if evidence.score < parameters.min_score and confidence(evidence) < parameters.min_confidence:
-        return Status.FAILED, f'score {evidence.score:.2f}; expected at least {parameters.min_score}'
-    if evidence.weak < parameters.min_information:
-        return Status.DEGENERATE, few_points_reason(evidence.weak, parameters.min_information)
-    if evidence.rotation < parameters.min_information:
-        return Status.DEGENERATE, (f'the rotation is constrained by {evidence.rotation:.2f} points (as if at 1 m); '
+def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
+          parameters: DecisionParameters) -> tuple[Status, str]:
+    """Return the status of a result from its score, evidence and confidence, and the reason for it, '' for ``OK``."""
+    if score < parameters.min_score and probability(log_odds(evidence)) < parameters.min_confidence:
+        return Status.FAILED, f'score {score:.2f}; expected at least {parameters.min_score}'
+    if observed.weak < parameters.min_information:
+        return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
+    if observed.rotation < parameters.min_information:
+        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
                                    f'expected at least {parameters.min_information}')
     if certainty < parameters.min_confidence:
-        rival = f'; a different motion scores {evidence.margin:.3f} less' if evidence.margin < MAX_MARGIN else ''
-        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}{rival}'
+        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}'
     return Status.OK, ''
 
 

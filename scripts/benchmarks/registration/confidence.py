@@ -10,10 +10,11 @@ from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.confidence.model import TERMS
+from dbscan_reg_ros.core.registration.confidence.model import TERMS, confidence
+from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.core.registration.search import SearchStage
+from dbscan_reg_ros.core.registration.search import Problem, SearchStage
 from dbscan_reg_ros.simulation import LIDARS
 
 from ..intel import Intel
@@ -21,14 +22,14 @@ from ..report import Report
 from ..trials import ROTATION_LIMIT, TRANSLATION_LIMIT, Trial
 from .overlap import MOTIONS, NOISES, WORLDS, Cell, pairs
 
-FITTED, HELD_OUT = (1, 2, 3), (4,)
+FITTED, HELD_OUT = (1, 2), (4,)
 """Seeds of `overlap.pairs`: those that the coefficients are fitted to, and those that they are checked with."""
 PAIRS = 6
 """Of each class, cell and seed."""
-BINS = 10
+BINS, FOLDS = 10, 4
 REGULARISATION = 1.0
-"""Inverse strength of the penalty on the coefficients of terms in units of their standard deviations."""
-INTEL_PAIRS, INTEL_WEIGHT, INTEL_X, INTEL_Y = 1500, 3.0, 5.0, 2.0
+"""Strength of the penalty on the coefficients of terms in units of their standard deviations."""
+INTEL_PAIRS, INTEL_WEIGHT, INTEL_X, INTEL_Y = 1500, 2.0, 5.0, 2.0
 """Random pairs of the Intel log, half of them for the fit, their weight in it, and their largest distances [m]."""
 FEWEST = 100
 """Pairs in a bin that is judged."""
@@ -40,19 +41,37 @@ def is_right(trial, transform) -> bool:
     return math.hypot(error.x, error.y) <= TRANSLATION_LIMIT and abs(error.theta) <= ROTATION_LIMIT
 
 
-def registrations(trial, fitting):
-    """Yield the results for a `Trial`; for the fit those of the normal and of the wide search."""
-    parameters = Parameters()
+def features_of(trial):
+    """Return the features of both scans of a `Trial`; None where one of them has too few returns."""
     try:
-        reference, current = (extract_features(scan, parameters) for scan in (trial.reference, trial.current))
+        return [extract_features(scan, Parameters()) for scan in (trial.reference, trial.current)]
     except ScanError:
-        return
-    if fitting:
-        normal = parameters.replace({'advanced.selection.wide_search_factor': 1})
-        yield register(reference, current, normal)
-        yield register(reference, current, parameters, first_stage=SearchStage.WIDE)
-    else:
-        yield register(reference, current, parameters)
+        return None
+
+
+def judged(trials) -> list:
+    """Return (confidence, right, OK) of the registration of each of the `Trial`s."""
+    results = []
+    for trial in trials:
+        features = features_of(trial)
+        if features:
+            found = register(*features)
+            results.append((found.confidence, is_right(trial, found.transform), found.status is Status.OK))
+    return results
+
+
+def hypotheses(trials) -> list:
+    """Return (terms, right) of the hypotheses of the wide search for each of the `Trial`s, ``(H, T)`` and ``(H,)``."""
+    results = []
+    for trial in trials:
+        features = features_of(trial)
+        found = register(*features, first_stage=SearchStage.WIDE).hypotheses if features else ()
+        if found:
+            candidates = np.array([each.transform.as_array() for each in found])
+            evidence, _ = evidence_of(Problem(*features, Parameters()), candidates)
+            results.append((np.array([[term(each) for term in TERMS.values()] for each in evidence]),
+                            np.array([is_right(trial, each.transform) for each in found])))
+    return results
 
 
 def intel_pairs(intel, part) -> list:
@@ -66,44 +85,77 @@ def intel_pairs(intel, part) -> list:
     return found[part::2]
 
 
-def table(cell, wanted, seed, fitting) -> list:
-    """Return the `rows` of the pairs of a cell."""
-    return rows(pairs(cell, wanted, seed), fitting)
+def of_cell(rows, cell, wanted, seed) -> list:
+    """Return the `rows`, `judged` or `hypotheses`, of the pairs of a cell."""
+    return rows(pairs(cell, wanted, seed))
 
 
-def rows(trials, fitting) -> list:
-    """Return (terms, confidence, right, OK) of each registration that found something."""
-    return [([term(found.evidence) for term in TERMS.values()], found.confidence, is_right(trial, found.transform),
-             found.status is Status.OK)
-            for trial in trials for found in registrations(trial, fitting) if found.evidence]
-
-
-def tables(args, seeds, fitting) -> tuple:
-    """Join the tables of all cells and seeds as arrays."""
+def of_cells(rows, args, seeds) -> list:
+    """Return the `rows`, `judged` or `hypotheses`, of all cells and seeds."""
     from tqdm import tqdm
 
     from dbscan_reg_ros.commands.workers import workers
     cells = [Cell(*words) for words in itertools.product(LIDARS, WORLDS, MOTIONS, NOISES)]
     with workers(args.processes or os.cpu_count()) as executor:
-        jobs = [executor.submit(table, cell, args.limit or PAIRS, seed, fitting)
-                for cell in cells for seed in seeds]
-        return joined(row for job in tqdm(jobs, 'confidence', unit=' cells', leave=False, disable=None)
-                      for row in job.result())
+        jobs = [executor.submit(of_cell, rows, cell, args.limit or PAIRS, seed) for cell in cells for seed in seeds]
+        return [row for job in tqdm(jobs, 'confidence', unit=' cells', leave=False, disable=None)
+                for row in job.result()]
 
 
-def joined(found) -> tuple:
-    """Join `rows` as arrays."""
-    return tuple(np.array(part) for part in zip(*found, strict=True))
+def fit(found, weight) -> tuple:
+    """Fit the model of the confidence; return the intercept and the coefficients of the terms.
+
+    The likelihood is that of the logistic regression, whether any hypothesis is right by the terms of the best one,
+    times the probability of the right one among all, where there is one.
+
+    Parameters
+    ----------
+    found : list of (terms, right)
+        From `hypotheses`.
+    weight : (N,) array
+        Of each pair.
+    """
+    from scipy.optimize import minimize
+
+    table = np.concatenate([terms for terms, _ in found])
+    mean, spread = table.mean(axis=0), table.std(axis=0)
+    scaled = [((terms - mean) / spread, right) for terms, right in found]
+
+    def loss(values):
+        total, gradient = 0.5 * REGULARISATION * values[1:] @ values[1:], REGULARISATION * values
+        gradient[0] = 0.0
+        for (terms, right), each in zip(scaled, weight, strict=True):
+            odds = values[0] + terms @ values[1:]
+            best, some = int(odds.argmax()), bool(right.any())
+            slope = np.zeros(len(odds))
+            total += each * np.logaddexp(0.0, -odds[best] if some else odds[best])
+            slope[best] = 1.0 / (1.0 + np.exp(-odds[best])) - some
+            if some:
+                share = np.exp(odds - odds[best])
+                total -= each * np.log(share[right].sum() / share.sum())
+                slope += share / share.sum() - share * right / share[right].sum()
+            gradient[0] += each * slope.sum()
+            gradient[1:] += each * slope @ terms
+        return total, gradient
+
+    values = minimize(loss, np.zeros(1 + len(mean)), jac=True, method='L-BFGS-B').x
+    coefficients = values[1:] / spread
+    return float(values[0] - coefficients @ mean), coefficients
 
 
-def fit(terms, right, weight) -> tuple:
-    """Fit a logistic regression to weighted results; return the intercept and the coefficients of the terms."""
-    from sklearn.linear_model import LogisticRegression
-
-    mean, spread = terms.mean(axis=0), terms.std(axis=0)
-    model = LogisticRegression(C=REGULARISATION, max_iter=2000).fit((terms - mean) / spread, right, weight)
-    coefficients = model.coef_[0] / spread
-    return float(model.intercept_[0] - coefficients @ mean), coefficients
+def cross_validated(found, weight) -> tuple:
+    """Return confidence, right and OK of the best hypothesis of each pair, by a fit to the other folds of the pairs."""
+    results, folds = [], np.arange(len(found)) * FOLDS // len(found)
+    for fold in range(FOLDS):
+        inside = folds == fold
+        intercept, coefficients = fit([found[k] for k in np.flatnonzero(~inside)], weight[~inside])
+        for k in np.flatnonzero(inside):
+            terms, right = found[k]
+            odds = intercept + terms @ coefficients
+            best = int(odds.argmax())
+            results.append((confidence(float(odds[best]), np.delete(odds, best).tolist()), right[best]))
+    certainty, right = (np.array(part) for part in zip(*results, strict=True))
+    return certainty, right, certainty >= Parameters().decision.min_confidence
 
 
 def coefficient_lines(intercept, coefficients) -> str:
@@ -139,17 +191,16 @@ def calibration(confidence, right) -> tuple:
 
 def measure(args) -> Report:
     """Fit the coefficients, or check the confidence with pairs that they were not fitted to."""
-    report = Report()
+    report, intel = Report(), Intel.below(args.data)
     if args.fit:
-        simulated, real = tables(args, FITTED, True), joined(rows(intel_pairs(Intel.below(args.data), 0), True))
-        terms, right = (np.concatenate((simulated[k], real[k])) for k in (0, 2))
-        weight = np.repeat((1.0, INTEL_WEIGHT), (len(simulated[0]), len(real[0])))
-        report.tables.append(coefficient_lines(*fit(terms, right, weight)))
+        simulated, real = of_cells(hypotheses, args, FITTED), hypotheses(intel_pairs(intel, 0))
+        weight = np.repeat((1.0, INTEL_WEIGHT), (len(simulated), len(real)))
+        report.tables += [coefficient_lines(*fit(simulated + real, weight)),
+                          summary(*cross_validated(simulated + real, weight))[1]]
         return report
     report.metrics['dbscan'] = {}
-    for name, found in (('simulated', tables(args, HELD_OUT, False)),
-                        ('intel', joined(rows(intel_pairs(Intel.below(args.data), 1), False)))):
-        metrics, text = summary(*found[1:])
+    for name, found in (('simulated', of_cells(judged, args, HELD_OUT)), ('intel', judged(intel_pairs(intel, 1)))):
+        metrics, text = summary(*map(np.array, zip(*found, strict=True)))
         report.metrics['dbscan'].update({f'{name}_{key}': value for key, value in metrics.items()})
         report.tables.append(f'{name}\n{text}')
     return report

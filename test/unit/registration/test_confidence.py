@@ -11,9 +11,8 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.registration.confidence.evidence import count_matches, fixed_ends, seen
-from dbscan_reg_ros.core.registration.confidence.model import confidence, log_odds
-from dbscan_reg_ros.core.registration.records import MAX_MARGIN
+from dbscan_reg_ros.core.registration.confidence.evidence import compare_ends, seen
+from dbscan_reg_ros.core.registration.confidence.model import confidence, log_odds, probability
 
 ROOM = outline(L_ROOM)
 START, END = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
@@ -26,38 +25,52 @@ def features(pose, geometry=FULL, walls=ROOM, seed=0):
 
 def test_the_points_of_the_same_scan_are_visible_and_on_its_outline():
     scan = features(START)
-    places = scan.sampled_points.points
-    visible, on_outline, conflicts = seen(places, 1.0, scan.free_space, 0.15)
-    assert visible == 1.0 and on_outline == len(places) and conflicts == 0.0
+    view = seen(scan.sampled_points.points, scan.free_space, 0.15)
+    assert view.visible.all() and view.on_outline.all() and not view.conflict.any()
 
 
 def test_points_in_front_of_the_outline_conflict_and_points_behind_it_are_hidden():
     scan = features(START)
     places = scan.sampled_points.points
-    visible, on_outline, conflicts = seen(0.5 * places, 1.0, scan.free_space, 0.15)
-    assert visible == 1.0 and on_outline == 0 and conflicts > 0.9
-    assert seen(0.5 * places, 0.0, scan.free_space, 0.15)[2] == 0.0
-    assert seen(2.0 * places, 1.0, scan.free_space, 0.15) == (0.0, 0, 0.0)
+    front, behind = (seen(factor * places, scan.free_space, 0.15) for factor in (0.5, 2.0))
+    assert front.visible.all() and not front.on_outline.any() and front.conflict.mean() > 0.9
+    assert not (behind.visible.any() or behind.on_outline.any() or behind.conflict.any())
 
 
-def test_corners_are_counted_once_and_matched_by_their_place():
-    scan = features(SE2())
-    ends = fixed_ends(scan.segments)
+def test_corners_are_counted_once():
+    ends = features(SE2()).segments.fixed_ends
     apart = np.abs(ends[:, None] - ends)[np.triu_indices(len(ends), 1)]
     assert len(ends) >= 5 and apart.min() > 0.1
-    assert count_matches(ends, ends) == len(ends)
-    assert count_matches(ends, ends[:2]) == 2
-    assert count_matches(ends, ends[:0]) == count_matches(ends[:0], ends) == 0
+
+
+def test_ends_match_where_the_motion_is_right_and_are_missed_elsewhere():
+    reference, current = features(SE2()), features(START, seed=1)
+    ends = len(reference.segments.fixed_ends) + len(current.segments.fixed_ends)
+    matched, unmatched = compare_ends(reference, current, motion(START), 0.15)
+    assert matched >= ends - 2 and unmatched <= 2
+    matched, unmatched = compare_ends(reference, current, motion(SE2(0.8, 0.5, 0.3)), 0.15)
+    assert matched <= 2 and unmatched >= 2
+
+
+def motion(pose):
+    return complex(pose.x, pose.y), complex(math.cos(pose.theta), math.sin(pose.theta))
 
 
 @pytest.mark.parametrize(('walls', 'turn'), [(ROOM, 0.6), (HALL, 0.4)])
-def test_the_margin_is_that_of_the_listed_scores(walls, turn):
+def test_the_margin_is_that_of_the_listed_log_odds(walls, turn):
     found = register(features(SE2(), walls=walls), features(SE2(0.3, 0.1, turn), walls=walls, seed=1))
     assert found.hypotheses[0] not in found.rivals
     assert set(found.rivals) <= set(found.hypotheses)
-    rival = max((each.score for each in found.rivals), default=-math.inf)
-    assert found.evidence.margin == pytest.approx(min(found.score - rival, MAX_MARGIN), abs=1e-12)
-    assert found.score == found.hypotheses[0].score == found.evidence.score
+    odds = [each.log_odds for each in found.rivals]
+    assert found.margin == pytest.approx(found.hypotheses[0].log_odds - max(odds, default=-math.inf), abs=1e-12)
+    assert found.confidence == confidence(found.hypotheses[0].log_odds, odds)
+
+
+def test_rivals_share_the_confidence():
+    assert confidence(2.0) == probability(2.0)
+    assert confidence(2.0, [2.0]) == pytest.approx(0.5 * probability(2.0))
+    assert confidence(2.0, [2.0, 2.0]) == pytest.approx(probability(2.0) / 3.0)
+    assert confidence(2.0, [-40.0]) == pytest.approx(probability(2.0))
 
 
 @pytest.mark.parametrize('turn', [0.0, 0.4, -2.0, 3.0])
@@ -86,13 +99,17 @@ def test_a_room_seen_again_is_certain():
     assert found.status is Status.OK and found.confidence > 0.95
 
 
-def test_conflicts_with_free_space_lower_the_confidence():
+@pytest.mark.parametrize('side', ['conflicts_current', 'conflicts_reference'])
+def test_conflicts_with_free_space_lower_the_log_odds(side):
     evidence = register(features(START), features(END, seed=1)).evidence
-    for side in ('current', 'reference'):
-        view = getattr(evidence, side)
-        values = [log_odds(evidence._replace(**{side: view._replace(conflicts=each)})) for each in (0.0, 0.1, 0.3)]
-        assert values == sorted(values, reverse=True)
-    assert 0.0 < confidence(evidence._replace(score=0.0, margin=0.0, weak=0.0)) < confidence(evidence) <= 1.0
+    values = [log_odds(evidence._replace(**{side: each})) for each in (0.0, 0.1, 0.3)]
+    assert values == sorted(values, reverse=True)
+
+
+def test_more_of_a_structure_raises_the_log_odds():
+    evidence = register(features(START), features(END, seed=1)).evidence
+    for name, more in (('matched_ends', 4), ('crossing', 3.0), ('weak', 30.0), ('on_outline', 50)):
+        assert log_odds(evidence._replace(**{name: getattr(evidence, name) + more})) > log_odds(evidence)
 
 
 def test_nothing_found_has_no_confidence():
@@ -113,8 +130,8 @@ def test_the_confidence_is_calibrated_on_worlds_that_it_was_not_fitted_to(seed):
     assert seed not in benchmark.FITTED
     cell = overlap.Cell('rplidar_a' if seed % 2 else 'sick_lms200', 'rooms', 'any', 'low')
     cells = [dataclasses.replace(cell, world=world) for world in ('rooms', 'corridors', 'busy_halls')]
-    rows = [row for each in cells for row in benchmark.table(each, 5, seed, False)]
-    certainty, right, ok = np.array([row[1:] for row in rows], dtype=float).T
+    rows = [row for each in cells for row in benchmark.of_cell(benchmark.judged, each, 5, seed)]
+    certainty, right, ok = np.array(rows, dtype=float).T
     sigma = math.sqrt((certainty * (1.0 - certainty)).sum())
     assert abs(certainty.sum() - right.sum()) < 3.0 * sigma + 1.0
     assert (ok * (1.0 - right)).sum() <= 1 and ok.sum() > 0.3 * right.sum()

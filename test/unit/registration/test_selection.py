@@ -20,7 +20,8 @@ from dbscan_reg_ros.core.registration.scoring import (
     score,
     squared_mahalanobis,
 )
-from dbscan_reg_ros.core.registration.search import Problem
+from dbscan_reg_ros.core.registration.search import Problem, Ranking
+from dbscan_reg_ros.core.registration.selection import plausibility
 
 ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""
@@ -175,3 +176,14 @@ def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searche
     candidates = rows(SE2(0.3, 0.0, 0.0))
     found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
     np.testing.assert_array_equal(found, candidates)
+
+
+def test_plausibility_is_the_score_less_the_roots_of_the_conflicts_of_either_scan():
+    box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
+    candidates, value = rows(MOTION, MOTION @ SE2(0.4, 0.0, 0.0)), np.array([0.8, 0.5])
+    ranking = Ranking(candidates, value, value, np.zeros((2, 4, 4)), np.zeros(2), None)
+    found = plausibility(Problem(box, current, ALIKE), ranking)
+    back = reverse_violation(candidates, box, current, DENSITY)
+    forward = reverse_violation(rows(*(SE2.from_array(each).inverse() for each in candidates)), current, box, DENSITY)
+    assert found == pytest.approx(value - np.sqrt(forward) - np.sqrt(back))
+    assert back[0] > 0.05 and forward[0] == 0.0 and forward[1] > 0.1

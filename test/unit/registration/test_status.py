@@ -30,15 +30,13 @@ def fitted(reference, current, motion):
 
 
 def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
-    """By half of its square where the scores are equal."""
+    """By half of its square where the log-odds are equal."""
     candidates = np.array([(1.0, 2.0, 0.5 * math.pi), (1.0, 5.0, 2.5 * math.pi), (1.0, 2.1, 0.5 * math.pi)])
-    fine = ranking(candidates, [0.8, 0.8, 0.8], None)
     rivals = find_rivals(candidates, None, Parameters().decision)
     assert rivals.tolist() == [False, True, False]
-    assert rival_covariance(fine, rivals) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
-    assert not rival_covariance(fine, np.zeros(3, dtype=bool)).any()
-    far = ranking(candidates, [0.8, 0.5, 0.8], None)
-    assert np.abs(rival_covariance(far, rivals)).max() < 1e-6
+    assert rival_covariance(candidates, np.zeros(3), rivals) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
+    assert not rival_covariance(candidates, np.zeros(3), np.zeros(3, dtype=bool)).any()
+    assert np.abs(rival_covariance(candidates, np.array([9.0, -9.0, 9.0]), rivals)).max() < 1e-6
 
 
 def test_hypotheses_are_slid_along_a_direction_to_the_best():
@@ -49,8 +47,9 @@ def test_hypotheses_are_slid_along_a_direction_to_the_best():
     assert level == pytest.approx(best + across)
 
 
-def ranking(candidates, score, best):
-    return Ranking(candidates, np.array(score), np.ones(len(score)), np.zeros((len(score), 4, 4)), best)
+def ranking(candidates, odds, best):
+    size = len(odds)
+    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.zeros((size, 4, 4)), np.array(odds), best)
 
 
 def test_a_rival_along_a_constrained_direction_makes_ambiguous():
@@ -60,11 +59,13 @@ def test_a_rival_along_a_constrained_direction_makes_ambiguous():
     _, held = uncertainty(best, found, current.sampled_points, current.noise, parameters)
     assert held.weak > parameters.decision.min_information
     fine = best + np.array([(0.0, 0.0, 0.0), (math.cos(held.angle), math.sin(held.angle), 0.0)])
-    for rival, status, variance in ((0.6, Status.OK, 0.0), (0.9, Status.AMBIGUOUS, 0.5)):
-        result = decide(Problem(reference, current, parameters), ranking(fine, [0.9, rival], found))
+    alone = decide(Problem(reference, current, parameters), ranking(fine[:1], [0.0], found))
+    odds = alone.hypotheses[0].log_odds
+    for rival, status, variance in ((odds - 20.0, Status.OK, 0.0), (odds, Status.AMBIGUOUS, 0.5)):
+        result = decide(Problem(reference, current, parameters), ranking(fine, [0.0, rival], found))
         assert result.status is status
-        assert [each.score for each in result.rivals] == [rival]
-        assert result.evidence.margin == pytest.approx(0.9 - rival)
+        assert [each.log_odds for each in result.rivals] == [rival]
+        assert result.margin == pytest.approx(odds - rival)
         assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
 
 

@@ -22,7 +22,7 @@ cdef class Comparison:
 
 
 def rank_by_density(problem, candidates, double min_score):
-    """Refine the hypotheses and rank them: coarsely, finely, and the best once more by all points.
+    """Refine the hypotheses and rank them by their scores: coarsely, and finely.
 
     Parameters
     ----------
@@ -37,19 +37,22 @@ def rank_by_density(problem, candidates, double min_score):
     Ranking
     """
     cdef Comparison comparison = Comparison(problem)
-    p, current = problem.parameters, problem.current
-    points = current.sampled_points
+    points = problem.current.sampled_points
     ranked = rank_coarsely(comparison, candidates, points)
     if ranked[1][0] > min_score:
         ranked = rank_finely(comparison, ranked)
-    best = fit(ranked[0][:1], points, problem.reference.likelihood_field, comparison.min_cosine)
-    if p.refinement.polish_iterations and ranked[1][0] > min_score:
-        if current.oriented_points is not points:
-            points = current.oriented_points
-            best = fit(ranked[0][:1], points, problem.reference.likelihood_field, comparison.min_cosine)
-        ranked[0][0], best = polish(ranked[0][0], best, points, p.refinement)
-        best = best.thinned(p.density.max_points)
-    return Ranking(*ranked, best)
+    return Ranking(*ranked, np.zeros(len(ranked[0])),
+                   fit(ranked[0][:1], points, problem.reference.likelihood_field, comparison.min_cosine))
+
+
+def polish_best(problem, fine):
+    """Refine the best hypothesis by all oriented points, with a kernel that narrows to the spread of their errors."""
+    p, current, points, best = problem.parameters, problem.current, problem.current.sampled_points, fine.best
+    if p.refinement.polish_iterations and current.oriented_points is not points:
+        points = current.oriented_points
+        best = fit(fine.candidates[:1], points, problem.reference.likelihood_field, p.density.min_normal_cosine)
+    candidate, best = polish(fine.candidates[0], best, points, p.refinement)
+    return fine.with_best(candidate, best.thinned(p.density.max_points))
 
 
 cdef rank_coarsely(Comparison comparison, candidates, points):
@@ -100,16 +103,10 @@ cdef supported(Comparison comparison, candidates, PointViews views, double scale
 
 
 cdef rank_finely(Comparison comparison, coarse):
-    """Refine the top candidates and rivals with a kernel that narrows to `refinement.final_scale`, and compare them."""
+    """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways."""
     problem, p = comparison.problem, comparison.problem.parameters
-    poses, value = coarse[:2]
-    s, d = p.selection, p.decision
-    chosen = np.zeros(len(poses), dtype=bool)
-    choose_distinct(poses, s.top_candidates, s.same_distance, s.same_angle, chosen)
-    choose_distinct(poses, 1 + selection_steps._RIVALS, d.rival_distance, d.rival_angle, chosen)
-    top = [part[chosen] for part in coarse]
-    promising = top[1] >= value[0] - s.max_score_gap
-    close = with_shifted(problem, top[0][promising], top[3][promising])
+    top = top_candidates(comparison, coarse)
+    close = with_shifted(problem, top[0], top[3])
     scales = np.array(p.refinement.fine_scales())
     if len(close) > 1:
         return improved(comparison, close, comparison.own, scales, True)
@@ -120,9 +117,25 @@ cdef rank_finely(Comparison comparison, coarse):
     return top
 
 
+cdef top_candidates(Comparison comparison, coarse):
+    """Return the hypotheses that are compared finely, most plausible first: the best, and rivals of it."""
+    p = comparison.problem.parameters
+    s, d = p.selection, p.decision
+    if choose_distinct(coarse[0], 2, s.same_distance, s.same_angle, np.zeros(len(coarse[0]), dtype=bool)) == 1:
+        return [part[:1] for part in coarse]
+    value = (coarse[1] - np.sqrt(conflicts(comparison, coarse[0], False))
+             - np.sqrt(conflicts(comparison, coarse[0], True)))
+    order = (-value).argsort(kind='stable')
+    order = order[value[order] >= value[order[0]] - s.max_score_gap]
+    ranked, chosen = [part[order] for part in coarse], np.zeros(len(order), dtype=bool)
+    choose_distinct(ranked[0], s.top_candidates, s.same_distance, s.same_angle, chosen)
+    choose_distinct(ranked[0], 1 + selection_steps._RIVALS, d.rival_distance, d.rival_angle, chosen)
+    return [part[chosen] for part in ranked]
+
+
 cdef int choose_distinct(const double[:, ::1] poses, Py_ssize_t count, double most_apart, double angle,
                          unsigned char[::1] chosen) except -1:
-    """Choose the first `count` hypotheses that differ from all chosen before, by a distance or an angle."""
+    """Choose the first `count` hypotheses that differ from all chosen before, by a distance or an angle; count them."""
     cdef Py_ssize_t k, i, found = 0
     cdef Py_ssize_t[::1] index = np.empty(max(count, 1), np.intp)
     cdef bint differs
@@ -138,7 +151,7 @@ cdef int choose_distinct(const double[:, ::1] poses, Py_ssize_t count, double mo
         if differs:
             index[found], chosen[k] = k, True
             found += 1
-    return 0
+    return found
 
 
 cdef with_shifted(problem, candidates, equations):
@@ -164,7 +177,7 @@ cdef improved(Comparison comparison, candidates, PointViews views, const double[
     refine_poses(views, comparison.field, comparison.min_cosine, comparison.damping, scales, poses, tables)
     add_scores(comparison, comparison.own, poses, values, overlaps)
     if both_ways:
-        subtract_reverse(comparison, poses, values)
+        values -= comparison.against * conflicts(comparison, poses, True)
     if problem.prior is not None:
         subtract_prior(problem.prior, poses, problem.parameters.prior, values)
     order = (-values).argsort(kind='stable')
@@ -193,23 +206,32 @@ cdef int add_scores(Comparison comparison, PointViews views, const double[:, ::1
     return 0
 
 
-cdef int subtract_reverse(Comparison comparison, const double[:, ::1] poses, double[::1] value) except -1:
-    """Subtract the weighted fraction of the reference's points in free space of the current scan."""
-    reference = comparison.problem.reference
-    cdef PointViews views = PointViews(reference.sampled_points)
-    cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
+cdef conflicts(Comparison comparison, const double[:, ::1] poses, bint back):
+    """Return the weighted fraction ``(H,)`` of the current scan's points in free space of the reference.
+
+    With `back` it is that of the reference's points in free space of the current scan.
+    """
+    reference, current = comparison.problem.reference, comparison.problem.current
+    cdef PointViews views = PointViews(reference.sampled_points) if back else comparison.own
+    cdef const double[::1] near = current.free_space.near if back else comparison.near
+    cdef const double[::1] share = reference.leverage if back else comparison.share
     cdef Py_ssize_t h, k
     cdef double x, y
     cdef Pose pose
+    fractions = np.zeros(poses.shape[0])
+    cdef double[::1] fraction = fractions
     with nogil:
         for h in range(poses.shape[0]):
             read_pose(poses, h, &pose)
             for k in range(views.size):
-                x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
-                value[h] -= comparison.against * share[k] * violation(
-                    near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
-                    comparison.tolerance / views.inverse_noise[k])
-    return 0
+                x, y = views.points[k].real, views.points[k].imag
+                if back:
+                    x, y = x - pose.x, y - pose.y
+                    x, y = pose.c * x + pose.s * y, pose.c * y - pose.s * x
+                else:
+                    x, y = pose.c * x - pose.s * y + pose.x, pose.s * x + pose.c * y + pose.y
+                fraction[h] += share[k] * violation(near, x, y, comparison.tolerance / views.inverse_noise[k])
+    return fractions
 
 
 cdef int subtract_prior(prior, const double[:, ::1] poses, parameters, double[::1] value) except -1:

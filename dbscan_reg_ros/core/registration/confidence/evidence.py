@@ -2,88 +2,117 @@
 """Evidence for and against a motion: what each scan should see of the other if it is right, and what it sees."""
 import cmath
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ...features.free_space import FreeSpaceProfile, in_front
-from ...features.records import EndKind, Segments
-from ...geometry.array_types import ComplexArray, FloatArray
-from ...geometry.se2 import as_complex, wrap
+from ...features.records import Features, Segments
+from ...geometry.array_types import BoolArray, ComplexArray, FloatArray
+from ...geometry.se2 import as_complex
+from ...parameters.tree import Parameters
 from ..point_to_line import Fit, mean_square
-from ..records import Agreement, Evidence
-from ..search import Problem
-from ..uncertainty import Observability
+from ..records import Evidence
 
 
-def collect_evidence(problem: Problem, candidate: FloatArray, found: Fit, observed: Observability,
-                     scores: tuple[float, float]) -> Evidence:
-    """Collect the evidence for and against a motion.
+def collect_evidence(candidates: FloatArray, fits: Fit, weak: Sequence[float], reference: Features, current: Features,
+                     parameters: Parameters) -> list[Evidence]:
+    """Collect the evidence for and against each of the motions.
 
     Parameters
     ----------
-    problem : Problem
-    candidate : (3,) array
-        The motion.
-    found : Fit
-        Of it, H = 1, for the current scan's `sampled_points`.
-    observed : Observability
-        Of it.
-    scores : (float, float)
-        Score of the motion, and its margin.
+    candidates : (H, 3) array
+    fits : Fit
+        Of them, for the current scan's `sampled_points`.
+    weak : (H,) sequence of float
+        Number of points that constrain the weakest direction of each.
+    reference, current : Features
+    parameters : Parameters
     """
-    reference, current, p = problem.reference, problem.current, problem.parameters
-    points, weight = current.sampled_points, found.weight(p.refinement.score_scale)[0]
-    x, y, theta = candidate.tolist()
-    translation, rotation = complex(x, y), cmath.exp(1j * theta)
-    back, tolerance = rotation.conjugate(), p.density.violation_tolerance
-    of_current = Agreement(*seen(found.places[0], 1.0 - weight, reference.free_space, tolerance))
-    of_reference = Agreement(*seen(back * (reference.sampled_points.points - translation), 1.0, current.free_space,
-                              tolerance))
-    matched = count_matches(rotation * fixed_ends(current.segments) + translation, fixed_ends(reference.segments))
-    return Evidence(
-        *scores, residual=math.sqrt(mean_square(found.error[0], points.weighted(weight))), weak=observed.weak,
-        rotation=observed.rotation, current=of_current, reference=of_reference, matched_ends=matched,
-        crossing=crossing_length(reference.segments, current.segments, candidate), distance=abs(translation),
-        angle=abs(wrap(theta)))
+    points, seen_by = current.sampled_points, reference.free_space
+    tolerance, weights = parameters.density.violation_tolerance, fits.weight(parameters.refinement.score_scale)
+    found = []
+    for candidate, places, weight, error, information in zip(candidates, fits.places, weights, fits.error, weak,
+                                                             strict=True):
+        x, y, theta = candidate.tolist()
+        translation, rotation = complex(x, y), cmath.exp(1j * theta)
+        back = rotation.conjugate() * (reference.sampled_points.points - translation)
+        of_current, of_reference = seen(places, seen_by, tolerance), seen(back, current.free_space, tolerance)
+        matched, unmatched = compare_ends(reference, current, (translation, rotation), tolerance)
+        found.append(Evidence(
+            conflicts_current=float((of_current.conflict * (1.0 - weight)).sum()) / max(len(places), 1),
+            conflicts_reference=float(of_reference.conflict.sum()) / max(len(back), 1),
+            on_outline=int(np.count_nonzero(of_reference.on_outline)), matched_ends=matched, unmatched_ends=unmatched,
+            crossing=crossing_length(reference.segments, current.segments, candidate),
+            residual=math.sqrt(mean_square(error, points.weighted(weight))), distance=abs(translation),
+            weak=information))
+    return found
 
 
-def seen(places: ComplexArray, unexplained: FloatArray | float, profile: FreeSpaceProfile,
-         tolerance: float) -> tuple[float, int, float]:
-    """Return the numbers of an `Agreement`.
+class Seen(NamedTuple):
+    """What a scan saw at the places of P points.
+
+    Attributes
+    ----------
+    visible : (P,) bool
+        Whether the scan would see a point there: one that is not hidden behind its outline.
+    on_outline : (P,) bool
+        Whether its outline is there.
+    conflict : (P,) float
+        1 where the place is free, falling to 0 at the outline.
+    """
+
+    visible: BoolArray
+    on_outline: BoolArray
+    conflict: FloatArray
+
+
+def seen(places: ComplexArray, profile: FreeSpaceProfile, tolerance: float) -> Seen:
+    """Return what a scan with this `profile` saw at `places` ``(P,)`` (complex [m]) in its frame.
 
     Parameters
     ----------
     places : (P,) complex array [m]
-        Points of one scan in the frame of the other.
-    unexplained : (P,) array or float
-        Weight of each point as a conflict: 0 for those on a surface.
     profile : FreeSpaceProfile
-        Of the other scan.
     tolerance : float [m]
-        Distance from the outline within which a point is on it. Points up to twice as far behind it should be visible.
+        Distance from the outline within which a point is on it. Points up to twice as far behind it are visible.
     """
     bins, radius = profile.bins(places), np.abs(places)
     near, behind = profile.near.take(bins), radius - profile.far.take(bins)
     known = near > 0.0
-    visible = int(np.count_nonzero(known & (behind < 2.0 * tolerance)))
-    on_outline = int(np.count_nonzero(known & (behind < tolerance) & (radius > near - tolerance)))
-    conflicts = float((in_front(radius, near, tolerance) * unexplained).sum())
-    size = max(len(places), 1)
-    return visible / size, on_outline, conflicts / size
+    return Seen(known & (behind < 2.0 * tolerance), known & (behind < tolerance) & (radius > near - tolerance),
+                in_front(radius, near, tolerance))
 
 
-def fixed_ends(segments: Segments) -> ComplexArray:
-    """Return the corners and the free ends (complex [m]) of the segments, each corner once."""
-    starts, ends = segments.kinds.T
-    places: ComplexArray = np.concatenate((as_complex(segments.start)[starts != EndKind.OCCLUSION],
-                                           as_complex(segments.end)[ends == EndKind.FREE]))
-    return places
+def compare_ends(reference: Features, current: Features, motion: tuple[complex, complex],
+                 tolerance: float) -> tuple[int, int]:
+    """Count the corners and free ends of either scan that the other one has as well, and those that it should have.
 
+    Parameters
+    ----------
+    reference, current : Features
+    motion : (complex [m], complex)
+        Translation and rotation (of unit length).
+    tolerance : float [m]
+        As for `seen`.
 
-def count_matches(ends: ComplexArray, others: ComplexArray) -> int:
-    """Return how many of the `ends` ``(E,)`` are at the place of one of the `others` ``(F,)`` (complex [m])."""
-    apart = np.abs(ends[:, None] - others)
-    return int(np.count_nonzero((apart < _SAME_PLACE).any(axis=1)))
+    Returns
+    -------
+    matched : int
+        Those with one of the other scan at the same place.
+    unmatched : int
+        Those that are visible to the other scan, which has none nearby.
+    """
+    translation, rotation = motion
+    ours, theirs = reference.segments.fixed_ends, rotation * current.segments.fixed_ends + translation
+    apart = np.abs(theirs[:, None] - ours)
+    nearest = np.concatenate((apart.min(axis=1, initial=np.inf), apart.min(axis=0, initial=np.inf)))
+    visible = np.concatenate((
+        seen(theirs, reference.free_space, tolerance).visible,
+        seen(rotation.conjugate() * (ours - translation), current.free_space, tolerance).visible))
+    return (int(np.count_nonzero(nearest < _SAME_PLACE)),
+            int(np.count_nonzero(visible & (nearest >= 2.0 * _SAME_PLACE))))
 
 
 def crossing_length(reference: Segments, current: Segments, candidate: FloatArray) -> float:

@@ -4,7 +4,7 @@
 ``scripts/bench confidence --fit`` fits the coefficients to simulated pairs of all lidars and to some of the Intel log.
 """
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,53 +14,50 @@ from ..records import Evidence, Prior
 from ..scoring import squared_mahalanobis
 
 TERMS: dict[str, Callable[[Evidence], float]] = {
-    'residual': lambda e: e.residual,
-    'weak': lambda e: math.log1p(max(e.weak, 0.0)),
-    'rotation': lambda e: math.log1p(max(e.rotation, 0.0)),
-    'conflicts of the current scan': lambda e: math.sqrt(e.current.conflicts),
-    'conflicts of the reference': lambda e: math.sqrt(e.reference.conflicts),
-    'points on the outline': lambda e: math.log1p(e.current.on_outline),
+    'conflicts': lambda e: math.sqrt(e.conflicts_current) + math.sqrt(e.conflicts_reference),
+    'on outline': lambda e: math.log1p(e.on_outline),
     'matched ends': lambda e: math.log1p(e.matched_ends),
+    'unmatched ends': lambda e: math.log1p(e.unmatched_ends),
     'crossing': lambda e: math.log(SAME + max(e.crossing, 0.0)),
+    'residual': lambda e: e.residual,
     'distance': lambda e: e.distance,
-    'angle': lambda e: e.angle,
+    'weak': lambda e: max(e.weak, 0.0) / (2.0 + max(e.weak, 0.0)),
 }
 """Terms of the log-odds: name -> function of the evidence."""
-INTERCEPT = 2.157
+INTERCEPT = -1.773
 COEFFICIENTS = {
-    'residual': -48.932,
-    'weak': 0.897,
-    'rotation': 0.571,
-    'conflicts of the current scan': -10.647,
-    'conflicts of the reference': -9.110,
-    'points on the outline': -0.561,
-    'matched ends': 1.722,
-    'crossing': 0.580,
-    'distance': -0.326,
-    'angle': -0.461,
+    'conflicts': -11.503,
+    'on outline': 0.730,
+    'matched ends': 1.319,
+    'unmatched ends': 1.213,
+    'crossing': 0.509,
+    'residual': -73.903,
+    'distance': -0.264,
+    'weak': 3.082,
 }
 """Coefficient of each of the `TERMS`, as ``scripts/bench confidence --fit`` prints them."""
 
 
-def confidence(evidence: Evidence, prior: Prior | None = None, candidate: FloatArray | None = None) -> float:
-    """Return the probability, 0..1, that the motion `candidate` ``(3,)`` with this `evidence` is right.
+def log_odds(evidence: Evidence, prior: Prior | None = None, candidate: FloatArray | None = None) -> float:
+    """Return the logarithm of the odds that the true motion is among the hypotheses, by the evidence of the best.
 
-    It is that of the logistic regression, with the gain by a `prior`, times the share among the rivals.
+    With a `prior` its gain for the `candidate` ``(3,)`` is added.
     """
-    odds = log_odds(evidence)
-    if prior is not None and candidate is not None:
-        odds += prior_gain(prior, candidate)
-    return float(_logistic(odds) * share_of_best(evidence.margin))
+    odds = INTERCEPT + sum(coefficient * TERMS[name](evidence) for name, coefficient in COEFFICIENTS.items())
+    return odds if prior is None or candidate is None else odds + prior_gain(prior, candidate)
 
 
-def log_odds(evidence: Evidence) -> float:
-    """Return the logarithm of the odds that a motion is right, by its evidence alone."""
-    return INTERCEPT + sum(coefficient * TERMS[name](evidence) for name, coefficient in COEFFICIENTS.items())
+def confidence(odds: float, rivals: Sequence[float] = ()) -> float:
+    """Return the probability, 0..1, that a motion with these log-odds is right, beside `rivals` with theirs.
+
+    It is the probability that one of them is right, times the ratio of the odds of this one to those of all.
+    """
+    return probability(odds) / (1.0 + sum(math.exp(min(each - odds, _MAX_LOG_ODDS)) for each in rivals))
 
 
-def share_of_best(margin: float) -> float:
-    """Return the probability, 0..1, that of two motions the one that scores more by a `margin` is the right one."""
-    return _logistic(margin / SCORE_SCALE)
+def probability(odds: float) -> float:
+    """Return the probability, 0..1, that belongs to log-odds."""
+    return 1.0 / (1.0 + math.exp(-min(max(odds, -_MAX_LOG_ODDS), _MAX_LOG_ODDS)))
 
 
 def prior_gain(prior: Prior, candidate: FloatArray) -> float:
@@ -74,12 +71,6 @@ def prior_gain(prior: Prior, candidate: FloatArray) -> float:
     return math.log((1.0 - _WRONG_PRIORS) * _ANY_MOTION / normaliser * math.exp(-0.5 * squared) + _WRONG_PRIORS)
 
 
-def _logistic(odds: float) -> float:
-    return 1.0 / (1.0 + math.exp(-min(max(odds, -_MAX_LOG_ODDS), _MAX_LOG_ODDS)))
-
-
-SCORE_SCALE = 0.012
-"""Difference of two scores, as a log-odds of 1."""
 _MAX_LOG_ODDS = 50.0
 _ANY_MOTION = 250.0
 """Volume [m^2 rad] of the region in which the motions of the fitted pairs are uniformly distributed."""
