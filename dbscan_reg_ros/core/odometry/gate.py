@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
 from ..geometry.symmetric_matrix import inverse, mahalanobis
 from ..parameters.tree import Parameters
+from ..registration.confidence.model import LIKELY
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import demoted_if_weak, observability_ratio
 from .models.motion import unknown_motion_covariance
@@ -112,22 +113,15 @@ class Gate:
 
         The confidence of a degenerate result says nothing of the degenerate direction.
         """
-        degenerate = registration.status is Status.DEGENERATE
         if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
                 or not self._near_prediction(pose, registration)):
             return False
+        constrained, likely = registration.status is not Status.DEGENERATE, registration.confidence > LIKELY
         if tentative is None:
-            return not degenerate and registration.confidence > _LIKELY
-        if registration.score <= tentative.score:
-            return False
+            return constrained and likely
         if tentative.status is Status.DEGENERATE:
-            return not degenerate or self._constrains_heading(registration)
-        return not degenerate and registration.confidence > tentative.confidence
-
-    def _constrains_heading(self, registration: Registration) -> bool:
-        """Whether the heading of a result, with the gate of its covariance, is better known than the predicted one."""
-        predicted = self.predictions.best.prior.covariance[2, 2]
-        return bool(registration.covariance[2, 2] * self._parameters.prior.gate ** 2 < predicted)
+            return constrained or likely
+        return likely and registration.confidence > tentative.confidence
 
     def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
                        registration: Registration) -> Verdict:
@@ -270,8 +264,6 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
     return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
-_LIKELY = 0.5
-"""Confidence from which on a result is more likely right than wrong."""
 _MIN_TIME = 0.01
 """Least time [s] in which the motion may differ from the prediction."""
 _RECENT_SCORE_RATIO = 0.55

@@ -13,7 +13,7 @@ from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
 from .confidence.evidence import collect_evidence
-from .confidence.model import confidence, log_odds, probability
+from .confidence.model import LIKELY, confidence, log_odds, probability
 from .records import Evidence, Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
@@ -102,7 +102,7 @@ def failed(reason: str) -> Registration:
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
           parameters: DecisionParameters) -> tuple[Status, str]:
     """Return the status of a result from its score, evidence and confidence, and the reason for it, '' for ``OK``."""
-    if score < parameters.min_score and probability(log_odds(evidence)) < parameters.min_confidence:
+    if score < parameters.min_score and probability(log_odds(evidence)) < LIKELY:
         return Status.FAILED, f'score {score:.2f}; expected at least {parameters.min_score}'
     if observed.weak < parameters.min_information:
         return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)

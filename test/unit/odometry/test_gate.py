@@ -82,21 +82,21 @@ def test_after_a_weak_prediction_an_unreliable_result_is_a_better_guess():
     assert weak.check_scan_before(SE2(), SE2(0.3), result(Status.FAILED)) == (Decision.REJECT, Reason.GUESS)
 
 
-@pytest.mark.parametrize(('status', 'score', 'confidence', 'tentative', 'decision'), [
-    (Status.AMBIGUOUS, 0.5, 0.51, None, Decision.ACCEPT), (Status.AMBIGUOUS, 0.5, 0.49, None, Decision.REJECT),
-    (Status.DEGENERATE, 0.9, 0.9, None, Decision.REJECT),
-    (Status.AMBIGUOUS, 0.5, 0.1, (Status.DEGENERATE, 0.4), Decision.ACCEPT),
-    (Status.AMBIGUOUS, 0.5, 0.9, (Status.DEGENERATE, 0.6), Decision.REJECT),
-    (Status.DEGENERATE, 0.5, 0.1, (Status.DEGENERATE, 0.4), Decision.ACCEPT),
-    (Status.AMBIGUOUS, 0.5, 0.7, (Status.AMBIGUOUS, 0.4), Decision.ACCEPT),
-    (Status.AMBIGUOUS, 0.5, 0.5, (Status.AMBIGUOUS, 0.4), Decision.REJECT),
-    (Status.DEGENERATE, 0.5, 0.7, (Status.AMBIGUOUS, 0.4), Decision.REJECT)])
-def test_after_a_weak_prediction_the_more_likely_result_is_believed(status, score, confidence, tentative, decision):
+@pytest.mark.parametrize(('status', 'confidence', 'tentative', 'decision'), [
+    (Status.AMBIGUOUS, 0.51, None, Decision.ACCEPT), (Status.AMBIGUOUS, 0.49, None, Decision.REJECT),
+    (Status.DEGENERATE, 0.9, None, Decision.REJECT),
+    (Status.AMBIGUOUS, 0.1, Status.DEGENERATE, Decision.ACCEPT),
+    (Status.DEGENERATE, 0.49, Status.DEGENERATE, Decision.REJECT),
+    (Status.DEGENERATE, 0.51, Status.DEGENERATE, Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.7, Status.AMBIGUOUS, Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.55, Status.AMBIGUOUS, Decision.REJECT),
+    (Status.DEGENERATE, 0.7, Status.AMBIGUOUS, Decision.ACCEPT)])
+def test_after_a_weak_prediction_the_more_likely_result_is_believed(status, confidence, tentative, decision):
     """Of the tentative result with the map, at a confidence of 0.6, and the one with the scan before."""
     weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
-    found = dataclasses.replace(result(status), score=score, confidence=confidence)
+    found = dataclasses.replace(result(status), confidence=confidence)
     if tentative is not None:
-        tentative = dataclasses.replace(result(tentative[0]), score=tentative[1], confidence=0.6)
+        tentative = dataclasses.replace(result(tentative), confidence=0.6)
     verdict = weak.check_scan_before(SE2(), SE2(0.3), found, tentative)
     assert verdict == (decision, Reason.SCAN_BEFORE if decision is Decision.ACCEPT else Reason.GUESS)
 
@@ -104,7 +104,7 @@ def test_after_a_weak_prediction_the_more_likely_result_is_believed(status, scor
 def test_a_degenerate_result_replaces_another_only_within_the_gate():
     """It has to lie within 0.7 of the gate of 4 m, as corridors are symmetric."""
     weak, less = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2), result(Status.DEGENERATE)
-    more = dataclasses.replace(less, score=0.5)
+    more = dataclasses.replace(less, confidence=0.6)
     assert weak.check_scan_before(SE2(), SE2(0.0, 0.0, 0.1), more, less).decision is Decision.ACCEPT
     far = gate(motion=3.0, covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
     assert far.check_scan_before(SE2(), SE2(0.1), more, less).decision is Decision.REJECT

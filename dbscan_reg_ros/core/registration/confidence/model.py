@@ -71,6 +71,8 @@ def prior_gain(prior: Prior, candidate: FloatArray) -> float:
     return math.log((1.0 - _WRONG_PRIORS) * _ANY_MOTION / normaliser * math.exp(-0.5 * squared) + _WRONG_PRIORS)
 
 
+LIKELY = 0.5
+"""Confidence from which on a result is more likely right than wrong."""
 _MAX_LOG_ODDS = 50.0
 _ANY_MOTION = 250.0
 """Volume [m^2 rad] of the region in which the motions of the fitted pairs are uniformly distributed."""
