@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about wrong scan metadata: the same for a recording and in the node."""
-import json
 import math
-import timeit
 
 import numpy as np
 import pytest
-from bags import needs_rosbags
 
-from dbscan_reg_ros import Scan, extract_features
-from dbscan_reg_ros.commands import compare, replay, tune
-from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros import Scan
 from dbscan_reg_ros.recordings.scan_checks import Kind, ScanChecks, ScanFields, ScanWatch
 
 SECOND = 10**9
@@ -149,84 +144,6 @@ def test_an_angle_increment_of_0_or_no_beams_are_the_matter_of_others():
 def test_damaged_numbers_are_looked_at_without_a_warning():
     bits = np.array([0x7f800001, 0xffa00000, 0x7fc00000, 0x7f7fffff, 0x00000001, 0x80000000], dtype=np.uint32)
     assert sightings(drive(ranges=lambda _k: np.resize(bits, 360).view(np.float32))).keys() <= {Kind.MILLIMETRES}
-
-
-def test_a_scan_costs_little_beside_the_extraction_of_its_features():
-    """As a ratio within one run: both are timed in turns, and the best of each counts."""
-    scans, checks = list(drive(100, beams=1440)), ScanChecks()
-    angles = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
-    scan = Scan.from_ranges(2.0 + 0.1 * np.cos(3.0 * angles), angles, stamp=0)
-
-    def all_scans():
-        checks.restart()
-        for fields in scans:
-            checks.look(fields)
-
-    checked, extracted = zip(*((timeit.timeit(all_scans, number=1) / len(scans),
-                                timeit.timeit(lambda: extract_features(scan), number=1))
-                               for _ in range(20)), strict=True)
-    assert min(checked) < 0.05 * min(extracted)
-
-
-def kinds_of(path):
-    return [sighting.warning.kind.value for sighting in open_recording(path).look_through().sightings]
-
-
-@pytest.mark.parametrize('name, kinds', [
-    ('replay_two_frames', ['frame']),
-    ('millimetres/ranges_only', ['millimetres']),
-    ('millimetres/ranges_and_range_max', ['millimetres']),
-    ('replay_starts_in_motion/one_stamp_in_the_future', ['stamp_back']),
-    ('replay_starts_in_motion/four_seconds', []),
-    ('unclear_bag_messages/rlaser.log', []),
-    ('carmen/equal_stamps.log', []),
-    ('carmen/no_return_32.767_and_zero_stamps.log', []),
-    ('covariance_explodes/kinect_55deg_25s', []),
-])
-def test_faulty_recordings_are_reported_by_kind(cases, name, kinds):
-    assert kinds_of(cases / name) == kinds
-
-
-@pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static',
-                                  'urg04lx/exp1'])
-def test_real_recordings_cause_no_warning(data, path):
-    if not (data / path).exists():
-        pytest.skip(f'{path} is not there')
-    assert kinds_of(data / path) == []
-
-
-@needs_rosbags
-def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_page(cases, tmp_path, capsys):
-    assert replay.main(['--out', str(tmp_path), str(cases / 'replay_two_frames')]) == 0
-    output = capsys.readouterr().out
-    assert output.count("warning     the scans change from the frame 'front' to 'back': ") == 1
-    assert output.count('give each laser a topic') == 1 and '(121 of 122 scans, first scan 1)' in output
-    latest, = tmp_path.glob('*/latest')
-    warning, = json.loads((latest / 'metrics.json').read_text())['warnings']
-    assert (warning['kind'], warning['first_scan'], warning['scans']) == ('frame', 1, 121)
-    assert (latest / 'report.html').read_text().count("the scans change from the frame 'front' to 'back'") == 1
-
-
-@needs_rosbags
-@pytest.mark.parametrize('name, limit',
-                         [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
-def test_millimetres_are_reported_by_replay(cases, tmp_path, capsys, name, limit):
-    replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
-    captured = capsys.readouterr()
-    text = captured.out + captured.err
-    assert text.count('the ranges look like millimetres: half of them are above 1314.39') == 1
-    assert limit in text
-
-
-@needs_rosbags
-def test_compare_and_tune_say_it_before_they_begin(cases, tmp_path, capsys):
-    path = cases / 'replay_two_frames'
-    compare.main(['--processes', '1', '--out', str(tmp_path), 'defaults', 'identity', str(path)])
-    tune.main(['--processes', '1', '--trials', '1', '--scans', '30', '--search', 'random', '--out',
-               str(tmp_path / 'tune'), str(path)])
-    lines = [line for line in capsys.readouterr().err.splitlines() if 'from the frame' in line]
-    assert [line.split(': ')[0] for line in lines] == ['compare', 'tune']
-    assert '(121 of 122 scans' in lines[0] and '(29 of 30 scans' in lines[1]
 
 
 def test_a_scan_of_its_own_is_looked_at_as_its_message(scans):
