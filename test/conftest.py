@@ -48,6 +48,8 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
+    if item.get_closest_marker('long') and not item.config.getoption('--long'):
+        pytest.skip('with --long: takes long')
     with skipping_what_is_missing():
         return (yield)
 

@@ -14,7 +14,7 @@ from dbscan_reg_ros.evaluation.trackers import Step
 @pytest.fixture(scope='module')
 def soaked(size):
     """The figures of a drive, and the digest of its results."""
-    return soak.in_a_process(soak.drive, size(5000, 150_000))
+    return soak.in_a_process(soak.drive, size(3000, 150_000))
 
 
 def test_memory_and_containers_do_not_grow(soaked):
@@ -32,7 +32,7 @@ def test_three_runs_are_equal_to_the_last_bit(soaked):
 
 def test_the_node_says_the_same_to_the_last_bit(soaked, size):
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-    count = size(2000, 150_000)
+    count = size(1000, 150_000)
     figures = soak.drive_node(count, soaked[1])
     assert (figures['scans_count'], figures['lost_count'], figures['differ_count']) == (count, 0, 0)
     assert figures['growth_mb'] < 5.0

@@ -437,7 +437,7 @@ def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_l
     assert matcher.stop() == 0, matcher.output()
 
 
-@pytest.mark.parametrize('namespace', ['', 'robot1'])
+@pytest.mark.parametrize('namespace', [pytest.param('', marks=pytest.mark.long), 'robot1'])
 def test_a_bag_with_static_transforms_that_is_launched_is_answered(play, start_launched, tmp_path, namespace):
     for package in ('rosbags', 'tf2_msgs'):
         pytest.importorskip(package, reason=f'needs {package}')

@@ -47,7 +47,7 @@ def long_drive(count, beams, not_ok):
     return trajectory, history
 
 
-@pytest.mark.parametrize('not_ok', [23, 2])
+@pytest.mark.parametrize('not_ok', [23, pytest.param(2, marks=pytest.mark.long)])
 def test_150_000_scans_are_a_page_of_at_most_25_megabytes_that_states_what_it_leaves_out(show, tmp_path, not_ok):
     trajectory, history = long_drive(150_000, 360, not_ok)
     truth = np.array(trajectory.stamps), trajectory.pose_array() + np.array((0.0, 0.1, 0.0))

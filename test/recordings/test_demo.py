@@ -139,6 +139,7 @@ def test_a_command_of_the_package_runs_in_this_interpreter(tmp_path):
     assert process.output().startswith('usage: ')
 
 
+@pytest.mark.long
 @needs_rosbags
 def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     """They say that the laser's place is read from transforms, of which a recording has none."""

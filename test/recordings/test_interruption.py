@@ -116,7 +116,9 @@ def test_an_interruption_while_modules_are_imported_ends_without_a_traceback(beg
     assert interrupted(process) == (status, '', f'{command}: interrupted\n')
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+@pytest.mark.parametrize('number', [
+    pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM,
+    pytest.param(signal.SIGHUP, marks=pytest.mark.long)], ids=lambda number: number.name)
 def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordings, tmp_path, number):
     short = recordings[0].with_name(f'short{number}.log')
     lines = recordings[0].read_text().splitlines(keepends=True)
@@ -130,6 +132,7 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
     assert f'kept        {len(kept)} of 200 trials in out; the same command continues from there' in output
 
 
+@pytest.mark.long
 def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(begun, recordings, tmp_path):
     process = begun((tmp_path / 'out' / 'settings.json').exists, 'tune', *recordings, '--search', 'random', '--out',
                     'out',
@@ -178,6 +181,7 @@ def test_no_worker_outlives_a_command_that_is_killed(begun, recordings):
     wait_until(lambda: not any(map(running, below)), ENDED)
 
 
+@pytest.mark.long
 def test_a_second_interruption_does_not_wait_for_the_first(begun, recordings):
     process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
     below = children(process.pid)

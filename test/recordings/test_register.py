@@ -100,7 +100,7 @@ def test_the_paper_to_the_letter(intel, root, tmp_path, capsys):
     check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
 
 
-@pytest.mark.parametrize('number', [2152, 4740])
+@pytest.mark.parametrize('number', [2152, pytest.param(4740, marks=pytest.mark.long)])
 def test_the_example_of_the_paper_is_a_scan_and_its_own_points_moved(intel, tmp_path, capsys, number):
     assert intel(number, '--figure4') == 0
     x, y, degrees = printed_motion(capsys.readouterr().out)

@@ -206,6 +206,7 @@ def test_a_failed_build_is_tried_again_when_asked_for_or_when_something_has_chan
     assert add_tf2_msgs('HEADER=True', {'c++': '#!/bin/sh\necho newer\n'}) == (said, 5)
 
 
+@pytest.mark.long
 def test_tf2_msgs_is_built_below_a_path_with_an_apostrophe(root, tmp_path):
     """In a tree of links to the files of the environment that runs the tests."""
     if not (Path(sys.prefix) / 'share' / 'rosidl_generator_py').is_dir() or shutil.which('c++') is None:

@@ -101,6 +101,7 @@ def test_a_bad_start_gets_better_and_the_result_is_a_parameter_file(words, recor
     assert re.search(r'by recording \+\d+\.\d %', printed)
 
 
+@pytest.mark.long
 def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path, size):
     """Within 10 % of their error over 1 m; with --long in 200 trials on the whole log."""
     trials, scans = size((10, 500), (200, 5505))

@@ -197,7 +197,7 @@ def orange(path):
     return int(((red > 0.8) & (np.abs(green - 0.5) < 0.15) & (blue < 0.3)).sum())
 
 
-@pytest.mark.parametrize('path', ['aces/aces.log.gz', 'intel/intel.log.gz'])
+@pytest.mark.parametrize('path', ['aces/aces.log.gz', pytest.param('intel/intel.log.gz', marks=pytest.mark.long)])
 def test_evo_measures_the_same(data, tmp_path, path):
     """Position error and steps by ``evo``, run as a command, on the files that a replay writes."""
     for command in ('evo_ape', 'evo_rpe'):
@@ -262,6 +262,7 @@ def test_many_useless_scans_do_not_flood_the_terminal_and_none_is_no_success(dat
     assert says in printed and printed.count('not used') <= 5
 
 
+@pytest.mark.long
 def test_several_recordings_in_several_processes_give_what_one_gives(data, replay, tmp_path, capfd):
     for name, length in (('a', 80), ('b', 60)):
         with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
@@ -310,7 +311,7 @@ def messages_of(bag):
         return sum(1 for _ in reader.messages())
 
 
-@pytest.mark.parametrize('processes', [1, 2])
+@pytest.mark.parametrize('processes', [pytest.param(1, marks=pytest.mark.long), 2])
 def test_ctrl_c_leaves_valid_files_and_ends_with_130(data, root, tmp_path, processes):
     with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
         (tmp_path / 'long.log').write_text(whole.read() * 4)
