@@ -147,6 +147,11 @@ class OdometryParameters(ParameterGroup):
     deskew: bool = parameter(
         True, help='If true, the motion within a scan is removed, where the scan states its time_increment.')
 
+    @property
+    def window_size(self) -> int:
+        """Largest number of key frames of each sensor in the window."""
+        return self.key_frames if self.reference == 'window' else 1
+
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):
