@@ -34,7 +34,7 @@ class ScanParameters(ParameterGroup):
     noise_ratio_max: float = parameter(
         0.05, bounds=(0.0, 0.5),
         help='Upper limit of the range noise relative to the range, for sensors whose far returns are noisier than '
-             'near ones. Larger values reduce the weight of far returns further; 0 weighs all returns alike.')
+             'near ones. Larger values reduce the weight of far returns more; 0 weighs all returns alike.')
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class RingBandParameters(ParameterGroup):
 
     test: str = parameter(
         'consensus', choices=('anchor', 'consensus', 'off'),
-        help='Outlier test of the ring band filter: consensus, anchor (as in the paper) or off (no filter). consensus: '
-             'the beam lies on no line through two others of its ring; anchor: slopes from the beam before the ring.')
+        help='Outlier test of the ring band filter: consensus (outliers lie on no line through two other beams of '
+             'their ring), anchor (slopes from the beam before the ring, as in the paper) or off (no filter).')
     inner_threshold: int = parameter(
         2, unit='beams', bounds=(1, 4),
         help='Threshold T1 of Eq. 4: an outlier is removed when the inner ring of three beams holds at least this many '
@@ -87,8 +87,8 @@ class SegmentParameters(ParameterGroup):
              'in one piece; smaller values cut them more often.')
     max_gap: int = parameter(
         8, unit='beams', bounds=(1, 1000),
-        help='Two points with more than this many beams from one to the next lie on different surfaces. Larger values '
-             'bridge more beams without a return; smaller values cut surfaces there.')
+        help='Two neighbouring points that are more than this many beams apart lie on different surfaces. Larger '
+             'values bridge more beams without a return; smaller values cut surfaces at such gaps.')
     corners: str = parameter(
         'split', choices=('split', 'slope'),
         help='Corner detection: split (the point farthest from the chord of a surface) or slope (a jump in the slope '
@@ -99,12 +99,12 @@ class SegmentParameters(ParameterGroup):
              'and take longer; fewer are faster.')
     corner_penalty: float = parameter(
         200.0, bounds=(0.0, 1e6),
-        help='Cost of a further segment in slope corner detection, in units of the squared range noise. Larger values '
-             'give fewer and longer segments; 0 takes the least mean fitting error, which gives the most segments.')
+        help='Cost of each segment in slope corner detection, in units of the squared range noise. Larger values give '
+             'fewer and longer segments; 0 minimises the mean fitting error only, which gives the most segments.')
     sections: int = parameter(
         0, bounds=(0, 1000),
-        help='Number of equal sections of a segment to whose means its line is fitted (Eq. 7; the paper takes 5). '
-             'Fewer sections average more points in each; 0 fits the line to all points.')
+        help='Number of equal sections of a segment; its line is fitted to the mean points of the sections (Eq. 7; the '
+             'paper uses 5). Fewer sections average more points in each; 0 fits the line to all points.')
     split_distance: float = parameter(
         0.03, unit='m', bounds=(0.0, 10.0),
         help='A surface is split at its farthest point from the chord when that distance exceeds this plus '
@@ -116,12 +116,13 @@ class SegmentParameters(ParameterGroup):
              'Larger values resolve complex surfaces and take longer; smaller values leave corners undetected.')
     join_noise: float = parameter(
         2.5, bounds=(0.0, 100.0),
-        help='Neighbouring pieces are joined to one line when their joint residual is below this multiple of the range '
-             'noise. Larger values give fewer and longer segments; smaller values leave walls in pieces.')
+        help='Neighbouring pieces of a wall are joined to one line when the residual of that line is below this '
+             'multiple of the range noise. Larger values give fewer and longer segments; smaller values leave walls in '
+             'pieces.')
     join_gap: float = parameter(
         1.0, unit='m', bounds=(0.0, 100.0),
-        help='Neighbouring pieces farther apart than this are never joined to one line. Larger values join walls '
-             'across door openings; smaller values keep them apart.')
+        help='Neighbouring pieces of a wall farther apart than this are never joined to one line. Larger values join '
+             'walls across door openings; smaller values keep them apart.')
     min_points: int = parameter(
         4, unit='beams', bounds=(2, 1000),
         help='Segments with fewer points than this are dropped. Larger values keep only well-sampled lines; smaller '
@@ -144,8 +145,8 @@ class SegmentParameters(ParameterGroup):
              'Larger values give smoother normals and round off corners; smaller values follow details and noise.')
     normal_noise: float = parameter(
         4.0, bounds=(0.0, 100.0),
-        help='Multiple of the range noise below which advanced.segments.normal_reach is never taken. Larger values '
-             'give smoother normals for noisy sensors; 0 uses advanced.segments.normal_reach alone.')
+        help='Lower limit of the distance advanced.segments.normal_reach, as a multiple of the range noise. Larger '
+             'values give smoother normals for noisy sensors; 0 uses advanced.segments.normal_reach alone.')
     normal_beams: int = parameter(
         2, unit='beams', bounds=(1, 100),
         help='Least number of neighbouring beams on each side of a point that are used to fit its normal. Larger '

@@ -43,14 +43,14 @@ class PriorParameters(ParameterGroup):
              'prediction.')
     calibration_distance: float = parameter(
         300.0, unit='m', bounds=(0.0, 1000000.0),
-        help='Distance over which the calibration of systematic errors of an external prior forgets; a rotation of 1 '
-             'rad counts as 1 m. Larger values average for longer; smaller values follow changes sooner; 0 disables '
-             'the calibration.')
+        help='Distance after which the calibration of systematic errors of an external prior forgets measurements; a '
+             'rotation of 1 rad counts as 1 m. Larger values average for longer; smaller values follow changes '
+             'sooner; 0 disables the calibration.')
     unknown_sigma: float = parameter(
         0.25, unit='m', bounds=(0.001, 1000.0),
-        help='Standard deviation of the translation, and [rad] of the rotation, while no velocity is known, as after '
-             'a start. Larger values search a wider area and more headings; smaller values assume a sensor that '
-             'starts at rest.')
+        help='Standard deviation of the predicted translation, and [rad] of the predicted rotation, while no velocity '
+             'is known, as after a start. Larger values search a wider area and more headings; smaller values assume a '
+             'sensor that starts at rest.')
 
     @property
     def max_score_outside_gate(self) -> float:
@@ -67,29 +67,29 @@ class OdometryParameters(ParameterGroup):
     reference: str = parameter(
         'window', choices=('previous', 'keyframe', 'window'),
         help='Reference of a scan: previous (the last scan, as in the paper), keyframe (the latest key frame) or '
-             'window (the latest key frame, then an alignment with the last several).')
+             'window (the latest key frame, then an alignment with all key frames of the window).')
     prior: str = parameter(
         'constant_velocity', choices=('none', 'constant_velocity'),
-        help='Prediction without an external prior: none (any motion since the last scan) or constant_velocity (the '
-             'motion model).')
+        help='Prediction when there is no external prior: none (every motion since the last scan is equally likely) or '
+             'constant_velocity (the motion model).')
     key_frames: int = parameter(
         40, bounds=(1, 1000),
         help='Number of key frames in the window. Larger values reduce drift where the robot comes back to known '
              'places and take longer; smaller values are faster.')
     dynamic_key_frames: int = parameter(
         6, bounds=(0, 1000),
-        help='Number of latest key frames whose free space reveals dynamic points, which are left out. Larger values '
-             'find more dynamic points and take longer; 0 disables the detection.')
+        help='Number of latest key frames whose free space is compared with a scan to find dynamic points, which are '
+             'left out. Larger values find more dynamic points and take longer; 0 disables the detection.')
     dynamic_margin: float = parameter(
         0.2, unit='m', bounds=(0.0, 100.0),
-        help='A point is dynamic when it lies farther than this in front of what a key frame saw. It applies where the '
-             'translation is predicted to better than this. Larger values leave out fewer points; smaller values also '
-             'leave out static points.')
+        help='A point is dynamic when it lies farther than this in front of the ranges of a key frame. The detection '
+             'runs when the standard deviation of the predicted translation is smaller than this. Larger values leave '
+             'out fewer points; smaller values also leave out static points.')
     movable_size: float = parameter(
         1.1, unit='m', bounds=(0.0, 100.0),
         help='An object smaller than this counts as movable (a person, for example) if the ranges on both sides of it '
-             'are larger or the scan ends there. Larger values reduce the weight of more objects; 0 treats no object '
-             'as movable.')
+             'are larger, or if the scan ends there. Larger values reduce the weight of more objects; 0 treats no '
+             'object as movable.')
     movable_weight: float = parameter(
         0.03, bounds=(0.0, 1.0),
         help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '
@@ -122,11 +122,11 @@ class OdometryParameters(ParameterGroup):
     older_key_frames: int = parameter(
         2, bounds=(0, 100),
         help='Number of older key frames that are tried when the latest one gives no result or leaves a degenerate '
-             'direction. Larger values find more scans and take longer; 0 tries none.')
+             'direction. Larger values register more scans and take longer; 0 tries none.')
     coast_time: float = parameter(
         1.0, unit='s', bounds=(0.0, 1000.0),
-        help='Time for which dead reckoning goes on at the last velocity while scans are not found. Larger values '
-             'bridge longer gaps and stray farther; smaller values assume a standstill sooner.')
+        help='Time for which dead reckoning continues at the last velocity while scans cannot be registered. Larger '
+             'values bridge longer gaps and drift farther; smaller values assume a standstill sooner.')
     restart_time: float = parameter(
         5.0, unit='s', bounds=(0.0, 10000.0),
         help='Time after which a track that is still lost restarts with the current scan as reference. Larger values '
@@ -137,15 +137,17 @@ class OdometryParameters(ParameterGroup):
              'Larger values suppress more jitter, and very slow motions; 0 disables the update.')
     max_speed: float = parameter(
         5.0, unit='m/s', bounds=(0.01, 1000.0),
-        help='Highest speed of the sensor. A result that asks for more since the last scan that was found is rejected, '
-             'and the status is FAILED. Larger values suit fast vehicles; smaller values reject more outliers.')
+        help='Highest speed of the sensor. A result that implies a higher speed since the last registered scan is '
+             'rejected, and the status is FAILED. Larger values suit fast vehicles; smaller values reject more '
+             'outliers.')
     max_turn_rate: float = parameter(
         6.3, unit='rad/s', bounds=(0.01, 1000.0),
-        help='Highest turn rate of the sensor. A result that asks for more since the last scan that was found is '
+        help='Highest turn rate of the sensor. A result that implies a higher rate since the last registered scan is '
              'rejected, and the status is FAILED. Larger values suit fast rotations; smaller values reject more '
              'outliers.')
     deskew: bool = parameter(
-        True, help='If true, the motion within a scan is removed, where the scan states its time_increment.')
+        True, help='If true, points are corrected for the motion of the sensor during a scan, provided that the scan '
+                   'states its time_increment.')
 
     @property
     def window_size(self) -> int:
@@ -155,7 +157,7 @@ class OdometryParameters(ParameterGroup):
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):
-    """Heading correction by the directions that most walls of a building share, modulo a right angle."""
+    """Heading correction from the directions that most walls of a building share, modulo a right angle."""
 
     heading_drift: float = parameter(
         0.0011, unit='rad', bounds=(0.0, 1.0),
@@ -164,13 +166,13 @@ class ManhattanParameters(ParameterGroup):
              'correction.')
     wall_sigma: float = parameter(
         0.012, unit='rad', bounds=(0.0001, 1.0),
-        help='Standard deviation of the walls of one place from the common directions. Larger values correct the '
-             'heading less; smaller values trust every wall more.')
+        help='Standard deviation of the direction of walls in one place from the common directions of the building. '
+             'Larger values correct the heading less; smaller values trust every wall more.')
     correlation_distance: float = parameter(
         20.0, unit='m', bounds=(0.1, 100000.0),
         help='Distance over which the deviation of walls from the common directions is correlated. Larger values '
-             'take the walls of a longer distance as one observation and correct the heading less; smaller values '
-             'take more walls as new observations.')
+             'treat the walls along a longer distance as one observation and correct the heading less; smaller values '
+             'treat more walls as new observations.')
     direction_sigma: float = parameter(
         0.035, unit='rad', bounds=(0.001, 0.5),
         help='Standard deviation within which a wall counts as parallel to a common direction. Larger values use more '
@@ -183,7 +185,7 @@ class ManhattanParameters(ParameterGroup):
 
 @dataclass(frozen=True)
 class TimeParameters(ParameterGroup):
-    """Stamps."""
+    """Handling of stamps that jump."""
 
     BASIC = 'max_jump',
 

@@ -12,7 +12,7 @@ _CLUSTERINGS = 'built_in', 'scikit_learn'
 
 @dataclass(frozen=True)
 class RotationParameters(ParameterGroup):
-    """Clusters of angle differences (Eq. 9)."""
+    """Clustering of the angle differences between lines of two scans (Eq. 9)."""
 
     BASIC = 'eps', 'min_samples'
 
@@ -29,7 +29,7 @@ class RotationParameters(ParameterGroup):
     eps: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
         help='Neighbourhood radius of DBSCAN over angle differences. Larger values merge clusters; smaller values '
-             'split them; 0 takes it from the k-dist graph of each pair of scans.')
+             'split them; 0 estimates the radius from the k-dist graph of each pair of scans.')
     eps_min: float = parameter(
         0.005, unit='rad', bounds=(0.0001, 3.2),
         help='Lower limit of the neighbourhood radius from the k-dist graph of angle differences. Larger values merge '
@@ -48,37 +48,37 @@ class RotationParameters(ParameterGroup):
              'wider clusters; smaller values split more; 0 never clusters again.')
     median_scale: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
-        help='Distance from the median of a rotation cluster at which a sample has half its weight in the mean. '
+        help='Distance from the median of a rotation cluster at which a sample keeps half its weight in the mean. '
              'Smaller values make the mean more robust; 0 disables this weighting.')
     max_hypotheses: int = parameter(
         5, bounds=(1, MAX_COUNT),
-        help='Number of rotation clusters that become hypotheses, the heaviest first. Larger values find more unusual '
-             'motions and take longer; smaller values are faster.')
+        help='Number of rotation clusters that become hypotheses, those with the largest weight first. Larger values '
+             'find more unusual motions and take longer; smaller values are faster.')
 
 
 @dataclass(frozen=True)
 class TranslationParameters(ParameterGroup):
-    """Clusters of translations (Eq. 10-15)."""
+    """Clustering of the translations that pairs of matched lines give (Eq. 10-15)."""
 
     BASIC = 'eps', 'min_samples'
 
     form: str = parameter(
         'signed', choices=('signed', 'squared'),
-        help='Equation of a pair of lines: signed (directed lines give one translation) or squared (Eq. 15 of the '
-             'paper, which leaves the sign open: four translations for two pairs).')
+        help='Equation from which two pairs of matched lines give a translation: signed (directed lines give one '
+             'translation) or squared (Eq. 15 of the paper, whose open signs give four translations).')
     parallel_sigma: float = parameter(
         0.06, unit='rad', bounds=(0.0001, 1.6),
         help='Standard deviation of the angle by which two matched lines may differ from parallel (eps1 of Eq. 12). '
              'Larger values match more lines, wrong ones among them; smaller values match fewer.')
     min_crossing_sine: float = parameter(
         0.35, bounds=(0.0001, 1.0),
-        help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13), and of a wall '
-             'with a degenerate direction for its points to take part in the search along it. Larger values use fewer '
+        help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
+             'along a degenerate direction also uses only walls at this angle to it or more. Larger values use fewer '
              'and better conditioned lines; smaller values use more.')
     max_pairs: int = parameter(
         14, bounds=(2, 10000),
-        help='Number of line pairs that are used for each rotation, the heaviest first. Larger values give more '
-             'samples and take longer; smaller values are faster.')
+        help='Number of line pairs that are used for each rotation, those with the largest weight first. Larger values '
+             'give more samples and take longer; smaller values are faster.')
     end_weight: float = parameter(
         1.0, bounds=(0.0, 100.0),
         help='Weight of matched end points relative to pairs of lines. Larger values trust corners and free ends more; '
@@ -101,8 +101,9 @@ class TranslationParameters(ParameterGroup):
              'Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
     shortest_rotations: int = parameter(
         2, bounds=(0, 1000),
-        help='Number of rotations, the heaviest first, whose shortest translation is a hypothesis as well, because no '
-             'lines cross between parallel walls. Larger values add hypotheses in corridors; 0 adds none.')
+        help='Number of rotations, those with the largest weight first, that also get a hypothesis with the shortest '
+             'translation, since parallel walls do not constrain the translation along them. Larger values add '
+             'hypotheses in corridors; 0 adds none.')
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class DensityParameters(ParameterGroup):
 
     max_points: int = parameter(
         200, bounds=(10, 100000),
-        help='Number of points of a scan, evenly along it, that hypotheses are compared by. More points give better '
+        help='Number of points, evenly spaced along a scan, from which hypotheses are scored. More points give better '
              'scores and take longer; fewer are faster.')
     cell_size: float = parameter(
         0.04, unit='m', bounds=(0.005, 10.0),
@@ -125,24 +126,24 @@ class DensityParameters(ParameterGroup):
              'cells small for far-reaching sensors and take memory and time; smaller values are faster.')
     max_distance: float = parameter(
         0.4, unit='m', bounds=(0.02, 2.0),
-        help='Distance beyond which a point has no correspondence. Larger values draw hypotheses in from farther away '
-             'and take longer; smaller values reject more outliers.')
+        help='Distance beyond which a point has no correspondence. Larger values let hypotheses converge from farther '
+             'away and take longer; smaller values reject more outliers.')
     min_normal_cosine: float = parameter(
         0.5, bounds=(-1.0, 1.0),
         help='Least cosine of the angle between the normals of two corresponding points. Larger values reject more '
              'wrong correspondences; smaller values accept noisier normals.')
     violation_weight: float = parameter(
         0.7, bounds=(0.0, 100.0),
-        help='Weight of a point in the free space of the other scan, relative to a point on its surface. Larger values '
-             'reject hypotheses that see through walls; smaller values tolerate dynamic points.')
+        help='Weight in the score of a point in the free space of the other scan, relative to a point on a surface. '
+             'Larger values reject hypotheses that see through walls; smaller values tolerate dynamic points.')
     violation_tolerance: float = parameter(
         0.15, unit='m', bounds=(0.01, 10.0),
-        help='Distance in front of what the other scan saw from which on a point violates its free space. Larger '
-             'values tolerate larger errors; smaller values detect more violations.')
+        help='A point violates the free space of the other scan when it lies farther than this in front of the ranges '
+             'measured there. Larger values tolerate larger errors; smaller values detect more violations.')
     leverage_ridge: float = parameter(
         1.0, bounds=(0.001, 1000.0),
-        help='Ridge of the leverage by which points with a rare normal direction get more weight. Larger values weigh '
-             'all points more alike; smaller values stress the few points at the end of a corridor.')
+        help='Ridge of the statistical leverage that gives points with a rare normal direction more weight. Larger '
+             'values weigh all points more alike; smaller values stress the few points at the end of a corridor.')
 
 
 @dataclass(frozen=True)
@@ -152,11 +153,11 @@ class SelectionParameters(ParameterGroup):
     method: str = parameter(
         'density', choices=('density', 'divergence'),
         help='Selection among translation clusters: density (pre-selection, refinement and score on the likelihood '
-             'field) or divergence (least K-L divergence within the key clusters, as in the paper).')
+             'field) or divergence (smallest K-L divergence within the key clusters, as in the paper).')
     max_clusters: int = parameter(
         20, bounds=(1, MAX_COUNT),
-        help='Number of translation clusters that enter the pre-selection, the heaviest first. Larger values find more '
-             'unusual motions and take longer; smaller values are faster.')
+        help='Number of translation clusters that enter the pre-selection, those with the largest weight first. Larger '
+             'values find more unusual motions and take longer; smaller values are faster.')
     preselection_points: int = parameter(
         60, bounds=(5, 10000),
         help='Number of points for the pre-selection and, without a prior, for the coarse refinement; points with a '
@@ -167,8 +168,8 @@ class SelectionParameters(ParameterGroup):
              'pre-selection. Larger values are more forgiving; smaller values choose more strictly.')
     preselected: int = parameter(
         4, bounds=(1, MAX_COUNT),
-        help='Number of hypotheses that pass the pre-selection. Larger values lose fewer good ones and take longer; '
-             'smaller values are faster.')
+        help='Number of hypotheses that pass the pre-selection. Larger values lose fewer good hypotheses and take '
+             'longer; smaller values are faster.')
     min_support_ratio: float = parameter(
         0.6, bounds=(0.0, 1.0),
         help='Without a prior, hypotheses with less than this fraction of the best support are dropped before the '
@@ -188,25 +189,28 @@ class SelectionParameters(ParameterGroup):
              'Larger values help among trees and poles and take longer; 0 uses none.')
     landmark_size: float = parameter(
         1.0, unit='m', bounds=(0.0, 10.0),
-        help='Small objects below this size are landmarks of the wide search. Larger values take more objects for '
-             'landmarks; smaller values take only poles and trunks.')
+        help='Small objects below this size are landmarks of the wide search. Larger values use more objects as '
+             'landmarks; smaller values use only poles and trunks.')
     top_candidates: int = parameter(
         2, bounds=(1, 1000),
         help='Number of distinct hypotheses that reach the fine refinement and are compared there. Larger values '
-             'decide better between similar places and take longer; 1 takes the best coarse score.')
+             'decide better between similar places and take longer; 1 selects the hypothesis with the best coarse '
+             'score.')
     max_score_gap: float = parameter(
         0.8, bounds=(0.0, 2.0),
-        help='Hypotheses whose coarse score, less the square roots of the fractions in free space, is lower than the '
-             'best by more than this are dropped before the fine refinement. Larger values compare more of them; '
-             'smaller values are faster.')
+        help='Hypotheses are dropped before the fine refinement when their coarse score, reduced for points in free '
+             'space, is lower than the best one by more than this. Larger values compare more hypotheses; smaller '
+             'values are faster.')
     same_distance: float = parameter(
         0.05, unit='m', bounds=(0.0, 10.0),
-        help='Two hypotheses closer than this, and than advanced.selection.same_angle in rotation, count as one. '
-             'Larger values keep fewer distinct hypotheses; smaller values keep more.')
+        help='Two hypotheses count as one when their translations differ by less than this, and their rotations by '
+             'less than advanced.selection.same_angle. Larger values keep fewer distinct hypotheses; smaller values '
+             'keep more.')
     same_angle: float = parameter(
         0.02, unit='rad', bounds=(0.0, 3.2),
-        help='Two hypotheses whose rotations differ by less than this, and by advanced.selection.same_distance in '
-             'translation, count as one. Larger values keep fewer distinct hypotheses; smaller values keep more.')
+        help='Two hypotheses count as one when their rotations differ by less than this, and their translations by '
+             'less than advanced.selection.same_distance. Larger values keep fewer distinct hypotheses; smaller values '
+             'keep more.')
 
 
 @dataclass(frozen=True)
@@ -217,7 +221,7 @@ class DivergenceParameters(ParameterGroup):
 
     bandwidth: float = parameter(
         0.0, unit='m', bounds=(0.0, 100.0),
-        help='Bandwidth h of Eq. 16. Larger values smooth the densities; smaller values keep details; 0 takes '
+        help='Bandwidth h of Eq. 16. Larger values smooth the densities; smaller values keep details; 0 applies '
              "Silverman's rule for each axis of the reference.")
     grid: int = parameter(
         200, bounds=(2, 100000),
@@ -231,16 +235,16 @@ class RefinementParameters(ParameterGroup):
 
     coarse_iterations: int = parameter(
         3, bounds=(0, 100),
-        help='Number of coarse iterations of all hypotheses. Larger values draw hypotheses in from farther away and '
-             'take longer; 0 disables them and the search along a degenerate direction.')
+        help='Number of coarse iterations of all hypotheses. Larger values let hypotheses converge from farther away '
+             'and take longer; 0 disables these iterations and the search along a degenerate direction.')
     coarse_scale: float = parameter(
         0.25, unit='m', bounds=(0.001, 10.0),
-        help='Kernel scale of the first coarse iteration. Larger values draw hypotheses in from farther away; smaller '
-             'values resist outliers more.')
+        help='Kernel scale of the first coarse iteration. Larger values let hypotheses converge from farther away; '
+             'smaller values resist outliers more.')
     fine_iterations: int = parameter(
         2, bounds=(0, 100),
         help='Number of fine iterations when several hypotheses are compared; a single top candidate goes to '
-             'polishing. Larger values compare more exactly and take longer; 0 compares by the coarse result.')
+             'polishing. Larger values compare more exactly and take longer; 0 compares the coarse results.')
     fine_scale: float = parameter(
         0.1, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last coarse and of the first fine iteration. Larger values tolerate larger remaining '
@@ -267,13 +271,13 @@ class RefinementParameters(ParameterGroup):
              'smaller values resist outliers more.')
     map_scale: float = parameter(
         0.01, unit='m', bounds=(0.001, 10.0),
-        help='Kernel scale of the last iteration against the key-frame window, and standard deviation by which points '
-             'are weighed against the prediction there; at least the range noise. Larger values use more points and '
-             'give the prediction more weight; smaller values resist outliers more.')
+        help='Kernel scale of the last iteration against the key-frame window, and standard deviation of a point '
+             'there relative to the prediction; at least the range noise. Larger values use more points and give the '
+             'prediction more weight; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '
-             'direction. Larger values give higher scores to inexact matches; smaller values ask for a closer fit and '
+             'direction. Larger values give higher scores to inexact matches; smaller values require a closer fit and '
              'search in finer steps.')
     damping: float = parameter(
         0.003, bounds=(1e-6, 1.0),
@@ -307,16 +311,17 @@ class DegeneracyParameters(ParameterGroup):
 
     information_ratio: float = parameter(
         0.05, bounds=(0.0, 1.0),
-        help='A direction is degenerate, and searched, when the information along it is below this fraction of that '
-             'across it. Larger values search more often and take longer; smaller values search only in bare '
-             'corridors.')
+        help='A direction is degenerate, and searched, when the information along it is below this fraction of the '
+             'information across it. Larger values search more often and take longer; smaller values search only in '
+             'bare corridors.')
     search_distance: float = parameter(
         1.0, unit='m', bounds=(0.0, 100.0),
-        help='Distance to both sides that is searched along a degenerate direction. Larger values correct larger '
-             'errors, may find a repeated structure instead, and take longer; smaller values stay near the hypothesis.')
+        help='Distance that is searched to either side of a hypothesis along a degenerate direction. Larger values '
+             'correct larger errors, may find a repeated structure instead, and take longer; smaller values stay near '
+             'the hypothesis.')
     min_points: int = parameter(
         2, bounds=(1, 1000),
-        help='Least number of points that face along a degenerate direction for it to be searched. Larger values '
+        help='A degenerate direction is searched when at least this many points have normals along it. Larger values '
              'search less often; smaller values search on little evidence.')
     parallel_tolerance: float = parameter(
         0.25, bounds=(0.0, 1.0),
@@ -354,13 +359,13 @@ class DecisionParameters(ParameterGroup):
     weak_prior_sigma: float = parameter(
         0.5, unit='m', bounds=(0.0, 1000.0),
         help='A predicted translation with a larger standard deviation than this counts as a weak prior in the '
-             'odometry, after which OK needs advanced.decision.weak_prior_information. Larger values trust weak '
-             'predictions more; smaller values ask for more points more often.')
+             'odometry. The status OK then requires advanced.decision.weak_prior_information. Larger values trust weak '
+             'predictions more; smaller values require more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0),
-        help='Number of effective points that must constrain the weakest direction for OK after a weak prior '
-             '(advanced.decision.weak_prior_sigma). Larger values report OK less often in corridors; smaller values '
-             'report it more often.')
+        help='Number of effective points that must constrain the weakest direction for the status OK after a weak '
+             'prior (advanced.decision.weak_prior_sigma). Larger values report OK less often in corridors; smaller '
+             'values report it more often.')
     parallel_tolerance: float = parameter(
         0.15, bounds=(0.0, 1.0),
         help='Normals with a smaller component than this along the weakest direction of a corridor add nothing to its '
@@ -368,8 +373,9 @@ class DecisionParameters(ParameterGroup):
              'more.')
     covariance_scale: float = parameter(
         0.7, bounds=(0.001, 10000.0),
-        help='Factor on the variance of a point in the covariance, for errors that neighbours share. Larger values '
-             'report larger covariances; smaller values report smaller ones.')
+        help='Factor on the variance of each point in the computation of the covariance, because the errors of '
+             'neighbouring points are correlated. Larger values report larger covariances; smaller values report '
+             'smaller ones.')
     few_points_scale: float = parameter(
         8.0, bounds=(0.0, 1000.0),
         help='Number of effective points in the weakest direction at which its variance is doubled, because the errors '

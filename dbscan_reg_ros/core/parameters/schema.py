@@ -25,7 +25,7 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
     Parameters
     ----------
     default : float, int, bool, str or tuple of float or str
-        A tuple of numbers as default makes a list of that length, a tuple of texts a list of one or more.
+        With a tuple of numbers as default, values are lists of that length; with a tuple of texts, of any length > 0.
     help : str
         Whole sentences: what the parameter does, and what larger and smaller values cause.
     unit : str
@@ -45,7 +45,7 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
 
 @dataclass(frozen=True)
 class Description:
-    """The description of one parameter by its full name.
+    """Description of one parameter, with its full name.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Description:
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """A frozen dataclass of parameters that checks each value as it is made.
+    """A frozen dataclass of parameters that checks every value when an instance is made.
 
     Attributes
     ----------
@@ -110,13 +110,13 @@ class ParameterGroup:
 
 @dataclass(frozen=True)
 class ParameterTree:
-    """A frozen dataclass of parameters and groups of parameters, read and made by full names.
+    """A frozen dataclass of parameters and groups of parameters that can be read and changed by full name.
 
-    An attribute is ``group.field``, whether the parameter is basic or advanced.
+    In Python a parameter is the attribute ``group.field``, whether it is basic or advanced.
     """
 
     def __repr__(self) -> str:
-        """Show what differs from the defaults."""
+        """Show the parameters that differ from their defaults."""
         values = self.flatten()
         changed = {each.name: values[each.name] for each in self.describe() if values[each.name] != each.default}
         return f'{type(self).__name__}()' + (f'.replace({changed})' if changed else '')
@@ -157,12 +157,12 @@ class ParameterTree:
 
 
 def check(description: Description, value: object) -> Any:
-    """Return `value` in the parameter's own type.
+    """Return `value` in the type of the described parameter.
 
     Raises
     ------
     ParameterError
-        When it has another type or lies outside its bounds.
+        When `value` has another type or lies outside the bounds.
     """
     d = description
     if d.type is tuple:

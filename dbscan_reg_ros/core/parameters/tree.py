@@ -21,7 +21,7 @@ from .registration import (
 from .schema import ADVANCED, ParameterTree
 
 _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps')
-"""Group and name of quantities with a lower and an upper limit, each a parameter; an upper limit of 0 is none."""
+"""Group and name of quantities whose lower and upper limit are parameters; an upper limit of 0 means no limit."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,7 +52,7 @@ class Parameters(ParameterTree):
                 known = {each.name.removeprefix(ADVANCED): each.name for each in self.describe()}
                 low, high = (known[f'{group}.{name}_{end}'] for end in ('min', 'max'))
                 raise ParameterError(f'{low} = {least}: expected at most {high}, which is {greatest}; '
-                                     'set both at once, or first the one that still fits')
+                                     'set both at once, or change the other limit first')
 
     @cached_property
     def widened(self) -> 'Parameters':
