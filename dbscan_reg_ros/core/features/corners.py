@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corners at jumps in the slope of the ranges, above a threshold that is searched by fitting error (Eq. 6-7)."""
+"""Corners at jumps in the slope of the ranges, with the threshold of the jump chosen by the fitting error (Eq. 6-7)."""
 import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
@@ -12,13 +12,13 @@ from .point_sequence import PointSequence
 
 def slope_stretches(sequence: PointSequence, noise: FloatArray,
                     parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
-    """Cut the surfaces of a scan at the corners of the best threshold ``dk_th``.
+    """Cut the surfaces of a scan at the corners that the best threshold ``dk_th`` gives.
 
-    Only local maxima of the slope difference (Eq. 6) can be corners, so only so many thresholds differ; each of them,
-    or `corner_thresholds` of them evenly by rank, is tried. Without a penalty the least mean squared error of all
-    segments wins, as in the paper, which nearly always means the most corners. With a penalty, the sum of the squared
-    errors in units of the noise, plus the penalty for every segment, is minimised; of equal costs the fewest corners
-    win.
+    Only local maxima of the slope difference (Eq. 6) can be corners. The value of each maximum, or of
+    `corner_thresholds` maxima evenly by rank, is tried as the threshold. Without a penalty the mean squared error of
+    all segments is minimised, as in the paper, which nearly always gives the most corners. With a penalty, the sum of
+    the squared errors in units of the noise, plus the penalty for every segment, is minimised. Of equal costs, the one
+    with the fewest corners is chosen.
 
     Parameters
     ----------
@@ -55,15 +55,15 @@ def slope_stretches(sequence: PointSequence, noise: FloatArray,
 def slope_differences(points: ComplexArray, radius: FloatArray, breaks: BoolArray) -> FloatArray:
     """Return the slope difference ``dk`` at each point (Eq. 6).
 
-    The angle between neighbours is that of the points themselves, which need not be evenly spaced; where two hardly
-    differ in bearing, a tenth of the median step is taken.
+    The angle between neighbouring points is computed from their positions, because they need not be evenly spaced. It
+    is raised to at least a tenth of the median angle.
 
     Parameters
     ----------
     points : (P,) complex
-        In beam order [m].
+        Positions in beam order [m].
     radius : (P,) float
-        Their ranges [m].
+        Range of each point [m].
     breaks : (P - 1,) bool
         As in `PointSequence`.
 
@@ -93,4 +93,4 @@ def rank_corners(difference: FloatArray) -> IntArray:
 
 
 _MIN_POINTS = 3
-"""Least number of points for a slope difference."""
+"""Minimum number of points for a slope difference."""

@@ -30,7 +30,7 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
         Standard deviation of a range of this sensor as a fraction of the range, where it is known from
         more than this scan.
     backend : Backend, optional
-        Implementation of the steps; by default the compiled one where it is built. The features keep it.
+        Implementation of the steps; by default the compiled one where it is built. The features store the backend.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
 
 
 def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
-    """Extract the features of a scan whose returns are selected already; as `extract_features`."""
+    """Extract the features of a scan from its selected returns; parameters and errors are as for `extract_features`."""
     limits, scan = parameters.scan, returns.scan
     filtered, _ = ring_band_filter(returns.points, returns.noise, parameters.filter)
     beams = np.isfinite(filtered[:, 0]).nonzero()[0]

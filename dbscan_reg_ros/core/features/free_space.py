@@ -25,7 +25,7 @@ class FreeSpaceProfile:
 
     @cached_property
     def nearby(self) -> FloatArray:
-        """``(B,)`` least `near` [m] of each bin and two on either side, which allows for errors of the bearing."""
+        """``(B,)`` smallest `near` [m] of each bin and the two bins on either side, to allow for bearing errors."""
         near = np.concatenate((self.near[-2:], self.near, self.near[:2]))
         nearby: FloatArray = np.lib.stride_tricks.sliding_window_view(near, _NEARBY_BINS).min(axis=1)
         return nearby
@@ -35,7 +35,7 @@ class FreeSpaceProfile:
         return bins(points, len(self.near))
 
     def violation(self, points: ComplexArray, tolerance: float | FloatArray) -> FloatArray:
-        """Return 1 for points well in front of what the scan saw, falling to 0 within the `tolerance` [m]."""
+        """Return how far points lie in front of the measured ranges: 0 up to the `tolerance` [m], 1 from twice that."""
         return in_front(np.abs(points), self.near.take(self.bins(points)), tolerance)
 
 
@@ -50,7 +50,7 @@ def bins(points: ComplexArray, size: int | IntArray) -> IntArray:
 
 
 def in_front(radius: FloatArray, near: FloatArray, tolerance: float | FloatArray) -> FloatArray:
-    """Return 1 where a `radius` [m] is well below `near` [m], falling to 0 within the `tolerance` [m]."""
+    """Return how far a `radius` [m] is below `near` [m]: 0 up to the `tolerance` [m], rising to 1 at twice that."""
     front: FloatArray = near - radius
     front -= tolerance
     front *= 1.0 / tolerance
@@ -68,7 +68,7 @@ def _edges(size: int) -> FloatArray:
 def build_free_space_profile(points: FloatArray, increment: float) -> FreeSpaceProfile:
     """Build the `FreeSpaceProfile` of a scan.
 
-    A bin has information when the beams next to both of its edges have a return, at most three increments apart.
+    A bin has information when returns next to both of its edges are less than three increments apart.
 
     Parameters
     ----------

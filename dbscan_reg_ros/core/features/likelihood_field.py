@@ -18,8 +18,8 @@ _CELLS_AT_ONCE = 2**22
 class LikelihoodField:
     """Oriented points and a grid with the index of the nearest of them: the reference density as a table (Eq. 16-18).
 
-    The Gaussian kernel of the density estimate is evaluated for the line of the nearest point only: one lookup for a
-    point instead of a sum over all.
+    The Gaussian kernel of the density estimate is evaluated for the line of the nearest point only: one lookup replaces
+    the sum over all points.
 
     Attributes
     ----------
@@ -32,14 +32,15 @@ class LikelihoodField:
     index : (cells,) int
         Nearest point of each cell; P, which stands for no point, where none is near.
     normals : (P + 1,) complex
-        Conjugated unit normals, 0 for the last: the product with one has the components along and across the normal.
+        Conjugated unit normals, the last one 0: their product with a vector has its components along and across the
+        normal.
     offsets : (P + 1,) float [m]
         Distance of the line of each point from the sensor, along its normal.
     along : (P + 1,) float [m]
         Position of each point along its line.
     extents : (P + 1,) float [m]
-        Distance along its line, on either side, for which each point represents the surface: that to the nearer of its
-        neighbours, at least a cell. Points beyond the end of a wall do not constrain its position.
+        Distance along its line, to either side, over which each point represents the surface: the distance to its
+        nearer neighbour, but at least a cell. Points beyond the end of a wall do not constrain its position.
     """
 
     origin: complex
@@ -89,7 +90,7 @@ def _nearest_points(points: tuple[FloatArray, FloatArray], shape: tuple[int, int
     shape : (int, int)
         Cells along x and y.
     reach : float
-        Distance in cells within which a point counts.
+        Distance in cells beyond which no point counts as the nearest.
 
     Returns
     -------
@@ -126,7 +127,7 @@ def _nearest_points(points: tuple[FloatArray, FloatArray], shape: tuple[int, int
 def _disc(radius: float) -> tuple[IntArray, IntArray]:
     """Return row and column offsets ``(K, 4)`` of the cells of a disc with a `radius` in cells, from far to near.
 
-    The order is that of distances from a point in each quarter of the cell in the middle.
+    Each column is sorted by the distance from a point in one quarter of the middle cell (`_QUARTERS`).
     """
     reach = math.ceil(radius)
     side = np.arange(-reach, reach + 1)

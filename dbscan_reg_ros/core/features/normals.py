@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Normals of the points of a scan, by line fits to their neighbours."""
+"""Normals of the points of a scan, from line fits to their neighbours."""
 import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
@@ -38,7 +38,7 @@ def estimate_normals(sequence: PointSequence, noise: FloatArray, parameters: Seg
 
 
 def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
-    """Return the first neighbour of each point, and the one after the last.
+    """Return the index of the first neighbour of each point, and that of the point after its last neighbour.
 
     The window of a point spans `normal_reach`, or `normal_noise` times the noise where that is more, and at least
     `normal_beams` on each side: noise acts along the beams and tilts lines through points that lie close together. The
@@ -63,6 +63,6 @@ def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentPara
 _STEPS = 3
 """Number of steps between beams over which the distance along a surface is averaged."""
 _MIN_NEIGHBOURS = 3
-"""Least number of points for a normal."""
+"""Minimum number of points in the window of a point for it to have a normal."""
 _MAX_RESIDUAL = 0.25
 """Ratio of the squared extents across and along the line above which a point has no normal."""

@@ -17,8 +17,8 @@ Values = TypeVar('Values', FloatArray, ComplexArray)
 class OrientedPoints:
     """Points with normals that are compared with a reference.
 
-    Positions and directions in the plane are complex numbers, here and wherever scans are compared: a rotation is a
-    product.
+    Positions and directions in the plane are complex numbers, here and wherever scans are compared, because a rotation
+    is then a product.
 
     Attributes
     ----------
@@ -43,12 +43,12 @@ class OrientedPoints:
         return len(self.points)
 
     def select(self, chosen: IntArray | BoolArray | slice) -> 'OrientedPoints':
-        """Return the points that `chosen`, indices, a mask or a slice, selects."""
+        """Return the points that `chosen` selects; it holds indices, a mask or a slice."""
         weights, inverse_noise = (part if part is None else part[chosen] for part in (self.weights, self.inverse_noise))
         return OrientedPoints(self.points[chosen], self.normals[chosen], self.beams[chosen], weights, inverse_noise)
 
     def joined(self, other: 'OrientedPoints') -> 'OrientedPoints':
-        """Append the `other` points; all get an inverse noise scale of 1."""
+        """Append the `other` points; the inverse noise scale of all points becomes 1."""
         return OrientedPoints(
             np.concatenate((self.points, other.points)), np.concatenate((self.normals, other.normals)),
             np.concatenate((self.beams, other.beams)),
@@ -63,18 +63,18 @@ class OrientedPoints:
         return values if self.inverse_noise is None else values * self.inverse_noise
 
     def tolerance(self, distance: float) -> float | FloatArray:
-        """Divide a `distance` [m] by the inverse noise scale: the tolerance of each point ``(P,)``, or of all."""
+        """Divide a `distance` [m] by the inverse noise scale of each point ``(P,)``; one number if all scales are 1."""
         return distance if self.inverse_noise is None else distance / self.inverse_noise
 
     def thinned(self, count: int) -> 'OrientedPoints':
-        """Return at most `count` of the points, evenly along the scan."""
+        """Return at most `count` of the points, evenly spaced along the scan."""
         step = stride(len(self), count)
         # Contiguous copies: with numpy 1.26 the last bit of a product over strided arrays depends on their address.
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
 def stride(size: int, count: int) -> int:
-    """Return the step from one point to the next with which at most `count` of `size` points remain."""
+    """Return the index step with which at most `count` of `size` points are selected."""
     return -(-size // count)
 
 
@@ -88,8 +88,8 @@ def build_oriented_points(points: ArrayLike, normals: ArrayLike, beams: IntArray
 def leverage(oriented: OrientedPoints, ridge: float) -> FloatArray:
     """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
-    In a corridor the few points whose normals point along it count, not only the hundreds on its walls. The weight is
-    the statistical leverage of the normal in a regression with this `ridge`; large values make all points equal.
+    In a corridor this raises the weight of the few points whose normals point along it. The weight is the statistical
+    leverage of the normal in a regression with this `ridge`; large values make all weights equal.
     """
     size = max(len(oriented), 1)
     nx, ny = oriented.normals.real, oriented.normals.imag
@@ -99,10 +99,10 @@ def leverage(oriented: OrientedPoints, ridge: float) -> FloatArray:
 
 
 def high_leverage(normals: ComplexArray) -> BoolArray:
-    """Find points with a rare normal direction: those with more than twice the mean leverage.
+    """Find points with a rare normal direction: points with more than twice the mean leverage.
 
-    The rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American Statistician 32,
-    1978.
+    The factor of two is the rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American
+    Statistician 32, 1978.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def high_leverage(normals: ComplexArray) -> BoolArray:
 
 
 def sample(oriented: OrientedPoints, count: int) -> OrientedPoints:
-    """Return at most `count` of the points, evenly along the scan, and all points of `high_leverage`."""
+    """Return at most `count` points, evenly spaced along the scan, and in addition all points of `high_leverage`."""
     if len(oriented) <= count:
         return oriented
     chosen = high_leverage(oriented.normals)

@@ -10,14 +10,14 @@ from ..parameters.features import SegmentParameters
 
 
 class PointSequence(NamedTuple):
-    """Points of a scan in beam order, P of them.
+    """The P points of a scan in beam order, cut into surfaces.
 
     Attributes
     ----------
     points : (P,) complex [m]
-        In the frame of the sensor.
+        Positions in the frame of the sensor.
     radius : (P,) float [m]
-        Their ranges.
+        Range of each point.
     beams : (P,) int
     moments : (5, P + 1) float
         `summed_moments` of the points.

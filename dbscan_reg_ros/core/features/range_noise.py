@@ -34,8 +34,8 @@ def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanPara
 
     The error of a point is its distance, along its beam, from the line through its two neighbours; this holds for
     straight walls at any angle and for uneven beams. The errors of the nearer and of the farther half of the points are
-    compared: the noise either grows in proportion to the range, or not at all, whichever is closer. Errors that spread
-    wider than noise are clutter and outliers.
+    compared: the noise is taken as proportional to the range or as constant, whichever fits better. Errors that spread
+    more widely than noise come from clutter and outliers; the result is then 0.
 
     Parameters
     ----------
@@ -68,7 +68,8 @@ def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanPara
 def _errors_along_beams(points: ComplexArray, beams: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return distances [m] of points from the lines through their neighbours, scaled to equal noise, and ranges [m].
 
-    Only points between two adjacent beams, and with a line that crosses their beam between these, are used.
+    Only points with returns on both adjacent beams, and with a line that crosses their own beam between these returns,
+    are used.
     """
     # Twice the areas of the triangles between the sensor and two points: for points on a line both pairs add up.
     pair, whole = (points[:-1].conj() * points[1:]).imag, (points[:-2].conj() * points[2:]).imag
@@ -91,14 +92,15 @@ def range_noise(radius: FloatArray, noise: float, ratio: float) -> FloatArray:
     noise : float
         Standard deviation of a range of the scan [m].
     ratio : float
-        The same as a fraction of the range; it adds to `noise` where it exceeds `TYPICAL_NOISE`.
+        Standard deviation of a range as a fraction of the range. Where ``ratio * radius`` exceeds `TYPICAL_NOISE`, the
+        excess is added to `noise`.
     """
     return noise + np.maximum(ratio * radius - TYPICAL_NOISE, 0.0)
 
 
 @dataclass(frozen=True)
 class NoiseRatioHistory:
-    """Noise ratio of a sensor: a low quantile over its last scans, because clutter raises it in some.
+    """Noise ratio of a sensor: a low quantile over its last scans, because clutter raises the ratio in some scans.
 
     Attributes
     ----------
@@ -109,24 +111,24 @@ class NoiseRatioHistory:
     ratios: tuple[float, ...] = ()
 
     def after(self, ratio: float) -> 'NoiseRatioHistory':
-        """Add the `ratio` of one more scan."""
+        """Return the history with the `ratio` of one more scan."""
         return NoiseRatioHistory((*self.ratios, ratio)[-_SCANS:])
 
     @property
     def value(self) -> float:
-        """Low quantile of `ratios`, of which there is at least one."""
+        """Low quantile of `ratios`, which must not be empty."""
         return sorted(self.ratios)[int(_NOISE_QUANTILE * len(self.ratios))]
 
 
 TYPICAL_NOISE = 0.05
 """Standard deviation of a range [m] above which points are weighed by their noise."""
 _MIN_RANGES = 8
-"""Least number of ranges for an estimate."""
+"""Minimum number of ranges for a noise estimate."""
 _NOISE_QUANTILE = 0.3
 """Quantile of the errors that gives the noise, and of the history that gives the noise ratio of the sensor."""
 _NORMAL = 0.38532
-"""That quantile of |N(0, 1)|."""
+"""Quantile `_NOISE_QUANTILE` of |N(0, 1)|."""
 _MAX_SPREAD = 4.0
-"""Ratio of the quantiles 0.7 and 0.3 above which errors are no noise; it is 2.7 for |N(0, 1)|."""
+"""Ratio of the quantiles 0.7 and 0.3 above which errors are not taken as noise; it is 2.7 for |N(0, 1)|."""
 _SCANS = 30
 """Number of scans in the history of the noise ratio."""

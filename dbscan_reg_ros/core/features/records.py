@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the features of a scan: segments, points, and what scans are compared by."""
+"""Records of the features of a scan: segments, points, likelihood field and free-space profile."""
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ class EndKind(IntEnum):
     """Kind of the end of a segment."""
 
     CORNER = 0
-    """Another segment starts there: a point of the world."""
+    """Two segments meet at this end: it is a fixed point of the environment."""
     FREE = 1
-    """The wall ends there, and the next beams see farther: a point of the world."""
+    """The wall ends, and the next beams see farther: this end is a fixed point of the environment."""
     OCCLUSION = 2
-    """A nearer object hides the rest, or the scan ends: the point moves with the sensor."""
+    """A nearer object hides the rest of the wall, or the scan ends: this end moves with the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Line segments of one scan as a structure of arrays, in beam order, M of them.
+    """The M line segments of one scan in beam order, as a structure of arrays.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Segments:
     kinds : (M, 2) int
         `EndKind` of start and end.
     beams : (M, 2) int
-        Beams at start and end.
+        Beams at start and end of each segment.
     """
 
     start: FloatArray
@@ -75,14 +75,14 @@ class Segments:
 
     @cached_property
     def fixed_ends(self) -> ComplexArray:
-        """``(E,)`` complex [m]: corners and free ends, each corner once."""
+        """``(E,)`` complex [m]: positions of the corners and free ends of the segments, each corner once."""
         starts, ends = self.kinds.T
         places: ComplexArray = np.concatenate((as_complex(self.start)[starts != EndKind.OCCLUSION],
                                                as_complex(self.end)[ends == EndKind.FREE]))
         return places
 
     def reversed(self) -> 'Segments':
-        """Direct every segment from its end to its start."""
+        """Return the segments with start and end exchanged."""
         return dataclasses.replace(self, start=self.end, end=self.start, direction=wrap(self.direction + math.pi),
                                    kinds=self.kinds[:, ::-1], beams=self.beams[:, ::-1])
 
@@ -111,7 +111,7 @@ class Features:
     poles : OrientedPoints or None
         Points around small objects without normals, from `small_objects.with_poles`.
     weights : (Q,) float or None
-        Weight of each point of `oriented_points`, from 0 to 1; None where they have their own.
+        Weight of each point of `oriented_points`, from 0 to 1; None if the points keep their own weights.
     map_points : OrientedPoints or None
         Points of other scans that belong to `likelihood_field` as well.
     backend : Backend
@@ -156,7 +156,7 @@ class Features:
 
     @cached_property
     def oriented_points(self) -> OrientedPoints:
-        """The `wall_points` and then the `poles`, Q in all, with weights and inverse noise scales."""
+        """The `wall_points` followed by the `poles`, Q points in all, with weights and inverse noise scales."""
         oriented = self.wall_points.joined(self.poles) if self.poles else self.wall_points
         weights, inverse_noise = oriented.weights if self.weights is None else self.weights, None
         if self.noise_ratio:
@@ -166,22 +166,22 @@ class Features:
 
     @cached_property
     def sampled_points(self) -> OrientedPoints:
-        """Points that hypotheses are compared by, evenly along the scan."""
+        """Points from which hypotheses are scored, evenly spaced along the scan."""
         return self.oriented_points.thinned(self.density.max_points)
 
     @cached_property
     def leverage(self) -> FloatArray:
-        """Weight of each of the `sampled_points` in a comparison, with sum 1."""
+        """Weight of each of the `sampled_points` in a score; the weights sum to 1."""
         return self.backend.step(leverage)(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
     def likelihood_field(self) -> LikelihoodField:
-        """The density of this scan as a reference."""
+        """Likelihood field with which other scans are compared when this scan is the reference."""
         oriented = self.oriented_points
         oriented = oriented.joined(self.map_points) if self.map_points else oriented
         return self.backend.step(build_likelihood_field)(oriented, self.density)
 
     @cached_property
     def free_space(self) -> FreeSpaceProfile:
-        """The free space that this scan saw."""
+        """Free-space profile of this scan."""
         return self.backend.step(build_free_space_profile)(self.points, self.scan.geometry.angle_increment)

@@ -21,13 +21,13 @@ class Outcome(IntEnum):
     """What the filter did with a beam (the four regions of Figure 2)."""
 
     KEPT = 0
-    """No outlier, or no return at all."""
+    """The beam is no outlier, or has no return."""
     SMOOTHED = 1
-    """Noise: replaced by the mean of the inner ring."""
+    """Noise: the point is replaced by the mean of the inner ring."""
     CORNER = 2
-    """An outlier beside many others: a corner, kept as measured."""
+    """An outlier beside many other outliers: it is taken as a corner and kept as measured."""
     REMOVED = 3
-    """Noise next to a corner, or a gross outlier."""
+    """Noise next to a corner, or a gross outlier: the point is removed."""
 
 
 class _Outliers(NamedTuple):
@@ -36,9 +36,9 @@ class _Outliers(NamedTuple):
     Attributes
     ----------
     candidate : (N,) bool
-        Beams that are outliers of their own ring.
+        Beams that are outliers in the ring around them.
     inner, outer : (N,) int
-        Number of outliers in the inner and in the outer ring around each candidate, itself included.
+        Number of outliers in the inner and in the outer ring around each candidate, the candidate included.
     deviation : (N,) float [m]
         Distance of each candidate from the line of its neighbours.
     """
@@ -51,10 +51,10 @@ class _Outliers(NamedTuple):
 
 def ring_band_filter(points: FloatArray, noise: float,
                      parameters: RingBandParameters) -> tuple[FloatArray, IntArray]:
-    """Filter the points of a scan by Eq. 4.
+    """Filter the points of a scan according to Eq. 4.
 
-    A beam is a candidate when it is an outlier of its own ring; ``C1`` and ``C2`` count the outliers in the inner
-    (3 beams) and the outer (7 beams) ring around a candidate, itself included.
+    A beam is a candidate when it is an outlier in the ring around it; ``C1`` and ``C2`` count the outliers in the inner
+    (3 beams) and the outer (7 beams) ring around a candidate, the candidate included.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def ring_band_filter(points: FloatArray, noise: float,
 
 
 def _inner_mean(points: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the mean of the inner ring of each beam ``(N, 2)`` [m], and where all of it has a return ``(N,)``."""
+    """Return the mean point of the inner ring of each beam ``(N, 2)`` [m], and where that ring is complete ``(N,)``."""
     mean = np.full_like(points, np.nan)
     mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / (2 * INNER + 1)
     return mean, np.isfinite(mean[:, 0])
@@ -104,8 +104,8 @@ def _inner_mean(points: FloatArray) -> tuple[FloatArray, BoolArray]:
 def _anchor_outliers(points: FloatArray, parameters: RingBandParameters) -> _Outliers:
     """Compare slopes from the beam before the ring (Eq. 3) with the median slope of the ring, as in the paper.
 
-    Beams without a return are skipped. The first four and the last three returns have no full ring and are not tested,
-    nor are rings across a range jump: neighbours, the candidate left out, farther apart than `jump`.
+    Beams without a return are skipped. The first four and the last three returns have no full ring and are not tested.
+    A ring is also not tested if two neighbours in it, without the candidate, lie farther apart than `jump`.
     """
     size = len(points)
     candidate, inner, outer = np.zeros(size, dtype=bool), np.zeros(size, dtype=int), np.zeros(size, dtype=int)
@@ -131,14 +131,14 @@ def _anchor_outliers(points: FloatArray, parameters: RingBandParameters) -> _Out
 
 
 class _Lines(NamedTuple):
-    """T pairs of beams near a centre, and for each a third beam that may lie on the line through both.
+    """T pairs of beams near a centre beam, and for each pair a third beam that may lie on the line through the pair.
 
     Attributes
     ----------
     beams : (3, T, 1) int
         Offsets from ``centre - RING`` to the third, the first and the second beam.
     growth : (T, 1) float
-        Factor from the noise of a range to that of the distance of the third beam from the line.
+        Ratio of the noise of the distance between the third beam and the line to the noise of a range.
     """
 
     beams: IntArray
@@ -146,7 +146,7 @@ class _Lines(NamedTuple):
 
 
 def _lines(triples: list[tuple[int, int, int]]) -> _Lines:
-    """Make `_Lines` from offsets from the centre: the third, the first and the second beam."""
+    """Make `_Lines` from triples of offsets from the centre beam: of the third, the first and the second beam."""
     table = np.array(triples).T[:, :, None]
     k, a, b = table
     return _Lines(table + RING, 1.0 + (np.abs(a - k) + np.abs(b - k)) / (b - a))
@@ -161,7 +161,7 @@ _NEAREST = _lines([(0, a, b) for a, b in itertools.pairwise(_BEFORE[1:] + _AFTER
 
 
 def _consensus_outliers(points: FloatArray, noise: float, parameters: RingBandParameters) -> _Outliers:
-    """Test by lines through other beams; where most returns have no neighbour, beams without a return are skipped."""
+    """Find outliers by the consensus test; if most returns have no neighbour, beams without a return are skipped."""
     known = np.isfinite(points[:, 0])
     if 2 * np.count_nonzero(known[1:] & known[:-1]) >= np.count_nonzero(known) - 1:
         return _outliers_by_lines(points, noise, parameters)
@@ -176,10 +176,10 @@ def _consensus_outliers(points: FloatArray, noise: float, parameters: RingBandPa
 def _outliers_by_lines(points: FloatArray, noise: float, parameters: RingBandParameters) -> _Outliers:
     """Find beams that lie on no line through two other beams of their ring.
 
-    A single wild beam cannot make others outliers, and a corner, which lies on the lines of both its walls, is none.
-    Where the three beams before and the three after the candidate are straight, a pair with one beam on each side is
-    no evidence: its line would cut the corner off. Around a candidate, beams on no line through two beams across from
-    it count as outliers, too.
+    A single wild beam cannot make other beams outliers. A corner is no outlier, because it lies on the lines of both
+    of its walls. Where the three beams before and the three after the candidate each lie on a line, pairs with one beam
+    on each side are not used, because their lines cut the corner off. Near a candidate, a beam also counts as an
+    outlier if it lies on no line through two beams on the opposite side of the candidate.
     """
     size = len(points)
     known = np.isfinite(points[:, 0])
@@ -212,14 +212,14 @@ def _outliers_by_lines(points: FloatArray, noise: float, parameters: RingBandPar
 
 def _off_lines(padded: ComplexArray, centre: IntArray, lines: _Lines, noise: float,
                parameters: RingBandParameters) -> tuple[FloatArray, FloatArray]:
-    """Return the distance of the third beam of each of the `lines` from its line, along the beam, and its tolerance.
+    """Return the distance of the third beam from each of the `lines`, along that beam, and the tolerated distance.
 
     Parameters
     ----------
     padded : (N + 2 * RING,) complex
         Points [m]; `nan` without a return.
     centre : (S,) int
-        Beams that the lines are around.
+        Centre beams of the lines.
     lines : _Lines
     noise : float
         Standard deviation of a range [m].

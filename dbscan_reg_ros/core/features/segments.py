@@ -43,16 +43,16 @@ def extract_segments(sequence: PointSequence, noise: FloatArray, parameters: Seg
 
 
 class _Fitted(NamedTuple):
-    """Fitted segments, S of them.
+    """The S segments with fitted lines.
 
     Attributes
     ----------
     first, last : (S,) int
-        First and last point of each.
+        First and last point of each segment.
     size : (S,) int
-        Number of points.
+        Number of points of each segment.
     start, end : (S,) complex [m]
-        Ends on the line.
+        End points of each segment on its line.
     along : (S,) complex
         Unit direction from start to end.
     spread, residual : (S,) float [m^2]
@@ -75,7 +75,7 @@ class _Fitted(NamedTuple):
 
 
 class _Pieces(NamedTuple):
-    """Pieces of the surfaces of a scan: first and last point, number of points, summed moments ``(5, S)`` of each."""
+    """The S pieces of the surfaces of a scan: first point, last point, number of points and summed moments (5, S)."""
 
     first: IntArray
     last: IntArray
@@ -103,7 +103,7 @@ def _fitted(sequence: PointSequence, noise: FloatArray, parameters: SegmentParam
 
 
 def _longest(found: _Fitted, parameters: SegmentParameters) -> IntArray:
-    """Return the indices of the longest segments, at most `max_segments`, with enough points, long and straight."""
+    """Return the indices of the `max_segments` longest segments that are long, straight and have enough points."""
     length = np.abs(found.end - found.start)
     keep = (found.size >= parameters.min_points) & (length >= parameters.min_length)
     keep &= found.residual < (_MAX_BEND * length) ** 2
@@ -117,7 +117,7 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
                    parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
     """Split all surfaces at their corners, level by level.
 
-    Within each piece the point farthest from the chord, beyond its own split distance, becomes a corner.
+    Within each piece, the point that exceeds its split distance from the chord by the most becomes a corner.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
 
 def _straight_pieces(sequence: PointSequence, noise: FloatArray,
                      parameters: SegmentParameters) -> tuple[_Pieces, Lines]:
-    """Split surfaces at corners and join neighbours on one line; also return the lines through their points."""
+    """Split surfaces at corners and join neighbouring pieces of one line; return the pieces and their lines."""
     first, last = split_surfaces(sequence, noise, parameters)
     kept = (last - first >= _MIN_STEPS).nonzero()[0]
     first, last = first[kept], last[kept]
@@ -177,7 +177,7 @@ class _JoinLimits(NamedTuple):
 
 def _on_different_lines(points: ComplexArray, pieces: _Pieces, angle: FloatArray, residual: FloatArray,
                         limits: _JoinLimits) -> BoolArray:
-    """Find neighbours that are not parts of one line.
+    """Find neighbouring pieces that are not parts of one line.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def _on_different_lines(points: ComplexArray, pieces: _Pieces, angle: FloatArray
 
 def _end_kinds(sequence: PointSequence, found: _Fitted, noise: FloatArray,
                parameters: SegmentParameters) -> IntArray:
-    """Return the `EndKind` of start and end of each segment ``(S, 2)``; ends at corners are moved there, in place."""
+    """Return the `EndKind` of both ends of each segment ``(S, 2)``; move ends at corners to the corner, in place."""
     first, last, radius = found.first, found.last, sequence.radius
     kinds = np.full((len(first), 2), int(EndKind.OCCLUSION))
     margin = parameters.depth_margin + SIGMAS * noise
@@ -245,12 +245,12 @@ def _corners(sequence: PointSequence, found: _Fitted, parameters: SegmentParamet
 _MAX_BEND = 0.15
 """Root mean square distance from the line, as a fraction of the length, above which a segment is dropped."""
 _MIN_STEPS = 2
-"""Least number of steps from the first to the last point of a piece."""
+"""Minimum number of steps from the first to the last point of a piece."""
 _JOINS = 2
-"""Number of times that neighbours are joined."""
+"""Number of passes in which neighbouring pieces are joined."""
 _JOIN_ANGLE, _JOIN_ANGLE_NOISE, _MAX_JOIN_ANGLE = 0.05, 6.0, 0.25
-"""Angle [rad] up to which neighbours are joined, its growth with noise over length, and its upper limit [rad]."""
+"""Angle [rad] up to which neighbouring pieces are joined, its growth with noise over length, and its limit [rad]."""
 _MIN_CORNER_SINE = 0.3
 """Least sine of the angle between two lines that meet in a corner."""
 _MAX_CORNER_POINTS = 3
-"""Largest number of points from the last of a segment to the first of the next that meet in a corner."""
+"""Two segments can meet in a corner only if at most this many points lead from the end of one to the next."""

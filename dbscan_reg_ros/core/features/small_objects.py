@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small objects of a scan, and poles: those without normals, such as chair legs and tree trunks."""
+"""Small objects of a scan, and poles: small objects without normals, such as chair legs and tree trunks."""
 import dataclasses
 from typing import NamedTuple
 
@@ -16,17 +16,17 @@ from .records import Features
 _POINTS = 8
 """Number of oriented points around a pole."""
 _AROUND = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
-"""Directions of these points from the centre, the first of them towards the sensor."""
+"""Directions from the centre of a pole to its oriented points, the first one towards the sensor."""
 _SURFACES = 2.0
 """Weight of a return from a pole, which constrains the motion in both directions, relative to one from a wall."""
 
 
 def with_poles(features: Features, size: float, parameters: SegmentParameters) -> Features:
-    """Add the poles of a scan: oriented points all around each, facing away from its centre.
+    """Add the poles of a scan as oriented points on a circle around each pole, facing away from its centre.
 
     A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
-    surface; a pole constrains it in every direction. It is assumed to be round and as wide as its beams, at most
-    `size`. All its points together weigh as much as if each of its returns were on two surfaces.
+    surface; a pole constrains it in every direction. A pole is assumed to be round and as wide as its beams, at most
+    `size`. The weights of its points sum to that of its returns, each counted twice, as if it were on two surfaces.
 
     Parameters
     ----------
@@ -57,22 +57,22 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
 
 
 class SmallObjects(NamedTuple):
-    """Small objects of a scan, T of them.
+    """The T small objects of a scan.
 
     Attributes
     ----------
     beam : (T,) int
-        First beam with a return from each.
+        First beam with a return from each object.
     returns : (T,) int
-        Number of returns.
+        Number of returns from each object.
     nearest : (T,) float [m]
-        Least range.
+        Smallest range of each object.
     front : (T,) complex [m]
-        Middle between the first and the last point.
+        Middle between the first and the last point of each object.
     width : (T,) float [m]
-        Width of that many beams at this distance.
+        Width of each object: that of `returns` beams at the distance of `front`.
     without_normals : (T,) bool
-        Whether none of its points has a normal.
+        Whether no point of the object has a normal.
     """
 
     beam: IntArray
@@ -84,7 +84,7 @@ class SmallObjects(NamedTuple):
 
     @property
     def middle(self) -> ComplexArray:
-        """``(T,)`` complex [m]: centre of each object, taken as round."""
+        """``(T,)`` complex [m]: centre of each object, under the assumption that it is round."""
         return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), TINY))
 
 
@@ -94,7 +94,7 @@ class _Ring(NamedTuple):
     Attributes
     ----------
     beams : (P,) int
-        Increasing, also beyond the last beam of the scan.
+        Beam of each point; increasing, so that numbers may exceed that of the last beam of the scan.
     points : (P,) complex [m]
     without_normal : (P,) bool
     breaks : (P - 1,) bool
@@ -133,7 +133,7 @@ def find_small_objects(features: Features, size: float, parameters: SegmentParam
 
 
 def _ring(features: Features, circle: int, parameters: SegmentParameters) -> _Ring:
-    """Order the points of a scan so that no surface continues from the last to the first; `circle` beams go round."""
+    """Order the points so that no surface continues from the last to the first; a full turn has `circle` beams."""
     geometry, beams, breaks = features.scan.geometry, features.beams, features.breaks
     points, without_normal = as_complex(features.points), as_complex(features.normals) == 0.0
     if not geometry.closed or not breaks.any():
