@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One implementation of the steps: the numpy reference, or the compiled one. The package chooses the default."""
+"""Backends: implementations of the steps of the method, either the numpy reference or the compiled steps."""
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
@@ -15,23 +15,23 @@ class Backend:
     ----------
     name : str
     compiled : mapping
-        Compiled counterparts by the names of the reference's functions.
+        Name of a function of the reference -> its compiled counterpart.
     """
 
     name: str
     compiled: Mapping[str, Callable[..., Any]] = field(default_factory=dict, repr=False)
 
     def step(self, reference: Step) -> Step:
-        """Return the compiled counterpart of a function of the reference; where there is none, the function itself."""
+        """Return the compiled counterpart of a function of the reference, or the function itself if it has none."""
         return cast(Step, self.compiled.get(reference.__name__, reference))
 
 
 REFERENCE = Backend('reference')
-"""The numpy modules."""
+"""The backend that runs the numpy functions."""
 
 
 class _Default:
-    """Where the default backend comes from: the package sets it once, when it is imported."""
+    """The function that chooses the default backend; the package sets it once, when it is imported."""
 
     source: Callable[[], Backend] = staticmethod(lambda: REFERENCE)
 
@@ -42,5 +42,5 @@ def set_default_source(source: Callable[[], Backend]) -> None:
 
 
 def default_backend() -> Backend:
-    """Return the backend that runs where none is given."""
+    """Return the backend that runs the steps if the caller passes none."""
     return _Default.source()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan is made of: the fields of a message; checks of stamp, numbers and angles of the beams."""
+"""Fields of a LaserScan message, and checks of the stamp, the numbers and the beam angles of a scan."""
 import operator
 from collections.abc import Sequence
 from typing import Protocol
@@ -41,7 +41,7 @@ class LaserScanMessage(Protocol):
 
 
 def check_stamp(stamp: object) -> int:
-    """Return a stamp [ns] as an int."""
+    """Return a stamp [ns] as an int; raise ScanError if it is no whole number."""
     try:
         return operator.index(stamp)  # type: ignore[arg-type] # whatever is no whole number is an error
     except TypeError as error:
@@ -50,7 +50,7 @@ def check_stamp(stamp: object) -> int:
 
 
 def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
-    """Copy `values` as an array ``(N,)`` of the type `kind`."""
+    """Copy `values` as an array ``(N,)`` of the type `kind`; raise ScanError if they are not one list of numbers."""
     try:
         array = np.array(values)
     except ValueError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions of the package: every one names the value, the expected one and what to do."""
+"""The exceptions of the package: each message states the value, the expected value and the remedy."""
 
 
 class DbscanRegError(Exception):
@@ -7,7 +7,7 @@ class DbscanRegError(Exception):
 
 
 class ScanError(DbscanRegError, ValueError):
-    """A scan cannot be used: nothing was changed, the next scan may be good again."""
+    """A scan cannot be used; the state of the odometry is unchanged, and the next scan can be processed."""
 
 
 class ParameterError(DbscanRegError, ValueError):
@@ -15,4 +15,4 @@ class ParameterError(DbscanRegError, ValueError):
 
 
 class RecordingError(DbscanRegError, ValueError):
-    """A recording cannot be read, or does not hold what was asked for."""
+    """A recording cannot be read, or does not contain the requested data."""

@@ -39,7 +39,7 @@ class Scan:
     Raises
     ------
     ScanError
-        When the stamp is no whole number, a range is no number, or the number of ranges is not that of the geometry.
+        When the stamp is no whole number, a range is no number, or the geometry has another number of beams.
     """
 
     stamp: int
@@ -102,8 +102,8 @@ class Scan:
         Raises
         ------
         ScanError
-            When the arrays differ in shape or hold anything but numbers, when the angles are not finite, not in order,
-            or not about equally spaced, or when the stamp is no whole number.
+            When the arrays differ in shape or contain anything but numbers, when the angles are not finite, not in
+            order, or not about equally spaced, or when the stamp is no whole number.
         """
         if isinstance(ranges, np.ma.MaskedArray):
             ranges = np.ma.filled(ranges.astype(float), np.nan)
@@ -123,7 +123,7 @@ class Scan:
         ----------
         message : LaserScanMessage
         geometry : ScanGeometry, optional
-            Geometry of the last scan; it is used again where that of this scan is equal.
+            Geometry of the last scan, which is used again if the geometry of this scan is equal.
         upside_down : bool
             The z axis of the sensor points down: the scan becomes that of an upright sensor with the same x axis.
         yaw : float
@@ -132,7 +132,7 @@ class Scan:
         Raises
         ------
         ScanError
-            When the stamp, the angles or the number of ranges of the message cannot be those of a scan.
+            When the stamp, the angles or the number of ranges of the message are invalid.
         """
         stamp, sign = message.header.stamp, -1.0 if upside_down else 1.0
         if not 0 <= stamp.nanosec < SECOND:
@@ -146,12 +146,12 @@ class Scan:
     @classmethod
     def from_points(cls, points: ArrayLike, stamp: int = 0, range_min: float = 0.0, range_max: float = math.inf,
                     frame_id: str = '', angle_increment: float | None = None) -> 'Scan':
-        """Make a scan with returns at given points, one bearing each.
+        """Make a scan with returns at the given points, one beam for each point.
 
         Parameters
         ----------
         points : (N, 2) float
-            In the frame of the sensor [m], in beam order; rows that are not finite become beams without a return.
+            Positions in the sensor's frame [m], in beam order; rows that are not finite become beams without a return.
         stamp : int
             Time of the first beam [ns].
         range_min, range_max, angle_increment

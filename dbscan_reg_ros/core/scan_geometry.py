@@ -15,7 +15,7 @@ from .geometry.array_types import FloatArray
 
 MAX_BEAMS = 100_000
 UNIFORM_WITHIN = 0.02
-"""Beams this close to equally spaced ones, as a fraction of their step, are stored as equally spaced."""
+"""Beams that deviate from equal spacing by at most this fraction of their step are stored as equally spaced."""
 
 
 @dataclass(frozen=True)
@@ -79,22 +79,22 @@ class ScanGeometry:
     @classmethod
     def from_bearings(cls, bearings: ArrayLike, range_min: float = 0.0, range_max: float = math.inf,
                       angle_increment: float | None = None) -> 'ScanGeometry':
-        """Make the geometry of a scan with its own bearing for each beam.
+        """Make the geometry of a scan whose beams each have a bearing of their own.
 
         Parameters
         ----------
         bearings : (N,) float
-            In beam order [rad].
+            Bearing of each beam, in beam order [rad].
         range_min, range_max : float
             As for `ScanGeometry`.
         angle_increment : float, optional
-            That of the sensor [rad]: its sign says on which side of a surface the sensor was. By default the beams are
-            counter-clockwise, with the median step of the bearings.
+            Step from one beam of the sensor to the next [rad]; its sign determines on which side of a surface the
+            sensor was. By default it is the median step of the bearings, counter-clockwise.
 
         Raises
         ------
         ScanError
-            When the bearings are not one finite number for each beam.
+            When `bearings` is not an array of one finite number for each beam.
         """
         bearings = np.asarray(bearings, dtype=np.float32).astype(float)
         if bearings.ndim != 1 or not len(bearings) or not np.isfinite(bearings).all():
@@ -124,7 +124,7 @@ class ScanGeometry:
         return cls.from_bearings(bearings, range_min, range_max, step)
 
     def reuse(self, previous: 'ScanGeometry | None') -> 'ScanGeometry':
-        """Return the `previous` geometry, with its cached arrays, where it is equal to this one; else this one."""
+        """Return the `previous` geometry, with its cached arrays, if it is equal to this geometry; else this one."""
         return previous if previous is not None and previous == self else self
 
     @cached_property
@@ -146,7 +146,7 @@ class ScanGeometry:
 
 
 def single_precision(*values: float) -> list[float]:
-    """Round the `values` to float32; infinite beyond its range."""
+    """Round the `values` to float32; values beyond the range of float32 become infinite."""
     try:
         return array.array('f', values).tolist()
     except TypeError as error:

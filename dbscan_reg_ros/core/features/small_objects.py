@@ -133,7 +133,7 @@ def find_small_objects(features: Features, size: float, parameters: SegmentParam
 
 
 def _ring(features: Features, circle: int, parameters: SegmentParameters) -> _Ring:
-    """Order the points so that no surface continues from the last to the first; a full turn has `circle` beams."""
+    """Order the points so that no surface continues from the last to the first; `circle` beams cover 360 degrees."""
     geometry, beams, breaks = features.scan.geometry, features.beams, features.breaks
     points, without_normal = as_complex(features.points), as_complex(features.normals) == 0.0
     if not geometry.closed or not breaks.any():

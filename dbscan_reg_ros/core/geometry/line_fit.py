@@ -17,7 +17,7 @@ class Lines(NamedTuple):
     angle : (S,) float [rad]
         Direction, modulo pi.
     spread, residual : (S,) float [m^2]
-        Mean squared extent along the line, and mean squared distance from it.
+        Mean squared distance of the points from `centre` along the line, and from the line.
     """
 
     centre: FloatArray
@@ -37,7 +37,7 @@ def summed_moments(points: ComplexArray) -> FloatArray:
     Returns
     -------
     (5, P + 1) float
-        Sums of the `point_moments` before each point: those of a range of points are the difference of two columns.
+        Sums of the `point_moments` before each point: the difference of two columns is the sum over a range of points.
     """
     moments = point_moments(points.real, points.imag)
     total = np.zeros((len(moments), len(points) + 1))
@@ -79,7 +79,7 @@ def fit_sections(total: FloatArray, first: IntArray, last: IntArray, sections: i
     Returns
     -------
     Lines
-        `spread` and `residual` are those of all points.
+        Lines through the means; `spread` and `residual` are computed from all points.
     """
     count = last - first + 1
     moments = total[:, last + 1] - total[:, first]

@@ -28,7 +28,7 @@ class Mounting:
     Attributes
     ----------
     pose : SE2
-        Pose in the base frame of an upright sensor with the lidar's x axis.
+        Pose in the base frame; for a lidar upside down, the pose of an upright sensor with the same x axis.
     upside_down : bool
         Whether the lidar's z axis points down; `Scan.from_message` then mirrors the bearings.
     """
@@ -48,7 +48,7 @@ class Mounting:
         Parameters
         ----------
         matrix : (4, 4) float
-            Takes points [m] in the lidar's frame to the base frame.
+            Transforms points [m] from the lidar's frame to the base frame.
 
         Raises
         ------

@@ -23,7 +23,7 @@ def wrap(angle: Angle) -> Angle:
 
 
 def inverses(motions: FloatArray) -> FloatArray:
-    """Return the motions ``(H, 3)`` (x, y [m], theta [rad]) that undo those given."""
+    """Return the inverse of each of the `motions` ``(H, 3)`` (x, y [m], theta [rad])."""
     back: ComplexArray = -unit_complex(-motions[:, 2]) * as_complex(motions[:, :2])
     return np.column_stack((back.real, back.imag, wrap(-motions[:, 2])))
 
@@ -42,7 +42,7 @@ def turned(matrix: FloatArray, theta: float) -> FloatArray:
 
 
 def unit_complex(angles: FloatArray) -> ComplexArray:
-    """Return the unit complex numbers ``exp(1j * angles)``: multiplication by them rotates by `angles` [rad]."""
+    """Return the unit complex numbers ``exp(1j * angles)``: multiplication by one rotates by its angle [rad]."""
     numbers: ComplexArray = np.exp(1j * angles)
     return numbers
 

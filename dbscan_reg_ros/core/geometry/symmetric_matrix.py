@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Symmetric positive definite 3 x 3 matrices, in plain numbers: for so few, calls of an array library take longer."""
+"""Symmetric positive definite 3 x 3 matrices in plain Python numbers, faster than calls of numpy at this size."""
 from typing import TypeAlias
 
 import numpy as np
@@ -16,7 +16,7 @@ def inverse(matrix: FloatArray) -> FloatArray:
     Raises
     ------
     ZeroDivisionError
-        When it is singular.
+        When the matrix is singular.
     """
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = matrix.tolist()
     (a, b, c), (p, q, r) = _factors((xx, xy, xt), (yy, yt), tt)
@@ -30,7 +30,7 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 
 def mahalanobis(error: FloatArray, covariance: FloatArray) -> float:
-    """Return the squared Mahalanobis distance of an `error` ``(3,)`` with a `covariance` ``(3, 3)`` from 0."""
+    """Return the squared Mahalanobis distance from 0 of an `error` ``(3,)`` with this `covariance` ``(3, 3)``."""
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
     (a, b, c), (p, q, r) = _factors((xx, xy, xt), (yy, yt), tt)
     x, y, t = error.tolist()
@@ -43,20 +43,20 @@ def mahalanobis(error: FloatArray, covariance: FloatArray) -> float:
 def solve(equations: FloatArray, damping: float) -> FloatArray:
     """Solve normal equations ``(H, 4, 4)`` for damped steps ``(H, 3)``.
 
-    The upper left 3 x 3 of each is the left side, the last column the right side. The damping is relative to the trace
-    of the translational part.
+    In each system, the upper left 3 x 3 block is the left-hand side and the last column is the right-hand side. The
+    damping is relative to the trace of the translational part.
     """
     rows = equations.reshape(len(equations), equations.shape[-1] ** 2).tolist()
     return np.array([_step(each, damping) for each in rows]).reshape(-1, DOF)
 
 
 def solve_one(equations: FloatArray, damping: float) -> FloatArray:
-    """Solve one system ``(4, 4)`` for its step ``(3,)``, as `solve`."""
+    """Solve one system of normal equations ``(4, 4)``, laid out as in `solve`, for its damped step ``(3,)``."""
     return np.array(_step(equations.ravel().tolist(), damping))
 
 
 def _step(equations: list[float], damping: float) -> Triple:
-    """Solve one system of normal equations for its damped step: (3, 3) and right-hand side as (4, 4) by rows."""
+    """Solve one system of normal equations for its damped step; `equations` is its (4, 4) array, listed by rows."""
     xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ = equations
     added = damping * (xx + yy + 1e-6)
     (a, b, c), (p, q, r) = _factors((xx + added, xy, xt), (yy + added, yt), tt + added)
@@ -67,7 +67,7 @@ def _step(equations: list[float], damping: float) -> Triple:
 
 
 def _factors(x_row: Triple, y_row: tuple[float, float], tt: float) -> tuple[Triple, Triple]:
-    """Factorise the matrix with this upper triangle as ``L D L'``: the diagonal of D, and L below its own by rows."""
+    """Factorise the matrix with this upper triangle as ``L D L'``: return diag(D), and L below its diagonal by rows."""
     xx, xy, xt = x_row
     yy, yt = y_row
     p, q = xy / xx, xt / xx
