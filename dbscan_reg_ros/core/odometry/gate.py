@@ -111,17 +111,21 @@ class Gate:
     def _is_likely(self, pose: SE2, registration: Registration, tentative: Registration | None) -> bool:
         """Whether a result without a prediction is more likely than a `tentative` one; without one, than any other.
 
-        The confidence of a degenerate result says nothing of the degenerate direction.
+        The confidence of a degenerate result says nothing of the degenerate direction: it has to be constrained there,
+        compared with a tentative result that is degenerate too.
         """
         if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
                 or not self._near_prediction(pose, registration)):
             return False
-        constrained, likely = registration.status is not Status.DEGENERATE, registration.confidence > LIKELY
+        degenerate = registration.status is Status.DEGENERATE
+        if registration.confidence <= LIKELY:
+            return False
         if tentative is None:
-            return constrained and likely
-        if tentative.status is Status.DEGENERATE:
-            return constrained or likely
-        return likely and registration.confidence > tentative.confidence
+            return not degenerate
+        if tentative.status is not Status.DEGENERATE:
+            return registration.confidence > tentative.confidence
+        least = _INFORMATION_RATIO * (tentative.weakest_information or 0.0)
+        return not degenerate or (registration.weakest_information or 0.0) >= least
 
     def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
                        registration: Registration) -> Verdict:
@@ -265,6 +269,8 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
     return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
 
 
+_INFORMATION_RATIO = 0.5
+"""Ratio of the points that constrain a degenerate result to those of a degenerate one that it replaces, at least."""
 _MIN_TIME = 0.01
 """Least time [s] in which the motion may differ from the prediction."""
 _RECENT_SCORE_RATIO = 0.55

@@ -85,7 +85,8 @@ def test_after_a_weak_prediction_an_unreliable_result_is_a_better_guess():
 @pytest.mark.parametrize(('status', 'confidence', 'tentative', 'decision'), [
     (Status.AMBIGUOUS, 0.51, None, Decision.ACCEPT), (Status.AMBIGUOUS, 0.49, None, Decision.REJECT),
     (Status.DEGENERATE, 0.9, None, Decision.REJECT),
-    (Status.AMBIGUOUS, 0.1, Status.DEGENERATE, Decision.ACCEPT),
+    (Status.AMBIGUOUS, 0.49, Status.DEGENERATE, Decision.REJECT),
+    (Status.AMBIGUOUS, 0.51, Status.DEGENERATE, Decision.ACCEPT),
     (Status.DEGENERATE, 0.49, Status.DEGENERATE, Decision.REJECT),
     (Status.DEGENERATE, 0.51, Status.DEGENERATE, Decision.ACCEPT),
     (Status.AMBIGUOUS, 0.7, Status.AMBIGUOUS, Decision.ACCEPT),
@@ -108,6 +109,14 @@ def test_a_degenerate_result_replaces_another_only_within_the_gate():
     assert weak.check_scan_before(SE2(), SE2(0.0, 0.0, 0.1), more, less).decision is Decision.ACCEPT
     far = gate(motion=3.0, covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
     assert far.check_scan_before(SE2(), SE2(0.1), more, less).decision is Decision.REJECT
+
+
+@pytest.mark.parametrize(('points', 'decision'), [(0.6, Decision.ACCEPT), (0.4, Decision.REJECT)])
+def test_a_degenerate_result_replaces_another_only_if_it_is_constrained_half_as_well(points, decision):
+    weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
+    less = dataclasses.replace(result(Status.DEGENERATE), weakest_information=1.0)
+    more = dataclasses.replace(less, confidence=0.6, weakest_information=points)
+    assert weak.check_scan_before(SE2(), SE2(0.0, 0.0, 0.1), more, less).decision is decision
 
 
 @pytest.mark.parametrize(('status', 'x', 'decision'), [
