@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from .command_line import ENDING, FAILED, add_data, explain, interruptible, make_parser, run, shortened
+from .command_line import ENDING, FAILED, CommandError, add_data, explain, interruptible, make_parser, run, shortened
 
 OPENED = 'a browser is connected'
 STARTING = 30
@@ -62,7 +62,11 @@ def _play(recording, out, args):
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
     words = ['--ros-args', '--params-file', args.params_file] if args.params_file else ['--ros-args']
-    if not args.params_file or read_parameters(args.params_file).mounting == 'tf':
+    parameters = read_parameters(args.params_file) if args.params_file else None
+    if parameters and len(parameters.scan_topics) > 1:
+        raise CommandError(f'{args.params_file} names {len(parameters.scan_topics)} scan_topics, but demo takes one '
+                           'lidar: use replay --topic A --topic B')
+    if not parameters or parameters.mounting == 'tf':
         words += ['-p', 'mounting:=none']
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,

@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='R times as fast (default: 1)')
     speed.add_argument('--lockstep', action='store_true',
-                       help='as fast as the node answers on odom, so that no scan is skipped')
+                       help='as fast as the node answers on odom, so that no scan of --topic is skipped')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='wait at most S seconds for a subscriber of the scans (default: 10)')

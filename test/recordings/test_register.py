@@ -155,7 +155,8 @@ def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel
                      NodeParameters().replace({**others.flatten(), 'mounting': 'laser_pose', 'scan.range_max': 20.0}))
     assert intel(3, 5505, '--params-file', file) == 2
     note, _ = capsys.readouterr().err.splitlines()
-    assert note == f'register: {file}: does not count here: ' + ', '.join([*(each.name for each in drive), 'mounting'])
+    names = ', '.join([*(each.name for each in drive), 'mounting'])
+    assert note == f'register: {file}: has no effect in register: {names}'
 
 
 @pytest.mark.parametrize(('words', 'complaint'), [
