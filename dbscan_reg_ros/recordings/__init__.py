@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on disk: scans, odometry and truth, whatever the format."""
+"""Recordings on disk in any supported format: scans, wheel odometry and ground truth."""
 from .opening import open_recording
 from .recording import Recording
 from .trajectories import read_csv, read_tum, write_csv, write_tum

@@ -23,10 +23,10 @@ from .recording import Record
 T = TypeVar('T')
 SECOND = 1_000_000_000
 LONGEST = 4e9
-"""No recording is longer than this [s]."""
+"""Upper limit of the duration of a recording [s]; later times are treated as the end of the recording."""
 STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/truth': ODOMETRY, '/scan': LASER_SCAN}
-"""Topics of the bag made from a CARMEN log, in this order; see `_topics_of`."""
+"""Topic -> message type in a bag made from a CARMEN log, in this order; see `_topics_of`."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Kept:
     Attributes
     ----------
     topic : str or None
-        Topic of the scans, where a log is read or written and there are several.
+        Topic of the scans; needed if a log is read or written and the source has several topics of scans.
     topics : collection of str
-        Topics of the bag; all when empty.
+        Topics to write to a bag; empty: all topics.
     start, end : float
-        Time since the first message [s].
+        First and last time to convert, since the first message [s].
     """
 
     topic: str | None = None
@@ -53,16 +53,16 @@ ALL = Kept()
 
 
 def no_progress(items: Iterable[T], _total: int) -> Iterable[T]:
-    """Return the `items` themselves: nothing is shown."""
+    """Return the `items` unchanged, without any display of progress."""
     return items
 
 
 def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage: str = 'mcap',
             progress: Callable[[Iterable, int], Iterable] = no_progress) -> tuple[Counter, list[str]]:
-    """Write the recording `source` as `target`, in another format or a part of it.
+    """Convert the recording `source`, or a part of it, to the format of `target`.
 
-    The messages keep their order and their own stamps. The record times of a bag made from a log are the stamps,
-    made to increase where they go back; ``Ctrl-C`` leaves a valid recording of what was written until then.
+    The messages keep their order and their stamps. The record times of a bag made from a log are the stamps, increased
+    where they go back. ``Ctrl-C`` leaves a valid recording of the messages written until then.
 
     Parameters
     ----------
@@ -71,18 +71,18 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
         ``NAME.log`` or ``NAME.log.gz`` becomes a CARMEN log, ``NAME.bag`` a ROS 1 bag, any other name the folder of
         a ROS 2 bag.
     kept : Kept
-        What of the recording is converted.
+        The part of the recording that is converted.
     storage : str
         Storage of a ROS 2 bag: ``mcap`` or ``sqlite3``.
     progress : callable
-        ``progress(iterable, total)`` returns an iterable of the same items, and may show how many were taken.
+        ``progress(iterable, total)`` returns an iterable of the same items, and may show how many were processed.
 
     Returns
     -------
     counts : Counter
-        Topic -> messages written.
+        Topic -> number of messages written.
     remarks : list of str
-        What was assumed to read `source`, and its damaged parts, which were skipped.
+        Assumptions made to read `source`, and its damaged parts, which were skipped.
 
     Raises
     ------
@@ -114,9 +114,9 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
 
 
 def _topics_of(recording, wanted):
-    """Topic -> message type of what a log becomes: the scans, and wheels and poses of the laser, or its truth alone.
+    """Return topic -> message type of the bag made from a log: scans, and wheel odometry and laser poses, or the truth.
 
-    Of these the `wanted` ones, all if there are none.
+    Only `wanted` topics are returned; if `wanted` is empty, all of them.
     """
     poses = ('/wheel_odom', '/laser_pose') if recording.wheel_odometry() else ('/truth',) if recording.truth() else ()
     topics = (*poses, '/scan')
@@ -125,7 +125,7 @@ def _topics_of(recording, wanted):
 
 
 def check_target(target):
-    """RecordingError where nothing can be written at the path `target`."""
+    """Raise RecordingError if no recording can be written at the path `target`."""
     if target.exists():
         raise RecordingError(f'{target}: exists already; choose another name, or remove it')
     if not target.parent.is_dir():
@@ -136,7 +136,7 @@ def check_target(target):
 
 
 def _timed(records, start, end):
-    """Record time [ns], always increasing, and record, of those from `start` to `end` [s] after the first."""
+    """Yield strictly increasing record times [ns] and the records from `start` to `end` [s] after the first one."""
     first = time = None
     passed, kept = 0.0, False
     for record in records:
@@ -155,7 +155,7 @@ def _nothing(start, end, length):
 
 
 def write_log(target: Path, records: Iterable[Record]) -> Counter[str]:
-    """Write a CARMEN log of `records`; return name of the message -> number of lines."""
+    """Write a CARMEN log of `records`; return CARMEN message name -> number of lines."""
     counts: Counter[str] = Counter()
     settings = dict(SETTINGS)
     open_log = gzip.open if target.suffix == '.gz' else open
@@ -173,7 +173,7 @@ def write_log(target: Path, records: Iterable[Record]) -> Counter[str]:
 
 
 def _log_to_bag(records, open_target, topics):
-    """Write (record time [ns], `Record`) as messages on the `topics`, name -> type; return name -> messages."""
+    """Write pairs (record time [ns], `Record`) to a bag with these `topics`; return topic -> number of messages."""
     counts = Counter()
     with open_target() as (writer, serialize):
         added = {name: writer.add_topic(name, kind) for name, kind in topics.items()}
@@ -186,7 +186,7 @@ def _log_to_bag(records, open_target, topics):
 
 
 def _bag_to_bag(source, open_target, kept, progress):
-    """Write what is `kept` of the bag `source`; return topic -> messages, and the damaged parts that were skipped."""
+    """Write the part `kept` of the bag `source`; return topic -> number of messages, and the damaged parts skipped."""
     counts, problems = Counter(), []
     with open_reader(source) as reader:
         connections = _connections(reader, source, kept.topics)
@@ -208,7 +208,7 @@ def _bag_to_bag(source, open_target, kept, progress):
 
 
 def _connections(reader, source, topics):
-    """Return the connections of the bag `source` on the `topics`, all if there are none."""
+    """Return the connections of the bag `source` on the `topics`, or all connections if `topics` is empty."""
     _check_topics(topics, {connection.topic for connection in reader.connections}, source)
     if not reader.message_count:
         raise RecordingError(f'{source}: holds no message')
@@ -216,7 +216,7 @@ def _connections(reader, source, topics):
 
 
 def _window(reader, kept):
-    """Make the arguments ``start`` and ``stop`` [ns] of the reader."""
+    """Return the arguments ``start`` and ``stop`` [ns] with which the reader reads the part `kept` of the bag."""
     window = {'start': reader.start_time + round(min(kept.start, LONGEST) * SECOND)}
     if kept.end < LONGEST:
         window['stop'] = reader.start_time + round(kept.end * SECOND) + 1
@@ -225,9 +225,9 @@ def _window(reader, kept):
 
 @contextlib.contextmanager
 def bag_writer(target, storage='mcap', source=None):
-    """Provide the writer of a bag, perhaps of what another one holds, and the function that serialises messages for it.
+    """Provide the writer of the bag `target` and its serialiser; `source` is the bag that is copied, if there is one.
 
-    Leaves a valid bag when it is interrupted, and none when it fails.
+    An interrupted writer leaves a valid bag; after an error no bag is left.
     """
     library = bag_library(ros1=target.suffix == '.bag' or (source is not None and is_ros1(source)))
     interrupted = None
@@ -253,7 +253,7 @@ def _none_when_failed(target):
 
 
 def _messages(record):
-    """Topic -> fields of the message of a log's record."""
+    """Return topic -> message fields for one `Record` of a log."""
     return {'/wheel_odom': pose_only_fields(record.scan.stamp, 'base_link', record.robot_pose),
             **{topic: pose_only_fields(record.scan.stamp, record.scan.frame_id, record.laser_pose)
                for topic in ('/laser_pose', '/truth')},

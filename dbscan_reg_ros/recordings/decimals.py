@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps between decimal text and whole nanoseconds, without the detour through binary fractions."""
+"""Conversion of stamps between decimal text and whole nanoseconds, without rounding to binary fractions."""
 from decimal import Decimal
 
 END_OF_TIME = 2**31 * 1_000_000_000
@@ -7,18 +7,18 @@ END_OF_TIME = 2**31 * 1_000_000_000
 
 
 def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
-    """Seconds in decimal, ``'976052857.337530'``, as nanoseconds.
+    """Convert decimal seconds, such as ``'976052857.337530'``, to nanoseconds.
 
     Parameters
     ----------
     text : str
     first, end : int
-        The first that is taken and the first after those that are [ns]; what a message can hold, when not given.
+        Valid stamps [ns] are at least `first` and less than `end`; by default, those that a ROS message can hold.
 
     Raises
     ------
     ValueError
-        When `text` is not a number, or not from `first` to `end`.
+        When `text` is not a number, or the stamp is not valid.
     """
     try:
         stamp = (Decimal(text) * 1_000_000_000).to_integral_value()
@@ -31,6 +31,6 @@ def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
 
 
 def seconds(stamp) -> str:
-    """Nanoseconds as seconds in decimal, with all nine decimals."""
+    """Format a stamp [ns] as decimal seconds with all nine decimals."""
     whole, rest = divmod(int(stamp), 1_000_000_000)
     return f'{whole}.{rest:09d}'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear whole or not at all."""
+"""Atomic writing of files: a file is complete or does not appear."""
 import os
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +7,7 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path, binary=False):
-    """Provide a file to write to, text or `binary`, that takes the place of `path` once it is complete."""
+    """Provide a text or `binary` file to write to; it replaces the file at `path` once it is complete."""
     path = Path(path)
     unfinished = path.with_name(path.name + '.part')
     try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and results as fields of ROS messages: nested dictionaries, independent of the message library.
 
-Fields that are not named keep the defaults of their type. The node and `rosbag2_py` take messages of ROS made
-from these fields, `rosbags` its own: both are the same.
+Fields that are not named keep the defaults of their type. The node and `rosbag2_py` make ROS messages from these
+fields, `rosbags` makes messages of its own classes; the content is the same.
 """
 import array
 import importlib
@@ -17,16 +17,16 @@ from ..core.odometry.records import OdometryUpdate
 
 SECOND = 1_000_000_000
 PLANE = np.ix_([0, 1, 5], [0, 1, 5])
-"""x, y and yaw in a 6x6 covariance."""
+"""Index of the rows and columns of x, y and yaw in a 6x6 covariance."""
 UNKNOWN_VARIANCE = 1e6
 """Variance of z, roll and pitch [m^2, rad^2], which a planar lidar does not measure."""
 LEAST_VARIANCE = 1e-9
-"""Added to the planar variances [m^2, rad^2]: a filter cannot take in a covariance of zero, that of the first pose."""
+"""Added to the planar variances [m^2, rad^2]: filters cannot use a covariance of zero, as the first pose has."""
 UNKNOWN = np.diag(np.full(6, UNKNOWN_VARIANCE))
 LEAST = LEAST_VARIANCE * np.eye(3)
 LINE_WIDTH = 0.03
 LINE_LIST, ADD, DELETE = 5, 0, 2
-"""Of a Marker."""
+"""Constants of visualization_msgs/Marker: one type, two actions."""
 COLORS = {
     ('reference', 'matched'): {'r': 0.0, 'g': 0.45, 'b': 0.7, 'a': 1.0},
     ('reference', 'unmatched'): {'r': 0.6, 'g': 0.6, 'b': 0.6, 'a': 1.0},
@@ -36,7 +36,7 @@ COLORS = {
 
 
 def filled(message, fields):
-    """Return a ROS `message` with its `fields` set; the others stay as they are."""
+    """Set `fields` (name -> value) of a ROS `message` and return it; its other fields stay unchanged."""
     for name, value in fields.items():
         if isinstance(value, dict):
             filled(getattr(message, name), value)
@@ -51,36 +51,36 @@ def filled(message, fields):
 
 @cache
 def message_class(kind):
-    """ROS's class of a message type, such as ``nav_msgs/msg/Odometry``."""
+    """Return the Python class of a ROS message type, such as ``nav_msgs/msg/Odometry``."""
     package, *_, name = kind.split('/')
     return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
 @cache
 def _element_class(kind, name):
-    """Return the class of what the sequence `name` of a class of messages holds."""
+    """Return the class of the elements of the sequence field `name` in the message class `kind`."""
     return message_class(kind.get_fields_and_field_types()[name].removeprefix('sequence<').removesuffix('>'))
 
 
 def time_fields(stamp) -> dict:
-    """Time of `stamp` [ns]."""
+    """Return the fields of a Time message for a `stamp` [ns]."""
     seconds, nanoseconds = divmod(int(stamp), SECOND)
     return {'sec': seconds, 'nanosec': nanoseconds}
 
 
 def header_fields(stamp, frame_id) -> dict:
-    """Header of `stamp` [ns] and `frame_id`."""
+    """Return the fields of a Header with this `stamp` [ns] and `frame_id`."""
     return {'stamp': time_fields(stamp), 'frame_id': frame_id}
 
 
 def pose_fields(pose) -> dict:
-    """Pose of x, y [m], theta [rad]."""
+    """Return the fields of a Pose message for a planar `pose`: x, y [m], theta [rad]."""
     x, y, theta = (float(value) for value in pose)
     return {'position': {'x': x, 'y': y}, 'orientation': _yaw(theta)}
 
 
 def scan_fields(scan) -> dict:
-    """LaserScan of a `Scan`.
+    """Return the fields of a LaserScan message for a `Scan`.
 
     Raises
     ------
@@ -97,12 +97,12 @@ def scan_fields(scan) -> dict:
 
 
 def pose_only_fields(stamp, child, pose, frame='odom') -> dict:
-    """Odometry of nothing but a pose (x, y [m], theta [rad]) in `frame`."""
+    """Return the fields of an Odometry message that has only a `pose` (x, y [m], theta [rad]) in `frame`."""
     return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
 
 
 def odometry_fields(state, odom_frame, base_frame) -> dict:
-    """Odometry of the pose (in `odom_frame`) and the twist (in `base_frame`) of a `BaseState`."""
+    """Return the fields of an Odometry message: pose (in `odom_frame`) and twist (in `base_frame`) of a `BaseState`."""
     vx, vy, omega = (float(value) for value in state.twist)
     return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
             'pose': {'pose': pose_fields(state.pose.as_array()), 'covariance': _spatial(state.covariance)},
@@ -111,7 +111,7 @@ def odometry_fields(state, odom_frame, base_frame) -> dict:
 
 
 def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
-    """TransformStamped from `odom_frame` to `base_frame`, or the other way round."""
+    """Return the fields of a TransformStamped from `odom_frame` to `base_frame`, or the reverse if `inverted`."""
     pose, parent, child = state.pose, odom_frame, base_frame
     if inverted:
         pose, parent, child = pose.inverse(), child, parent
@@ -120,9 +120,9 @@ def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
 
 
 def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
-    """MarkerArray of the segments of the reference and of the scan, matched ones in stronger colours, in `odom_frame`.
+    """Return the fields of a MarkerArray of the segments of reference and scan; matched ones have stronger colours.
 
-    There are always the same four markers, each adding its lines or deleting those shown before.
+    The array always has the same four markers. Each adds its lines, or is deleted if it has none.
 
     Parameters
     ----------
@@ -130,6 +130,7 @@ def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
     origin : SE2
         The sensor's first pose in `odom_frame`.
     odom_frame : str
+        Frame of the markers.
     """
     header = header_fields(update.stamp, odom_frame)
     matches = update.registration.matches if update.registration else np.empty((0, 2), dtype=int)
@@ -157,7 +158,7 @@ def _yaw(theta):
 
 
 def _spatial(planar):
-    """Return the 36 numbers of a spatial covariance from a planar one ``(3, 3)``."""
+    """Return the 36 numbers of a 6x6 covariance in space from a planar covariance ``(3, 3)`` over x, y, theta."""
     covariance = UNKNOWN.copy()
     covariance[PLANE] = planar + LEAST
     return covariance.ravel()

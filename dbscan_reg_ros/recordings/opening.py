@@ -18,13 +18,13 @@ def open_recording(path, topic=None) -> 'Recording':
     ----------
     path : str or Path
     topic : str, optional
-        The topic of the scans; for a CARMEN log the name of its message. Needed where there are several.
+        The topic of the scans; in a CARMEN log the name of the message. Needed if several topics have scans.
 
     Raises
     ------
     RecordingError
-        When `path` cannot be read, is empty or of no known format, holds no scan, or several topics
-        of scans and none was chosen.
+        When `path` cannot be read, is empty, has no known format or no scan, or has several topics of scans and
+        `topic` is not given.
     """
     path = Path(path)
     if is_bag(path):
@@ -40,7 +40,7 @@ def is_bag(path) -> bool:
     Raises
     ------
     RecordingError
-        When it cannot be read, is empty, or can be neither.
+        When `path` cannot be read, is empty, or is neither a bag nor a CARMEN log.
     """
     if path.is_dir():
         _check_folder(path)
@@ -67,7 +67,7 @@ def _check_folder(path):
 
 
 def _starts_of(path, size=512):
-    """Return the first bytes of a file as they are, and unpacked if it is gzip; RecordingError if it is unreadable."""
+    """Return the first bytes of a file, raw and (if it is gzip) unpacked; raise RecordingError if it is unreadable."""
     try:
         with open(path, 'rb') as file:
             start = file.read(size)

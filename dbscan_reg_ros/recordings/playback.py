@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is played of a recording besides its scans."""
+"""Playback of the topics of a recording besides its scans."""
 from typing import Any, NamedTuple
 
 from ..core.errors import RecordingError
 
 ODOMETRY, IMU, TRANSFORMS = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
 RENAMED = {'tf/msg/tfMessage': TRANSFORMS}
-"""Message types of old bags -> what they are called now."""
+"""Message type in old bags -> its name today."""
 USUAL_IMU = '/imu', '/imu/data'
-"""Of several topics of an IMU the first of these is played."""
+"""If a recording has several IMU topics, the first one of these is played."""
 
 
 class Channel(NamedTuple):
@@ -17,13 +17,13 @@ class Channel(NamedTuple):
     Attributes
     ----------
     recorded : str
-        Its name in the recording.
+        Name of the topic in the recording.
     kind : str
         The message type.
     latched : bool
-        Whether late subscribers receive its last message, too.
+        Whether late subscribers also receive the last message of the topic.
     input : str
-        The name of the topic of the node that it fits, such as ``wheel_odom``; empty where there is none.
+        The input topic of the node that accepts these messages, such as ``wheel_odom``; empty if there is none.
     """
 
     recorded: str
@@ -33,19 +33,19 @@ class Channel(NamedTuple):
 
     @property
     def topic(self) -> str:
-        """The name that it is published on."""
+        """The topic on which the messages of this channel are published."""
         return self.input or f'/{self.recorded.lstrip("/")}'
 
 
 class Played(NamedTuple):
-    """A scan, or what a channel carries.
+    """A scan, or a message of a channel, that is played.
 
     Attributes
     ----------
     content : Scan, bytes or dict
-        A scan; else the bytes of a message as ROS 2 sends them, or its fields.
+        A scan; else a message as the bytes that ROS 2 sends, or as its fields.
     time : int
-        When it was recorded [ns].
+        Record time of the scan or message [ns].
     channel : Channel or None
         None for a scan.
     """
@@ -56,14 +56,14 @@ class Played(NamedTuple):
 
 
 def inputs_of(kinds, wheels) -> dict:
-    """Topic of a recording -> topic of the node that it fits.
+    """Return topic of a recording -> input topic of the node that accepts its messages.
 
     Parameters
     ----------
     kinds : dict
         Topic -> message type.
     wheels : str or None
-        The topic of the wheels' odometry.
+        The topic of the wheel odometry in the recording.
     """
     found = {wheels: 'wheel_odom', _imu(kinds): 'imu'}
     found |= {_transforms(kinds, name): name for name in ('/tf', '/tf_static')}
@@ -71,25 +71,25 @@ def inputs_of(kinds, wheels) -> dict:
 
 
 def _imu(kinds):
-    """Return the topic of the only IMU, else the first of `USUAL_IMU` that is recorded, or None."""
+    """Return the only IMU topic; of several, the first one of `USUAL_IMU` that is recorded; else None."""
     imus = [topic for topic, kind in kinds.items() if kind == IMU]
     return only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)
 
 
 def _transforms(kinds, name):
-    """Return the topic of transforms called `name`, else the only one whose name ends with it, or None."""
+    """Return the topic of transforms called `name`, else the only one whose name ends with `name`, or None."""
     alike = [topic for topic, kind in kinds.items()
              if RENAMED.get(kind, kind) == TRANSFORMS and f'/{topic}'.endswith(name)]
     return name if name in alike else only(alike)
 
 
 def choose(channels, topics=(), everything=False) -> list:
-    """Return the channels to play: what the node can use, those recorded on `topics`, or all.
+    """Return the channels to play: those that the node accepts and those recorded on `topics`, or all if `everything`.
 
     Raises
     ------
     RecordingError
-        When a topic is missing.
+        When one of the `topics` is not in the recording.
     """
     held = sorted({channel.recorded for channel in channels})
     if missing := sorted(set(topics) - set(held)):
@@ -99,6 +99,6 @@ def choose(channels, topics=(), everything=False) -> list:
 
 
 def only(names):
-    """Return the one of `names` where there is just one, else None."""
+    """Return the only element of `names`; None if there are none or several."""
     names = list(names)
     return names[0] if len(names) == 1 else None

@@ -16,11 +16,11 @@ from .schedule import Schedule
 MOST_PROBLEMS = 1000
 """Maximum number of damaged parts of a recording that are named."""
 LONGEST_PROBLEM = 300
-"""Maximum length of the text on each [characters]: damaged parts may be large."""
+"""Maximum length of the text on one damaged part [characters]."""
 
 
 class Record(NamedTuple):
-    """A scan with the poses that were recorded along with it: x [m], y [m], theta [rad]; zero where there are none."""
+    """A scan with the poses recorded for it: x [m], y [m], theta [rad]; zero where no pose was recorded."""
 
     scan: Scan
     laser_pose: tuple
@@ -34,13 +34,13 @@ class Recording:
     ----------
     path : Path
     name : str
-        The file's name without its endings, nor dots around it: a folder of that name lies where it is made.
+        Name of the file without its endings and without dots at either end, so that it can name a folder.
     topic : str
-        Where the scans are taken from.
+        The topic, or CARMEN message, from which the scans are read.
     frame_id : str
         The coordinate frame of the first scan.
     count : int
-        How many scans the recording claims to hold, damaged ones included.
+        Number of scans according to the recording, damaged ones included.
     """
 
     topic: str
@@ -58,35 +58,35 @@ class Recording:
 
     @property
     def notes(self) -> list:
-        """One line for each thing that had to be assumed to read the recording; nothing in it is damaged."""
+        """One line for each assumption that was made to read the recording; damage is listed in `problems`."""
         return list(self._notes)
 
     @property
     def problems(self) -> list:
-        """One line for each damaged part met so far and skipped, up to `MOST_PROBLEMS`."""
+        """One line for each damaged part that was skipped so far, up to `MOST_PROBLEMS`."""
         return list(self._problems)
 
     @property
     def watch(self) -> ScanWatch:
-        """What is odd about the scans, of the pass that went farthest."""
+        """Warnings about the scans, from the pass that read the most scans."""
         return self._watch
 
     def look_through(self, most=None) -> ScanWatch:
-        """`watch`, of all scans or of the first `most`."""
+        """Return `watch` after all scans, or the first `most`, were read."""
         if self._watch.seen < (self.count if most is None else min(self.count, most)):
             for _ in islice(self.scans(), most):
                 pass
         return self._watch
 
     def scans(self):
-        """Return iterator of `Scan`, in the order of the file, which is the physical one; stamps may go back.
+        """Return iterator of `Scan` in the order of the file, the order of measurement, in which stamps may go back.
 
-        Scans whose beams point the same way share one `ScanGeometry`.
+        Scans with equal beam angles share one `ScanGeometry`.
         """
         raise NotImplementedError
 
     def records(self):
-        """Return iterator of `Record`, as `scans`."""
+        """Return iterator of `Record`, one for each scan, in the order of `scans`."""
         raise NotImplementedError
 
     def stamps(self) -> list:
@@ -94,17 +94,17 @@ class Recording:
         return [scan.stamp for scan in self.scans()]
 
     def wheel_odometry(self):
-        """Raw odometry: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base, or None."""
+        """Return raw wheel odometry: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base, or None."""
 
     def truth(self):
-        """Corrected poses: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
+        """Return ground-truth poses of the laser: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
     def channels(self) -> list:
-        """Return the `Channel` of every topic besides that of the scans."""
+        """Return the `Channel` of every topic except the topic of the scans."""
         return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []
 
     def play(self, channels):
-        """Yield iterator of `Played`: the scans as from `scans`, and between them what the channels carry."""
+        """Yield `Played`: the scans in the order of `scans`, and between them the messages of the `channels`."""
         wheels = _wheels(*self.wheel_odometry(), channels[0]) if channels else iter(())
         schedule, ahead = Schedule(), next(wheels, None)
         for scan in self.scans():
@@ -123,13 +123,13 @@ class Recording:
         self._problems[problem if len(problem) <= LONGEST_PROBLEM else f'{problem[:LONGEST_PROBLEM]}...'] = None
 
     def _look(self, watch, fields):
-        """Look at the next scan of a pass that has a `watch` of its own."""
+        """Check the next scan of a pass with the `ScanWatch` of that pass."""
         watch.look(fields)
         if watch.seen > self._watch.seen:
             self._watch = watch
 
     def _choose(self, counts, topic):
-        """Set `topic` and `count` from how many scans each topic holds."""
+        """Set `topic` and `count` from `counts` (topic -> number of scans); a `topic` that is given must be in it."""
         held = ', '.join(sorted(counts)) or 'none'
         if not counts:
             raise RecordingError(f'{self.path}: holds no laser scan')
@@ -145,12 +145,12 @@ class Recording:
 
 
 def _with_scans(counts):
-    """Return the topics with scans, in alphabetical order; all topics if none has one."""
+    """Return the topics with at least one scan, in alphabetical order; all topics if none has a scan."""
     return [topic for topic in sorted(counts) if counts[topic]] or sorted(counts)
 
 
 def _wheels(stamps, poses, channel):
-    """Yield the odometry of the wheels as `Played`, in the order of the file."""
+    """Yield the wheel odometry as `Played` messages, in the order of the file."""
     schedule = Schedule()
     for stamp, pose in zip(map(int, stamps), poses, strict=True):
         yield Played(pose_only_fields(stamp, 'base_link', pose), schedule.time(stamp), channel)

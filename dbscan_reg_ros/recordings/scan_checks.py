@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the fields of scans as a driver sends them, the same in the node and for recordings."""
+"""Checks of the fields of scans as a driver sends them; the node and the readers of recordings use the same checks."""
 import math
 import operator
 from collections import deque
@@ -15,35 +15,35 @@ from ..core.scan import SECOND
 FUTURE = 1.0
 """A stamp ahead of the clock by more than this [s] causes a warning."""
 OTHER_SIZE = 0.1
-"""Change of the number of beams, as a fraction of it, that causes a warning: many lidars vary by a few beams."""
+"""Relative change of the number of beams that causes a warning: many lidars vary by a few beams."""
 RECENT = 20
-"""Number of stamps that are kept."""
+"""Number of latest stamps that are compared with one another."""
 REPEATED = 3
-"""Equal stamps among the `RECENT` that cause a warning: fewer come from a message that was sent twice."""
+"""Number of repeated stamps among the `RECENT` ones that causes a warning; fewer come from messages sent twice."""
 RESTART = 2.0
 """A step back in time by more than this [s] causes a warning, even a single one."""
 DISORDER = 4, 0.4
-"""Steps back that cause a warning: number, and ratio to the `RECENT`. Stamps of real drivers go back in up to 0.25."""
+"""Number of steps back among the `RECENT` stamps, and their fraction, that cause a warning; real drivers reach 0.25."""
 FEWEST_INTERVALS = 2
 """The duration of a scan is compared with the mean of at least this many intervals between stamps."""
 TOO_LONG = 1.15, 2.0
-"""Greatest ratio of a scan's duration to the mean interval, and what is added to it for one known interval (jitter)."""
+"""Limit of the ratio of a scan's duration to the mean of n intervals: the first plus, for jitter, the second over n."""
 MILLIMETRES = 100.0
-"""No scan has its median return farther away than this [m]; in millimetres nearly all do."""
+"""Median range above which ranges are taken as millimetres: in metres no scan exceeds it, in millimetres nearly all."""
 BEYOND = 1.05
-"""Ratio of the median return to `range_max` that is more than rounding."""
+"""Ratio of the median range to `range_max` above which the difference is no rounding error."""
 NEAREST = 0.05
 """Drivers write reasons for a missing return as ranges below this [m]."""
 SAME = 0.999
-"""Ranges above this ratio to the greatest are equal to it: repeated, it encodes a missing return."""
+"""Ranges above this fraction of the greatest count as equal to it; if there are several, they mean a missing return."""
 SAMPLE, FEWEST = 256, 8
-"""Number of beams whose ranges are checked, about; and the minimum number of returns among them for a warning."""
+"""Approximate number of beams whose ranges are checked, and the minimum number of their returns for a warning."""
 EVERY = 10
-"""Ranges are checked in this many first scans, and then in every scan whose number is a multiple of this."""
+"""Ranges are checked in this many scans at the start, then in every scan whose number is a multiple of this."""
 
 
 class Kind(Enum):
-    """What a `ScanWarning` is about."""
+    """Field or fault of a scan that a `ScanWarning` reports."""
 
     FRAME = 'frame'
     BEAMS = 'beams'
@@ -82,7 +82,7 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_message(cls, message) -> 'ScanFields':
-        """Those of any object with the fields of a LaserScan message."""
+        """Return the fields of a LaserScan message, or of any object with the same fields."""
         header = message.header
         return cls(header.stamp.sec * SECOND + header.stamp.nanosec, header.frame_id, message.angle_min,
                    message.angle_max, message.angle_increment, message.time_increment, message.range_min,
@@ -90,14 +90,14 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
-        """Those of a `Scan` from a file without `angle_max`, in which a stamp of 0 is a time: it becomes 1 ns."""
+        """Return the fields of a `Scan` from a file; `angle_max` is computed, and a stamp of 0, valid here, is 1 ns."""
         g = scan.geometry
         return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
                    g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
 
 
 class ScanChecks:
-    """Check one scan after the other, as they arrive."""
+    """Check scans one by one in the order in which they arrive."""
 
     def __init__(self):
         self._seen = 0
@@ -107,7 +107,7 @@ class ScanChecks:
         self.restart()
 
     def restart(self):
-        """Forget the stamps so far: time has started again."""
+        """Clear the stored stamps, because time has started again."""
         self._stamps = deque(maxlen=RECENT + 1)
 
     def look(self, fields, now=0) -> list:
@@ -122,7 +122,7 @@ class ScanChecks:
         Returns
         -------
         list of ScanWarning
-            The same object for every scan with the same faulty value (angles, for instance).
+            Scans with the same faulty value (angles, for instance) give the same warning object.
         """
         if not len(fields.ranges):
             return []
@@ -143,7 +143,7 @@ class ScanChecks:
                                'is that of one laser; give each laser a topic of its own, and name them in scan_topics')
         if abs(size - old_size) > OTHER_SIZE * old_size:
             return ScanWarning(Kind.BEAMS, f'the scans change from {old_size} to {size} beams: expected about as many '
-                               'in each; is one cut off, or are there two lasers on one topic?')
+                               'in each scan; is a scan cut off, or do two lasers publish on one topic?')
         return None
 
     def _angles(self, fields):
@@ -158,8 +158,8 @@ class ScanChecks:
         if (high - low) * step < 0.0 and (mirrored or not wrapped):
             return self._lasting(Kind.ANGLE_INCREMENT, (low, high, step), lambda: (
                 f'angle_increment is {step:.6g} rad, but angle_max {high:.6g} rad lies '
-                f'{"above" if high > low else "below"} angle_min {low:.6g} rad: expected the same sign; the beams are '
-                'taken as angle_increment says. If the map is a mirror image, its sign is wrong: mend the driver'))
+                f'{"above" if high > low else "below"} angle_min {low:.6g} rad: expected the same sign; angle_max is '
+                'ignored. If the map is a mirror image, the sign of angle_increment is wrong: mend the driver'))
         return self._lasting(Kind.ANGLE_MAX, (size, low, high, step), lambda: (
             f'angle_max is {high:.6g} rad, but {size} ranges, angle_min and angle_increment end at {last:.6g} rad; '
             'angle_max is ignored. If the map is bent, angle_increment is wrong: mend the driver'))
@@ -186,12 +186,12 @@ class ScanChecks:
         return None
 
     def _in_disorder(self):
-        """Whether the last stamp, which goes back, does so by a large step, or many do (`RESTART`, `DISORDER`)."""
+        """Whether the last step back is a large one, or many stamps go back (`RESTART`, `DISORDER`)."""
         steps = len(self._stamps) - 1
         return not steps or self._steps(operator.gt) >= max(DISORDER[0], DISORDER[1] * steps)
 
     def _steps(self, relation):
-        """Return the number of recent stamps that have this relation to the next one."""
+        """Return the number of recent stamps that have this `relation` to the next stamp."""
         return sum(map(relation, self._stamps, islice(self._stamps, 1, None)))
 
     def _duration(self, fields):
@@ -211,8 +211,8 @@ class ScanChecks:
             return None
         return self._lasting(Kind.TIME_INCREMENT, step, lambda: (
             f'time_increment is {step:.6g} s, so that {len(fields.ranges)} beams last {lasts:.3g} s, but a scan comes '
-            f'every {interval:.3g} s: expected less; it is in seconds, from one beam to the next; mend the driver, or '
-            'set odometry.deskew to false'))
+            f'every {interval:.3g} s: expected a shorter time from one beam to the next, in seconds; mend the driver, '
+            'or set odometry.deskew to false'))
 
     def _look_at_ranges(self, fields):
         if self._seen < EVERY or self._seen % EVERY == 0:
@@ -237,15 +237,15 @@ class ScanChecks:
         if 0.0 < BEYOND * high < median:
             return self._lasting(Kind.RANGE_MAX, high, lambda: (
                 f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of '
-                'them between; what lies beyond is no return: mend range_max in the driver'))
+                'them between; ranges beyond range_max count as missing returns: mend range_max in the driver'))
         if median < low:
             return self._lasting(Kind.RANGE_MIN, low, lambda: (
                 f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of '
-                'them between; what lies below is no return: mend range_min in the driver'))
+                'them between; ranges below range_min count as missing returns: mend range_min in the driver'))
         return None
 
     def _lasting(self, kind, key, text):
-        """Return the warning that was given for the same `key`, or else a new one."""
+        """Return the last warning of this `kind` if it has the same `key`, else a new warning."""
         if self._said.get(kind, (None,))[0] != key:
             self._said[kind] = key, ScanWarning(kind, text())
         return self._said[kind][1]
@@ -253,14 +253,14 @@ class ScanChecks:
 
 @dataclass
 class Sighting:
-    """A `ScanWarning` of one kind, the first of `count`, at the scan with the number `first`, from 0."""
+    """The first of `count` warnings of one kind, given for the scan with the number `first`, counted from 0."""
 
     warning: ScanWarning
     first: int
     count: int = 0
 
     def as_fields(self) -> dict:
-        """Plain values, for a file."""
+        """Return the warning as a dictionary of plain values for a file."""
         return {'kind': self.warning.kind.value, 'text': self.warning.text, 'first_scan': self.first,
                 'scans': self.count}
 
@@ -271,7 +271,7 @@ class ScanWatch:
     Attributes
     ----------
     seen : int
-        Scans so far.
+        Number of scans checked so far.
     """
 
     def __init__(self):
@@ -287,9 +287,9 @@ class ScanWatch:
 
     @property
     def sightings(self) -> list:
-        """A `Sighting` of each kind, in the order in which they came."""
+        """One `Sighting` for each kind of warning, in the order of the first warnings."""
         return list(self._sightings.values())
 
     def lines(self) -> list:
-        """Return the same, a line each."""
+        """Return the `sightings` as text, one line for each kind of warning."""
         return [f'{s.warning.text} ({s.count} of {self.seen} scans, first scan {s.first})' for s in self.sightings]

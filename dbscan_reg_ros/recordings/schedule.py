@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times that never go back, from stamps that may."""
+"""Times at which messages are played; they never go back, even if stamps do."""
 
 RESTART = 10_000_000_000
-"""A stamp this far back [ns] is no jitter: the recording was looped, or its clock was set."""
+"""A step back of the stamps by this or more [ns] is no jitter: the recording was looped, or its clock was set."""
 
 
 class Schedule:
-    """Makes the stamps of a recording monotone, one at a time, without changing their order.
+    """Makes the stamps of a recording monotone, one at a time, without changing the order of the messages.
 
-    A stamp that goes back waits at the last time; when it goes back by 10 s or more, time goes on from there.
+    A stamp that goes back is given the last time; after a step back of 10 s or more, time continues from the last one.
     """
 
     def __init__(self):
@@ -25,14 +25,14 @@ class Schedule:
 
 
 class Timeline:
-    """When messages of a recording are due: scans by their stamps, others as long after a scan as when recorded."""
+    """Times at which messages are due: scans by their stamps, others as long after the last scan as when recorded."""
 
     def __init__(self):
         self._schedule = Schedule()
         self._due = self._recorded = None
 
     def due(self, played):
-        """Return the time [ns] for the next `Played`; None, at once, before the first scan."""
+        """Return the time [ns] at which the next `Played` is due; None (at once) before the first scan."""
         if played.channel is None:
             self._due, self._recorded = self._schedule.time(played.content.stamp), played.time
         elif self._recorded is not None:

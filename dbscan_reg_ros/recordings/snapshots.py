@@ -17,11 +17,13 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
                           "weakest_information": points or null, "rotation_unobservable": bool,
                           "confidence": 0..1}}, ...]}
 
-    ``updates`` are in order of time; ``scan`` and ``reference`` count in ``scans``, where a reference that is older
-    than the oldest update has its place too. Poses are the sensor's in the odometry's own frame, m and rad; ``prior``
-    is the motion since the update before.
+    ``updates`` are in order of time; ``scan`` and ``reference`` are indices of ``scans``, which also contains
+    references that are older than the oldest update. Poses are those of the sensor in the odometry frame, m and rad;
+    ``prior`` is the motion since the previous update.
 ``ranges_I``
-    float32 (N,) [m], of scan I. ``bearings_I``, float64 (N,) [rad], only where they are not uniform.
+    float32 (N,) [m], the ranges of scan I.
+``bearings_I``
+    float64 (N,) [rad], the bearings of scan I, only if they are not uniform.
 ``hypotheses_K``
     float64 (H, 4): x [m], y [m], theta [rad] and score of each hypothesis of update K, best first.
 ``covariance_K``, ``registration_covariance_K``, ``prior_covariance_K``
@@ -51,12 +53,12 @@ from .trajectories import finite_numbers
 FORMAT = 'dbscan_reg_ros snapshot'
 VERSION = 1
 LARGEST = 128 * 2**20
-"""Bytes that a snapshot may unpack to; 1000 scans of 4000 beams have 16 MB of ranges."""
+"""Maximum size of an unpacked snapshot [bytes]; 1000 scans of 4000 beams have 16 MB of ranges."""
 
 
 @dataclass(frozen=True, eq=False)
 class SnapshotUpdate:
-    """Result of the odometry for one scan; the attributes are those of `OdometryUpdate`, with scans for features.
+    """Result of the odometry for one scan, with the attributes of `OdometryUpdate`, but scans instead of features.
 
     Attributes
     ----------
@@ -81,7 +83,7 @@ class SnapshotUpdate:
 
     @classmethod
     def of(cls, update, prior=None) -> 'SnapshotUpdate':
-        """From an `OdometryUpdate` and the `Prior` that it was made with."""
+        """Make a `SnapshotUpdate` from an `OdometryUpdate` and the external `Prior` of that update."""
         return cls(update.features.scan, update.reference.scan if update.reference else None, update.stamp,
                    update.interval, update.scan_pose, update.covariance, update.twist, update.reference_pose,
                    update.status, update.registration, prior, update.restarted)
@@ -104,7 +106,7 @@ class Snapshot:
 
 
 def write_snapshot(path, snapshot: Snapshot):
-    """Write `snapshot` to the file at `path`, all or nothing."""
+    """Write `snapshot` to the file at `path`; the file appears complete or not at all."""
     from importlib import metadata
     try:
         package = metadata.version('dbscan_reg_ros')
@@ -156,7 +158,7 @@ def read_snapshot(path) -> Snapshot:
 
 
 def _arrays(path):
-    """Name -> array of all that the file holds, unless that is too much."""
+    """Return name -> array of a snapshot file; raise RecordingError if it unpacks to more than `LARGEST` bytes."""
     with zipfile.ZipFile(path) as archive:
         size = sum(part.file_size for part in archive.infolist())
     if size > LARGEST:

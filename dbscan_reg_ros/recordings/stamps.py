@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Correction of the stamps of scans, and a replacement for those that cannot be used."""
+"""Correction of the stamps of scans, and replacement of stamps that cannot be used."""
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,9 +13,9 @@ STEADY = SECOND
 START = SECOND
 """First stamp of scans whose stamps are shifted [ns]; not 0, which means that there is no stamp."""
 WRAPS = {'s': 2**32 * SECOND, 'ms': 2**32 * SECOND // 1000, 'us': 2**32 * SECOND // 1_000_000}
-"""Unit of a counter of 32 bits -> after how long it starts at 0 again [ns]."""
+"""Unit of a 32-bit counter -> time after which the counter starts at 0 again [ns]."""
 NEAR = 0.1
-"""A counter that starts at 0 again steps from this last fraction of its range to this first fraction, or back."""
+"""A counter wraps when it steps from the last to the first tenth (this fraction) of its range, or back."""
 
 
 class Mended(NamedTuple):
@@ -24,9 +24,9 @@ class Mended(NamedTuple):
     Attributes
     ----------
     stamps : list of int (N,)
-        [ns], each in what a ROS message can hold.
+        Stamps [ns], each within the limits of a ROS message.
     note : str
-        What was done to them, in one line; empty where they are as they were.
+        Corrections that were made, in one line; empty if the stamps were not changed.
     """
 
     stamps: list
@@ -34,7 +34,7 @@ class Mended(NamedTuple):
 
 
 def mend(stamps) -> Mended:
-    """Stamps of scans that can be used, made of those in a file.
+    """Correct the stamps of the scans in a file, or replace them if they cannot be used.
 
     Counters of 32 bits that start at 0 again are unwrapped; stamps that are negative, or too large for a ROS message,
     are shifted. If fewer than half of the stamps are later than the one before, for example if all are equal, they
@@ -43,7 +43,7 @@ def mend(stamps) -> Mended:
     Parameters
     ----------
     stamps : sequence of int (N,)
-        [ns], in the order of the scans; of any size.
+        Stamps [ns] in the order of the scans; integers of any size.
     """
     given = [int(stamp) for stamp in stamps]
     unwrapped, wraps = _unwrap(given)
@@ -61,13 +61,13 @@ def mend(stamps) -> Mended:
 
 
 def usable(stamps) -> bool:
-    """Whether at least half of the stamps ``(N,)`` [ns] are later than the one before; one stamp alone is of use."""
+    """Whether at least half of the stamps ``(N,)`` [ns] are later than the previous one; true for a single stamp."""
     later = sum(b > a for a, b in pairwise(stamps))
     return 2 * later >= len(stamps) - 1
 
 
 def _unwrap(stamps):
-    """Return the stamps with counters of 32 bits unwrapped, and the units of those that start at 0 again."""
+    """Return the stamps with 32-bit counters unwrapped, and the units of the counters that started at 0 again."""
     found = []
     for unit, wrap in WRAPS.items():
         if not stamps or not (1 - NEAR) * wrap < max(stamps) < (1 + NEAR) * wrap:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories as files: TUM (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
+"""Trajectory files in TUM format (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
 import math
 from pathlib import Path
 
@@ -13,12 +13,12 @@ from .poses import FARTHEST, possible
 
 
 def write_tum(path, stamps, poses):
-    """Write a trajectory in TUM's form; the file appears whole or not at all.
+    """Write a trajectory in TUM format; the file appears complete or not at all.
 
     Parameters
     ----------
     stamps : sequence of int (N,)
-        [ns], written with all nine decimals.
+        Stamps of the poses [ns], written in seconds with all nine decimals.
     poses : array_like (N, 3)
         x, y [m], theta [rad].
     """
@@ -29,7 +29,7 @@ def write_tum(path, stamps, poses):
 
 
 def read_tum(path):
-    """Return a trajectory in TUM's form: stamps ``(N,)`` int64 [ns], poses ``(N, 3)`` [m, m, rad].
+    """Read a trajectory in TUM format: return stamps ``(N,)`` int64 [ns] and poses ``(N, 3)`` [m, m, rad].
 
     Raises
     ------
@@ -49,12 +49,12 @@ def read_tum(path):
 
 
 def write_csv(path, poses, indices=None, ms=None):
-    """Write poses ``(N, 3)`` as ``index,x,y,theta[,ms]``; the file appears whole or not at all.
+    """Write poses ``(N, 3)`` as ``index,x,y,theta[,ms]``; the file appears complete or not at all.
 
     Parameters
     ----------
     indices : sequence of int (N,), optional
-        The number of each pose's scan in the recording, from 0; all scans when not given.
+        Number of the scan of each pose in the recording, from 0; by default the poses are those of all scans.
     ms : sequence of float (N,), optional
         Time spent on each scan [ms].
     """
@@ -67,7 +67,7 @@ def write_csv(path, poses, indices=None, ms=None):
 
 
 def read_csv(path):
-    """Return indices ``(N,)`` and poses ``(N, 3)`` of a file with the columns index, x, y, theta and perhaps more.
+    """Return scan numbers ``(N,)`` and poses ``(N, 3)`` of a file with at least the columns index, x, y and theta.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def read_csv(path):
 
 
 def finite_numbers(words) -> list:
-    """Read numbers from `words`; raise ValueError for one that is not a number, not finite or too large for a pose."""
+    """Convert `words` to floats; raise ValueError if one is not a number, not finite or too large for a pose."""
     numbers = [float(word) for word in words]
     if not possible(numbers):
         raise ValueError(f'expected finite numbers below {FARTHEST:g}')
@@ -100,7 +100,7 @@ def finite_numbers(words) -> list:
 
 
 def numbered_lines(path):
-    """Return number and text of the lines of a small file that are neither empty nor a ``#`` comment.
+    """Return line number and text of each line of a small file that is neither empty nor a ``#`` comment.
 
     Raises
     ------

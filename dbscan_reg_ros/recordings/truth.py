@@ -17,7 +17,7 @@ DATA_VARIABLE = 'DBSCAN_REG_DATA'
 def data_folder(argument=None) -> Path:
     """Return the folder that holds ``intel/`` and the other public recordings.
 
-    `argument` where given, else ``$DBSCAN_REG_DATA``, else ``../shared/data`` beside the project's root.
+    The folder is `argument` if it is given, else ``$DBSCAN_REG_DATA``, else ``../shared/data`` beside the project root.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def data_folder(argument=None) -> Path:
 
 
 def find_recording(path, data=None) -> Path:
-    """`path` itself where it exists, else below the data folder; that has to exist where it was named."""
+    """Return `path` if it exists, else `path` below the data folder; a folder that was named must exist."""
     path = Path(path)
     if path.exists() or path.is_absolute():
         return path
@@ -46,11 +46,12 @@ def find_recording(path, data=None) -> Path:
 
 
 class Relations(NamedTuple):
-    """True motions between pairs of moments.
+    """The R true motions between pairs of stamps.
 
     Attributes
     ----------
     stamps : (R, 2) int64 [ns]
+        First and second stamp of each relation.
     motions : (R, 3) float [m, m, rad]
         The pose at the second stamp in the frame of the pose at the first.
     """
@@ -60,19 +61,19 @@ class Relations(NamedTuple):
 
 
 def find_relations(recording):
-    """Path of ``NAME.relations`` beside the recording ``NAME.log[.gz]``, or None."""
+    """Return the path of ``NAME.relations`` beside the recording ``NAME.log[.gz]``; None if there is no such file."""
     recording = Path(recording)
     path = recording.with_name(recording.name.removesuffix('.gz').removesuffix('.log') + '.relations')
     return path if path != recording and path.is_file() else None
 
 
 def load_relations(path) -> Relations:
-    """Relations from lines ``t1 t2 x y z roll pitch yaw``.
+    """Read `Relations` from a file with lines ``t1 t2 x y z roll pitch yaw``.
 
     Raises
     ------
     RecordingError
-        When the file cannot be read, holds none, or a line is not eight numbers.
+        When the file cannot be read, holds no relation, or a line is not eight numbers.
     """
     stamps, motions = [], []
     for number, line in numbered_lines(path):
@@ -89,9 +90,9 @@ def load_relations(path) -> Relations:
 
 
 def interpolate(stamps, poses, at):
-    """Poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly, headings by the smaller rotation.
+    """Return poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly, headings over the smaller angle.
 
-    NaN outside of the time of `stamps` ``(N,)``, which need not be in order.
+    Poses are NaN before the first and after the last of the `stamps` ``(N,)``, which need not be in order.
     """
     stamps, first = np.unique(np.asarray(stamps, dtype=np.int64), return_index=True)
     poses, at = np.asarray(poses, dtype=float)[first], np.asarray(at, dtype=np.int64)
@@ -110,10 +111,10 @@ def interpolate(stamps, poses, at):
 
 
 def true_poses(recording):
-    """Stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, or None.
+    """Return stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, or None.
 
-    Those in the recording; else those of ``truth.tum`` beside it; else those of ``reference.csv`` beside it, where that
-    has one for each of its scans.
+    The poses come from the recording; else from ``truth.tum`` beside it; else from ``reference.csv`` beside it, if that
+    file has a pose for every scan.
 
     Raises
     ------
@@ -133,14 +134,14 @@ def true_poses(recording):
 
 
 def read_truth(path, recording):
-    """Stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, from a file.
+    """Read stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor from a file.
 
-    A file in the form of TUM, or one with the columns of ``reference.csv``: index of the scan, x, y, theta.
+    The file has the TUM format, or the columns of ``reference.csv``: index of the scan, x, y, theta.
 
     Raises
     ------
     RecordingError
-        When the file cannot be read, or the recording has fewer scans than an index says.
+        When the file cannot be read, or an index is not that of a scan of the recording.
     """
     if ',' not in next(numbered_lines(path), (1, ''))[1]:
         return read_tum(path)

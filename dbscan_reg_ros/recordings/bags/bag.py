@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 1 and ROS 2 bags."""
+"""ROS 1 and ROS 2 bags as recordings of scans."""
 import math
 from collections import Counter
 from contextlib import contextmanager
@@ -23,9 +23,9 @@ LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 class Bag(Recording):
     """A ROS 1 ``.bag``, or a ROS 2 bag: its folder, or one sqlite3 or mcap file.
 
-    Messages come in order of record time. Among the odometry topics those with *truth* in their name are truth and
-    those with *laser_pose* the laser's poses; of the others the only one, or the only one with *wheel* in its name,
-    is the wheels'.
+    Messages come in order of record time. An odometry topic with *truth* in its name is ground truth, one with
+    *laser_pose* has the poses of the laser. Of the other odometry topics, the only one, or the only one with *wheel* in
+    its name, is the wheel odometry.
     """
 
     def __init__(self, path, topic=None):
@@ -45,11 +45,11 @@ class Bag(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
-        """Return iterator of `Scan` on the chosen topic, in order of record time."""
+        """Return iterator of the `Scan` objects on the chosen topic, in order of record time."""
         return (played.content for played in self.play(()))
 
     def channels(self):
-        """Return the `Channel` of every topic with messages besides that of the scans."""
+        """Return the `Channel` of every topic that has messages, except the topic of the scans."""
         with open_reader(self.path) as reader:
             held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
                     if c.topic != self.topic and c.msgcount}
@@ -59,7 +59,7 @@ class Bag(Recording):
                 for topic, (kind, latched) in held.items()]
 
     def play(self, channels):
-        """Yield `Played` in order of record time: each readable scan, and the bytes of the messages of `channels`."""
+        """Yield `Played` in order of record time: each readable scan, and each message of `channels` as bytes."""
         geometry, watch = None, ScanWatch()
         wanted = {channel.recorded: channel for channel in channels}
         for number, topic, time, message in self._messages([self.topic], wanted):
@@ -76,7 +76,7 @@ class Bag(Recording):
             yield Played(scan, time)
 
     def records(self):
-        """Yield `Record` of each scan, with the poses of laser and wheels interpolated at its stamp."""
+        """Yield the `Record` of each scan, with the laser pose and the wheel pose interpolated at its stamp."""
         stamps = np.array(self.stamps(), dtype=np.int64)
         robot = _at(stamps, self.wheel_odometry())
         laser = _at(stamps, self._odometry(self._laser_topic or self._truth_topic or self._wheel_topic))
@@ -88,7 +88,7 @@ class Bag(Recording):
         return self._odometry(self._wheel_topic)
 
     def truth(self):
-        """Return stamps and poses of the truth topic, else of the laser's poses if they were corrected, else None."""
+        """Return stamps and poses of the truth topic, or of the laser topic if its poses were corrected, or None."""
         if self._truth_topic:
             return self._odometry(self._truth_topic)
         laser, wheels = self._odometry(self._laser_topic), self.wheel_odometry()
@@ -112,7 +112,7 @@ class Bag(Recording):
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
     def _messages(self, topics, passed=()):
-        """Yield number in the topic, from 1, topic, record time [ns] and message; of the topics `passed` its bytes."""
+        """Yield number in its topic (from 1), topic, record time [ns] and message (bytes on the topics `passed`)."""
         numbers = Counter()
         with open_reader(self.path) as reader:
             connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
@@ -129,7 +129,7 @@ class Bag(Recording):
 
 
 def _topics(connections, kind):
-    """Return topic -> number of messages of the type `kind`."""
+    """Return topic -> number of messages, for the topics of message type `kind`."""
     counts = Counter()
     for connection in connections:
         if connection.msgtype == kind:
@@ -138,14 +138,14 @@ def _topics(connections, kind):
 
 
 def _wheel_topic(topics):
-    """Return the only one of the odometry `topics` that is neither truth nor the laser's, or has *wheel*; or None."""
+    """Return the wheel topic: of the `topics` without truth or laser poses, the only one, or the one with *wheel*."""
     others = [name for name in topics if 'truth' not in name and 'laser_pose' not in name]
     return only(others) or only(name for name in others if 'wheel' in name)
 
 
 @contextmanager
 def open_reader(path):
-    """Provide the reader of a bag, of the library that can read it.
+    """Provide the `BagReader` of the library that can read the bag at `path`.
 
     Raises
     ------
@@ -184,12 +184,12 @@ def safely(reader, connections, report, **window):
 
 
 def describe(error):
-    """Return the message of an exception in one line."""
+    """Return the text of an exception in one line."""
     return ' '.join(str(error).split()) or 'no reason given'
 
 
 def _at(stamps, trajectory):
-    """Poses ``(N, 3)`` of a trajectory, or zeros, at the stamps ``(N,)``: message by message where they go together."""
+    """Return poses ``(N, 3)`` at the `stamps` ``(N,)``, interpolated unless the stamps are equal; zeros without any."""
     if trajectory is None:
         return np.zeros((len(stamps), 3))
     known, poses = trajectory
@@ -203,7 +203,7 @@ def _stamp(message):
 
 
 def _planar(pose):
-    """x, y [m] and heading [rad] of a message's pose."""
+    """Return x, y [m] and heading [rad] of a Pose message."""
     q = pose.orientation
     return (pose.position.x, pose.position.y,
             math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))

@@ -1,34 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons why a bag cannot be opened, and remedies, found from the bytes of its files."""
+"""Reasons why a bag cannot be opened, and the remedies, determined from the first and last bytes of its files."""
 import shlex
 from pathlib import Path
 from typing import NamedTuple
 
 KINDS = {b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', b'#ROSBAG ': 'ROS 1 bag'}
-"""How files of bags begin -> what they are."""
+"""First bytes of a bag file -> its format."""
 ENDINGS = {'mcap': '.mcap', 'sqlite3': '.db3', 'ROS 1 bag': '.bag'}
 PACKED = {b'\x28\xb5\x2f\xfd': ('zstd', 'zstd -d'), b'\x1f\x8b': ('gzip', 'gunzip'), b'BZh': ('bzip2', 'bunzip2'),
           b'\xfd7zXZ\0': ('xz', 'unxz'), b'PK\x03\x04': ('zip', 'unzip'), b'\x04\x22\x4d\x18': ('lz4', 'lz4 -d'),
           b'7z\xbc\xaf\x27\x1c': ('7z', '7z x')}
-"""How compressed files begin -> their format, and the command that unpacks them."""
+"""First bytes of a compressed file -> its format, and the command that unpacks it."""
 MCAP_END = next(iter(KINDS))
 CONVERTERS = {'sensor_msgs/msg/PointCloud2': 'the ROS package pointcloud_to_laserscan',
               'sensor_msgs/msg/MultiEchoLaserScan': 'the ROS package laser_proc'}
-"""Message type -> what makes laser scans of it."""
+"""Message type -> the ROS package that converts its messages to laser scans."""
 
 
 def kind_of(start):
-    """Return what a file of a bag is by its first bytes, or None."""
+    """Return the format of a bag file from its first bytes `start`, or None if it is no bag file."""
     return _by_start(KINDS, start)
 
 
 def kind_at(path):
-    """Return what the file at `path` is by its first bytes; None where it is no bag, or no file."""
+    """Return the format of the bag file at `path` from its first bytes; None if it is no file or no bag file."""
     return kind_of(_start(path)) if path.is_file() else None
 
 
 def unpacking_advice(path, start):
-    """Say how to unpack a file that its first bytes show to be compressed; None if it is not."""
+    """Return how to unpack the file at `path`; None if its first bytes `start` are not those of a compressed file."""
     packed = _by_start(PACKED, start)
     if packed is None:
         return None
@@ -38,13 +38,13 @@ def unpacking_advice(path, start):
 
 
 def fault_of(path, words) -> str:
-    """One line on why the bag at `path` cannot be opened and what helps.
+    """Return one line with the reason why the bag at `path` cannot be opened, and the remedy.
 
     Parameters
     ----------
     path : Path
     words : str
-        Message of the reader; shown if the bytes of the bag give no better reason.
+        Error message of the reader; shown if the bytes of the bag give no better reason.
     """
     try:
         found = _of_folder(path) if path.is_dir() else _of_file(path)
@@ -54,7 +54,7 @@ def fault_of(path, words) -> str:
 
 
 def other_contents(connections) -> str:
-    """Return what a bag without laser scans holds, and what makes laser scans of it."""
+    """Return a text with the topics of a bag without laser scans, and how to convert them to laser scans."""
     kinds = sorted({(connection.topic, connection.msgtype) for connection in connections})
     held = ', '.join(f'{topic} ({kind})' for topic, kind in kinds) or 'no topic'
     advice = [f'{CONVERTERS[kind]} makes laser scans of {kind}' for kind in CONVERTERS if kind in dict(kinds).values()]
@@ -62,7 +62,7 @@ def other_contents(connections) -> str:
 
 
 class _Metadata(NamedTuple):
-    """What ``metadata.yaml`` states: names of the files, their storage, and their compression or None."""
+    """Content of ``metadata.yaml``: the names of the files, their storage, and their compression or None."""
 
     names: list
     storage: str
@@ -70,7 +70,7 @@ class _Metadata(NamedTuple):
 
 
 def _of_folder(folder):
-    """Return the first fault of a bag that is a folder, or None."""
+    """Return the first fault of a bag folder, or None."""
     files = sorted(file.name for file in folder.iterdir() if kind_at(file))
     instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
     metadata = _read_metadata(folder)
@@ -98,7 +98,7 @@ def _read_metadata(folder):
 
 
 def _of_named_file(file, metadata):
-    """Return how the `file` of a bag contradicts the `metadata` of its folder, or its own fault, or None."""
+    """Return how a bag `file` contradicts the `metadata` of its folder, else the fault of the file, or None."""
     name, compression, start = file.name, metadata.compression, _start(file)
     if packed := _by_start(PACKED, start):
         if compression == packed[0]:
@@ -137,7 +137,7 @@ def _of_file(file):
 
 
 def _quoted(path):
-    """Return the whole path as a word of a command line."""
+    """Return the absolute path, quoted for a command line."""
     return shlex.quote(str(path.absolute()))
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which library reads and writes bags: `rosbags`, or `rosbag2_py`, which every ROS 2 Jazzy has.
+"""Choice of the library that reads and writes bags: `rosbags`, or `rosbag2_py`, which every ROS 2 Jazzy has.
 
-The modules `with_rosbags` and `with_rosbag2_py` hold the same: `BagReader`, `BagWriter` and `serializer`.
+The modules `with_rosbags` and `with_rosbag2_py` have the same interface: `BagReader`, `BagWriter` and `serializer`.
 """
 from importlib.util import find_spec
 
@@ -14,17 +14,17 @@ def is_ros1(path) -> bool:
 
 
 def bag_library(ros1=False):
-    """Return the module to read and write bags with: that of `rosbags` if it is installed, else that of `rosbag2_py`.
+    """Return the module that reads and writes bags: `with_rosbags` if `rosbags` is installed, else `with_rosbag2_py`.
 
     Parameters
     ----------
     ros1 : bool
-        Only what knows ROS 1 bags will do, which `rosbag2_py` does not.
+        Whether the library must support ROS 1 bags, which `rosbag2_py` does not.
 
     Raises
     ------
     ModuleNotFoundError
-        When there is none; it names `rosbags`, which is the one that can be installed anywhere.
+        When no library is installed; the error names `rosbags`, which can be installed on any system.
     """
     if ros1 or find_spec('rosbags') or not find_spec('rosbag2_py'):
         from . import with_rosbags

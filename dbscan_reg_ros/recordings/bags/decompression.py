@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compressed parts of bags up to a limit; `rosbags` by itself unpacks all that a file claims to hold."""
+"""Decompression of parts of bags up to a size limit, because `rosbags` unpacks parts of any size."""
 from ...core.errors import RecordingError
 
 LIMIT = 64 * 2**20
-"""Most bytes that one chunk of a bag, or one compressed message, may have."""
+"""Maximum size of one unpacked chunk or message of a bag [bytes]."""
 
 
 def limit_decompression():
-    """Let `rosbags` unpack no more than `LIMIT` bytes at a time, from now on in this process."""
+    """Make `rosbags` unpack at most `LIMIT` bytes at a time for the rest of this process."""
     from bz2 import BZ2Decompressor
     from types import SimpleNamespace
 
@@ -23,9 +23,10 @@ def limit_decompression():
 
 
 def limited(decompressor):
-    """Return a function from packed to unpacked bytes, by what ``decompressor()`` makes.
+    """Return a function that unpacks bytes with the streams that ``decompressor()`` makes.
 
-    That function raises RecordingError when there are more than `LIMIT`, or the packed ones end too early.
+    The function raises RecordingError when there are more than `LIMIT` unpacked bytes, or the packed bytes end too
+    early.
     """
 
     def unpack(packed, _size=None):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2 messages from plain fields, without ROS: by `rosbags`."""
+"""Serialisation of ROS 2 messages from plain fields with `rosbags`, without ROS."""
 from functools import cache
 
 import numpy as np
@@ -8,12 +8,12 @@ EMPTY = {'string': '', 'bool': False, 'float32': 0.0, 'float64': 0.0}
 
 
 class MessageMaker:
-    """Serialised ROS 2 messages.
+    """Makes serialised ROS 2 messages.
 
     Attributes
     ----------
     store : rosbags.typesys.store.Typestore
-        That of ROS 2 Jazzy.
+        Type store with the message types of ROS 2 Jazzy.
     """
 
     def __init__(self):
@@ -27,7 +27,7 @@ class MessageMaker:
         Parameters
         ----------
         fields : dict
-            Name -> value, nested; those left out are zero, empty, or no rotation.
+            Field name -> value, nested; fields left out are zero, empty, or the identity rotation.
         """
         return self.store.serialize_cdr(self._make(kind, fields), kind)
 
@@ -42,7 +42,7 @@ class MessageMaker:
         return [self._make(kind, item) for item in value] if isinstance(value, list) else self._make(kind, value)
 
     def _members(self, kind):
-        """Return the message's class, the default of every field, and the type of fields that are messages."""
+        """Return the class of a message type, the default of every field, and the type of each nested message field."""
         from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}
         for name, (node, detail) in self.store.fielddefs[kind][1]:

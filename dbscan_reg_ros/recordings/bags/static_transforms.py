@@ -10,12 +10,12 @@ TOPIC = 'tf_static'
 
 
 def static_mounting(path, base_frame, frame) -> Mounting | None:
-    """Return the mounting of a lidar with this `frame` by the transforms in a bag; None where they do not connect it.
+    """Return the mounting of the lidar `frame` from the transforms of a bag; None if they do not connect both frames.
 
     Raises
     ------
     MountingError
-        When the lidar is tilted.
+        When the lidar is tilted too far.
     """
     parents = _transforms(path)
     base, laser = _chain(parents, base_frame), _chain(parents, frame)
@@ -39,7 +39,7 @@ def _transforms(path) -> dict:
 
 
 def _chain(parents, frame):
-    """Return the root above a `frame`, and the matrix ``(4, 4)`` from the frame to the root."""
+    """Return the root of the transform tree above a `frame`, and the matrix ``(4, 4)`` from the frame to the root."""
     matrix, frame, seen = np.eye(4), frame.strip('/'), set()
     while frame in parents and frame not in seen:
         seen.add(frame)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2 bags, read and written with `rosbag2_py`, which every ROS 2 Jazzy has; holds the same as `with_rosbags`."""
+"""ROS 2 bags, read and written with `rosbag2_py`, which every ROS 2 Jazzy has; same interface as `with_rosbags`."""
 from typing import NamedTuple
 
 import rosbag2_py
@@ -9,7 +9,7 @@ from ..message_fields import filled, message_class
 from .bag_faults import kind_at
 
 COMPRESSED = ('file', 'message')
-"""Values of `compression_mode` of bags that need the reader of compressed ones."""
+"""Values of `compression_mode` for which a bag needs the reader of compressed bags."""
 
 
 class Connection(NamedTuple):
@@ -27,7 +27,7 @@ class BagReader:
     Parameters
     ----------
     path : Path
-        Of the bag's folder, or of one file of it.
+        Path of the bag's folder, or of one file of the bag.
     """
 
     def __init__(self, path):
@@ -48,7 +48,7 @@ class BagReader:
         return reader
 
     def close(self):
-        """Each pass has a reader of its own, which closes its files when it goes."""
+        """Do nothing: each pass has its own reader, which closes its files when it is deleted."""
 
     def messages(self, connections, start=None, stop=None):
         """Yield Connection, record time [ns] and bytes of each message recorded in [`start`, `stop`) [ns]."""
@@ -63,7 +63,7 @@ class BagReader:
                 yield wanted[topic], time, raw
 
     def deserialize(self, raw, kind):
-        """Return the message of type `kind`, as ROS knows that type."""
+        """Return the message of type `kind`, as the installed ROS defines that type."""
         from rclpy.serialization import deserialize_message
         return deserialize_message(bytes(raw), message_class(kind))
 
@@ -72,12 +72,12 @@ class BagReader:
         return False
 
     def to_ros2(self, raw, kind):
-        """Return the bytes of a message as ROS 2 sends them."""
+        """Return a message as the bytes that ROS 2 sends."""
         return bytes(raw)
 
 
 class BagWriter:
-    """A ROS 2 bag that is written while the ``with`` statement lasts; as `with_rosbags.BagWriter`."""
+    """A ROS 2 bag that is written within a ``with`` statement; same interface as `with_rosbags.BagWriter`."""
 
     def __init__(self, target, storage):
         self._target, self._storage = target, storage
@@ -96,7 +96,7 @@ class BagWriter:
         self._writer.close()
 
     def add_topic(self, topic, kind, latched=False):
-        """Add a topic of type `kind`, `latched` for late subscribers; return the handle that `write` takes."""
+        """Add a topic of type `kind`, `latched` for late subscribers; return the handle to pass to `write`."""
         from rosbag2_py._storage import QoS
         return self._add(topic, kind, [QoS(1).reliable().transient_local()] if latched else [])
 
@@ -107,20 +107,20 @@ class BagWriter:
         return topic
 
     def add_topics_of(self, _reader, connections):
-        """Add the topics of a `BagReader`; return a function from connection and bytes to what `write` takes."""
+        """Add the topics of a `BagReader`; return a function from connection and bytes to the arguments of `write`."""
         for connection in connections:
             self._add(connection.topic, connection.msgtype, connection.qualities)
         return lambda connection, raw: (connection.topic, raw)
 
     def write(self, topic, time, raw):
-        """Add the bytes of a message with its record time [ns]."""
+        """Write the bytes of a message with its record time [ns]."""
         self._writer.write(topic, bytes(raw), int(time))
 
 
 def serializer(_target):
     """Return the function from type and fields to the bytes of a message.
 
-    Fields that are left out are zero, empty, or no rotation.
+    Fields that are left out are zero, empty, or the identity rotation.
     """
     from rclpy.serialization import serialize_message
     return lambda kind, fields: serialize_message(filled(message_class(kind)(), fields))

@@ -24,16 +24,16 @@ class BagReader:
     Parameters
     ----------
     path : Path
-        Of a ROS 1 bag, or of a ROS 2 bag: its folder, or one file of it.
+        Path of a ROS 1 bag, of the folder of a ROS 2 bag, or of one file in that folder.
 
     Attributes
     ----------
     path : Path
     connections : list
-        One for each topic, message type and publisher, with the fields `topic`, `msgtype` and `msgcount`.
+        One connection for each topic, message type and publisher, with the fields `topic`, `msgtype` and `msgcount`.
     message_count : int
     start_time, duration : int
-        Of the record times [ns].
+        First record time and span of the record times [ns].
     """
 
     def __init__(self, path):
@@ -55,7 +55,7 @@ class BagReader:
         return self.reader.messages(connections, start, stop)
 
     def deserialize(self, raw, kind):
-        """Return the message of type `kind`, as that type is known to us: a file may describe it in any way."""
+        """Return the message of type `kind`, decoded with the standard definition of the type, not that of the file."""
         return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
 
     def is_latched(self, connection):
@@ -65,19 +65,19 @@ class BagReader:
         return bool(connection.ext.latching)
 
     def to_ros2(self, raw, kind):
-        """Return the bytes of a message as ROS 2 sends them, as its type is known to us."""
+        """Return a message as the bytes that ROS 2 sends, with the standard definition of its type."""
         return bytes(raw if self.reader.is2 else get_typestore(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
 
 
 class BagWriter:
-    """A bag that is written while the ``with`` statement lasts.
+    """A bag that is written within a ``with`` statement.
 
     Parameters
     ----------
     target : Path
         ``NAME.bag`` becomes a ROS 1 bag, any other name the folder of a ROS 2 bag.
     storage : str
-        Of a ROS 2 bag: ``mcap`` or ``sqlite3``.
+        Storage of a ROS 2 bag: ``mcap`` or ``sqlite3``.
     """
 
     def __init__(self, target, storage):
@@ -94,24 +94,24 @@ class BagWriter:
         return self._writer.__exit__(*error)
 
     def add_topic(self, topic, kind, latched=False):
-        """Add a topic of type `kind`, `latched` for late subscribers; return the handle that `write` takes."""
+        """Add a topic of type `kind`, `latched` for late subscribers; return the handle to pass to `write`."""
         options = {'offered_qos_profiles': [LATCHED]} if latched and not self._ros1 else {}
         return self._writer.add_connection(topic, kind, typestore=self._store, **options)
 
     def add_topics_of(self, reader, connections):
-        """Add the topics of a `BagReader`; return a function from connection and bytes to what `write` takes."""
+        """Add the topics of a `BagReader`; return a function from connection and bytes to the arguments of `write`."""
         store = None if reader.reader.is2 != self._ros1 else self._store
         with contextlib.redirect_stdout(io.StringIO()):
             written, converted = create_connections_converters(connections, store, reader.reader, self._writer)
         return lambda connection, raw: (written[connection.id, connection.owner], converted[connection.msgtype](raw))
 
     def write(self, topic, time, raw):
-        """Add the bytes of a message with its record time [ns]."""
+        """Write the bytes of a message with its record time [ns]."""
         self._writer.write(topic, time, raw)
 
 
 def serializer(target):
-    """Return the function from type and fields to the bytes of a message, in the form that the bag `target` holds.
+    """Return the function from type and fields to the bytes of a message, in the format of the bag `target`.
 
     Fields that are left out are zero, empty, or the identity quaternion.
     """

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CARMEN logs: their lines, and what has to be known of a whole log."""
+"""CARMEN logs: reading and writing of lines, and properties of a whole log."""

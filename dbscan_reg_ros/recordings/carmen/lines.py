@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lines of a CARMEN log that are read and written."""
+"""Reading and writing of the lines of a CARMEN log."""
 import math
 from typing import NamedTuple
 
@@ -13,34 +13,35 @@ from ..stamps import SECOND
 from ..trajectories import finite_numbers
 
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
-"""``PARAM`` lines that we write and read, with their defaults [m, s]."""
+"""Names of the ``PARAM`` lines that are read and written, and their default values [m, s]."""
 FLASER_RANGE_MAX = 50.0
-"""Maximum range of ``FLASER`` and similar lines [m], which do not state it: greater values, 81.83, 81.91, are codes."""
+"""Maximum range of ``FLASER`` and similar lines [m], which state none; greater readings (81.83, 81.91) are codes."""
 FLASER_NO_RETURN = 81.83
 """Reading [m] that is written for a missing return."""
 UNLIMITED = 1e6
-"""Maximum range [m] that is written for a sensor without one."""
+"""Maximum range [m] that is written for a sensor without a maximum range."""
 ODOMETRY_VALUES = 9
 """Values of an ``ODOM`` line: pose, two velocities, acceleration, stamp, host, stamp of the logger."""
 FEWEST_READINGS = 2
 """A ``FLASER`` with fewer readings has no angles."""
 FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
-"""Stamps that may be mended [ns]: those of a counter of 32 bits, in six digits, and some that are negative."""
+"""Stamps [ns] between these can be corrected: those of 32-bit counters, and some negative ones."""
 
 
 class Line(NamedTuple):
-    """A scan as a line of the log gives it.
+    """The data of a line of the log that contains a scan.
 
     Attributes
     ----------
     stamp : int [ns]
-        As in the line; see `stamps.mend`.
+        Stamp in the line, not corrected; see `stamps.mend`.
     ranges : (N,) float [m]
     start, step : float [rad]
+        Bearing of the first beam, and step from one beam to the next.
     range_max : float [m]
-        Infinite readings, and those beyond, are no return.
+        Readings beyond this are missing returns.
     laser_pose, robot_pose : tuple
-        x [m], y [m], theta [rad]; None where the line has none.
+        x [m], y [m], theta [rad]; None if the line has no poses.
     """
 
     stamp: int
@@ -52,13 +53,13 @@ class Line(NamedTuple):
     robot_pose: tuple | None = None
 
     def geometry(self, settings) -> ScanGeometry:
-        """Where the beams point; ScanError where they cannot point so."""
+        """Return the geometry of the scan; raise ScanError if the angles are invalid."""
         return ScanGeometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
 
     def scan(self, settings, geometry, stamp, no_return=None) -> Scan:
-        """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are none.
+        """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are missing returns.
 
-        The `geometry` of the last scan is used again where it is equal.
+        The `geometry` of the last scan is used again if that of this scan is equal.
         """
         ranges = self.ranges if no_return is None else np.where(self.ranges >= no_return, np.inf, self.ranges)
         return Scan(stamp, ranges, self.geometry(settings).reuse(geometry), float(settings['laser_time_increment']),
@@ -66,25 +67,25 @@ class Line(NamedTuple):
 
 
 def read_line(kind, words) -> Line:
-    """Return the line of a message of one of the `KINDS`.
+    """Parse the `words` of a message of one of the `KINDS`.
 
     Raises
     ------
     ValueError, IndexError
-        When it is damaged.
+        When the line is damaged.
     """
     return KINDS[kind](words)
 
 
 def read_odometry(words):
-    """Stamp [ns] and pose ``(x, y, theta)`` [m, m, rad] of an ``ODOM`` line; ValueError or IndexError if damaged."""
+    """Parse an ``ODOM`` line: stamp [ns] and pose [m, m, rad]; raise ValueError or IndexError if it is damaged."""
     if len(words) != ODOMETRY_VALUES:
         raise ValueError(f'{len(words)} values where {ODOMETRY_VALUES} are needed')
     return _stamp(words[6]), _pose(words[:3])
 
 
 def set_parameter(settings, words):
-    """Take over a ``PARAM`` line that concerns the scans."""
+    """Update `settings` from the words of a ``PARAM`` line if it is one of the `SETTINGS`."""
     if words[0] in settings:
         if words[0] != 'laser_frame':
             float(words[1])
@@ -99,7 +100,7 @@ def settings_of(scan) -> dict:
 
 
 def format_line(record: Record) -> str:
-    """Return a `Record` as a line of a log: ``FLASER`` if its angles fit that message, else ``ROBOTLASER1``."""
+    """Format a `Record` as a line of a log: ``FLASER`` if its angles fit that message, else ``ROBOTLASER1``."""
     scan, geometry = record.scan, record.scan.geometry
     n = geometry.size
     is_flaser = n > 1 and geometry == _flaser_geometry(n, geometry.range_min)
@@ -117,7 +118,7 @@ def format_line(record: Record) -> str:
 
 
 def _read_old(words, poses):
-    """``FLASER`` and its like: the number of readings, these, so many poses, stamp, host, logger's stamp."""
+    """Parse ``FLASER`` and similar lines: number of readings, readings, `poses` poses, stamp, host, logger's stamp."""
     n = int(words[0])
     needed = n + 4 + 3 * poses
     if n < FEWEST_READINGS or len(words) != needed:
@@ -129,7 +130,7 @@ def _read_old(words, poses):
 
 
 def _read_new(words, tail):
-    """``RAWLASER``, ``ROBOTLASER``: head of seven values, readings, remissions, `tail` more, stamp, host, log stamp."""
+    """Parse ``RAWLASER`` or ``ROBOTLASER``: 7 values, readings, remissions, `tail` values, stamp, host, log stamp."""
     n = int(words[7])
     remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
     rest = 9 + n + remissions
@@ -148,29 +149,29 @@ KINDS = {kind: lambda words: _read_old(words, 2) for kind in ('FLASER', 'RLASER'
 KINDS |= {f'LASER{number}': lambda words: _read_old(words, 0) for number in (3, 4, 5)}
 KINDS |= {f'ROBOTLASER{number}': lambda words: _read_new(words, 11) for number in range(1, 6)}
 KINDS |= {f'RAWLASER{number}': lambda words: _read_new(words, 0) for number in range(1, 6)}
-"""Name of a message with a scan -> the function from its words to a `Line`."""
+"""Name of a message with a scan -> the function that makes a `Line` from its words."""
 FRONT = ('FLASER', 'ROBOTLASER1')
-"""The scanner that is meant where a log has several."""
+"""Messages of the front scanner, which is chosen if a log has several scanners."""
 
 
 def _flaser_angles(n: int) -> tuple[float, float]:
-    """First bearing and step [rad] of a ``FLASER`` with n beams."""
+    """Return the first bearing and the step [rad] of a ``FLASER`` scan with n beams."""
     return -math.pi / 2, math.pi / n if n % 2 == 0 else math.pi / (n - 1)
 
 
 def _flaser_geometry(n: int, range_min: float) -> ScanGeometry:
-    """Return the geometry of a ``FLASER`` with n beams and the smallest range `range_min` [m]."""
+    """Return the geometry of a ``FLASER`` scan with n beams and the smallest range `range_min` [m]."""
     start, step = _flaser_angles(n)
     return ScanGeometry(start, step, n, range_min, FLASER_RANGE_MAX)
 
 
 def _before(limit):
-    """Return the `range_max` of a scan, which counts as a return: the float below the maximum range of a log."""
+    """Return the `range_max` of a scan: the float below the maximum range of a log, which is no return itself."""
     return np.nextafter(np.float32(limit), np.float32(0.0))
 
 
 def _after(range_max):
-    """Return the next float above: the maximum range of a log from the `range_max` of its scan."""
+    """Return the maximum range to write to a log for the `range_max` of a scan: the next float above it."""
     return np.nextafter(np.float32(range_max), np.float32(np.inf))
 
 

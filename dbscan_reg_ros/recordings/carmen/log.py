@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CARMEN logs: one message a line."""
+"""CARMEN logs, text files with one message on each line."""
 import gzip
 import re
 import zlib
@@ -15,9 +15,9 @@ from .lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_paramet
 from .survey import Survey
 
 LONGEST_LINE = 2**22
-"""Lines of this many characters or more are no lines of a log; reading stops there."""
+"""Reading stops at a line of this many characters or more, because no line of a log is that long."""
 MOST_KINDS = 20
-"""Number of kinds of lines that are named if none contains a scan."""
+"""Number of kinds of lines that the error message names if no line contains a scan."""
 
 _MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
 
@@ -27,7 +27,7 @@ class CarmenLog(Recording):
 
     ``FLASER``, ``RLASER`` and ``LASER3`` hold no angles: their n beams span 180 degrees from -90 on, 180 / n apart for
     even n and 180 / (n - 1) for odd n. In ``ROBOTLASER1``, ``RAWLASER1`` and so on a reading of the maximum range is a
-    missing return. The stamp is the ipc_timestamp, third from the end.
+    missing return. The stamp of a scan is the ipc_timestamp, the third value from the end of the line.
 
     Properties of the whole log are determined once, when it is opened: which stamps are usable, which reading means a
     missing return, and which poses are the ground truth.
@@ -72,18 +72,18 @@ class CarmenLog(Recording):
         return list(self._found.stamps)
 
     def wheel_odometry(self):
-        """Return the poses of the wheels; None where all of them are zero, as in the log of a sensor alone."""
+        """Return stamps and poses of the wheel odometry; None if all poses are zero, as in logs without a robot."""
         return self._poses(self._found.robot) if self._found.robot.any() else None
 
     def truth(self):
-        """Return the laser's poses where they were corrected, that is, do not simply move along with the odometry's."""
+        """Return stamps and poses of the laser if its poses were corrected afterwards (see `Findings`), else None."""
         return self._poses(self._found.laser) if self._found.corrected else None
 
     def _poses(self, poses):
         return np.array(self._found.stamps, dtype=np.int64), poses.copy()
 
     def _survey(self):
-        """Kind -> how many lines there are, of those that hold scans and of others, and kind -> `Survey`."""
+        """Return kind -> number of lines with scans, kind -> number of other lines, and kind -> `Survey`."""
         counts, others = Counter(), Counter()
         surveys, odometry = defaultdict(Survey), None
         for kind, message, _ in self._messages((*KINDS, 'ODOM'), counts, others):
@@ -98,10 +98,10 @@ class CarmenLog(Recording):
         return counts, others, surveys
 
     def _messages(self, wanted, counts=None, others=None):
-        """Kind, content and settings of the readable lines of the kinds `wanted`: a `Line`; of ``ODOM`` stamp and pose.
+        """Yield kind, content (`Line`; for ``ODOM`` stamp and pose) and settings of the lines of the kinds `wanted`.
 
-        Where `counts` and `others` are given, they count the lines that hold scans, damaged ones too, and those of
-        other kinds.
+        Damaged lines are skipped. If `counts` and `others` are given, the number of lines of each kind is added to
+        them, damaged lines included: to `counts` for lines with scans, to `others` for all other lines.
         """
         settings = dict(SETTINGS)
         for number, kind, words in self._lines():
@@ -118,7 +118,7 @@ class CarmenLog(Recording):
                 self._report(f'{self.path.name}:{number}: damaged {kind} skipped: {error}')
 
     def _lines(self):
-        """Line number, kind and words of every message."""
+        """Yield line number, kind and the remaining text of every message."""
         number = 0
         open_text = gzip.open if _is_gzip(self.path) else open
         with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
@@ -138,7 +138,7 @@ class CarmenLog(Recording):
 
 
 def _named(counts):
-    """Return the most frequent kinds of lines in words."""
+    """Return the most frequent kinds of lines, with their numbers, as text."""
     kinds = counts.most_common(MOST_KINDS)
     return ', '.join(f'{count} {kind}' for kind, count in kinds) or 'none that is known'
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of the range that a file writes for "no return"."""
+"""Detection of the range that a file contains in place of a missing return."""
 import math
 
 import numpy as np
 
 WIDTH = 0.001
-"""Ratio to the greatest value from which on values form one group: sensors have several codes, 81.83 to 81.91."""
+"""Readings within this fraction of the greatest one form a group: a sensor has several codes, 81.83 to 81.91."""
 FEWEST = 20
-"""Minimum number of readings in the group."""
+"""Minimum number of readings in the group for it to mean "no return"."""
 BAND = 0.01
-"""Readings below the group and within this ratio of the greatest may not outnumber the group: walls become rarer
-towards the longest ranges, and have no peak there."""
+"""Readings below the group, but within this fraction of the greatest one, may not outnumber the group: ranges of walls
+become rarer towards the maximum, without a peak."""
 JUMP = 0.1
-"""A reading next to one of the group that is below this ratio of it lies across a jump, not on the same wall."""
+"""Two adjacent readings that differ by more than this fraction lie on different surfaces, not on one wall."""
 DIGITS = 5
 """Values with this many equal significant digits are counted as one, so that memory does not grow with the file."""
 
@@ -51,8 +51,8 @@ class NoReturn:
     def limit(self):
         """Return the smallest range [m] that means "no return"; None if the file has none.
 
-        A wall that the longest ranges reach borders on readings that are a little shorter: most readings beside the
-        group have to lie across a jump.
+        On a wall at the longest range, the adjacent readings are only a little shorter. The group is therefore accepted
+        only if most of the readings next to it lie across a jump.
         """
         least = (1.0 - WIDTH) * self._greatest
         group = [found for value, found in self._values.items() if value >= least]

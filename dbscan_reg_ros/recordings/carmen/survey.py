@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Properties of a whole CARMEN log that its first scan depends on."""
+"""Properties of a whole CARMEN log that must be known to read its first scan."""
 import math
 from array import array
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from .no_return import NoReturn
 
 NOWHERE = (0.0, 0.0, 0.0)
 SAME = 1e-6
-"""Poses that differ by at most this [m, rad] are one pose, written twice."""
+"""Poses that differ by at most this [m, rad] are taken as the same pose, written twice."""
 DETOUR, SLACK = 1.05, 0.01
 """A pose lies between two others if the detour over it is at most this times the direct motion plus this [m, rad]."""
 
@@ -27,7 +27,7 @@ class Survey:
         self._no_return = NoReturn()
 
     def add(self, line):
-        """Take in a `Line`."""
+        """Add the data of one `Line`."""
         self._stamps.append(line.stamp)
         self._laser.extend(line.laser_pose or NOWHERE)
         self._robot.extend(line.robot_pose or NOWHERE)
@@ -35,7 +35,7 @@ class Survey:
         self.wheels.add_scan(line.stamp, line.robot_pose)
 
     def findings(self, filtered=False) -> 'Findings':
-        """Return the properties of the whole log; `filtered`: it contains lines of a particle filter."""
+        """Return the properties of the whole log; `filtered` states whether it contains lines of a particle filter."""
         stamps, stamp_note = mend(self._stamps)
         no_return = self._no_return.limit()
         range_note = '' if no_return is None else (f'readings of {no_return:.3f} m or more are used as no return: the '
@@ -60,7 +60,7 @@ class Survey:
 
 
 class Poses(NamedTuple):
-    """Poses ``(N, 3)`` [m, m, rad] of the laser and of the robot, as in `Findings`, and what was assumed, or ''."""
+    """Poses ``(N, 3)`` [m, m, rad] of the laser and of the robot, as in `Findings`, and a note of the assumption."""
 
     laser: np.ndarray
     robot: np.ndarray
@@ -74,15 +74,15 @@ class Findings(NamedTuple):
     Attributes
     ----------
     stamps : list of int (N,) [ns]
-        As from `stamps.mend`.
+        Corrected stamps from `stamps.mend`.
     laser, robot : (N, 3) float [m, m, rad]
-        Poses; those of the robot are the wheels'.
+        Poses of the laser, and poses of the robot from wheel odometry.
     corrected : bool
-        The laser's poses are the ground truth.
+        Whether the laser's poses are the ground truth.
     no_return : float [m] or None
-        As from `NoReturn.limit`.
+        Smallest range that means "no return", from `NoReturn.limit`.
     notes : list of str
-        What was assumed.
+        Assumptions that were made.
     """
 
     stamps: list
@@ -96,8 +96,8 @@ class Findings(NamedTuple):
 class Wheels:
     """Wheel odometry of the ``ODOM`` lines, interpolated at the scans between them.
 
-    In a log that was corrected afterwards an ``ODOM`` line repeats the corrected pose of the scan before it, and the
-    next lines continue from that pose. The trajectory of the wheels is joined from the pieces.
+    In a log that was corrected afterwards, an ``ODOM`` line repeats the corrected pose of the scan before it, and the
+    next ``ODOM`` lines continue from that pose. The pieces are joined to one trajectory of the wheels.
     """
 
     def __init__(self):
@@ -132,7 +132,7 @@ class Wheels:
         self._lines += 1
 
     def poses(self):
-        """``(N, 3)`` poses of the wheels at the scans [m, m, rad]; None where there is no ``ODOM`` line."""
+        """Return the poses ``(N, 3)`` of the wheels at the scans [m, m, rad]; None if there is no ``ODOM`` line."""
         return None if self._last is None else np.array(self._scans).reshape(-1, 3)
 
     def contradict(self) -> bool:
@@ -145,7 +145,7 @@ class Wheels:
         return robot is not None and _same(robot, pose) and not _same(self._last[1], pose)
 
     def _advance(self, stamp, pose):
-        """Move the wheels to `pose` at `stamp` [ns]; set the scans since the last ``ODOM`` line on the way."""
+        """Move the wheels to `pose` at `stamp` [ns]; interpolate the poses of scans since the last ``ODOM`` line."""
         (before, last), step = self._last, _step(self._last[1], pose)
         for index, at, robot, _ in self._open:
             if robot:
@@ -169,7 +169,7 @@ def _step(a, b):
 
 
 def _is_detour(start, pose, end):
-    """Whether `pose` does not lie between the poses `start` and `end`, by `DETOUR` and `SLACK`."""
+    """Whether the detour from `start` over `pose` to `end` exceeds the limits `DETOUR` and `SLACK`."""
     there, on, whole = ((math.hypot(x, y), abs(theta)) for x, y, theta in (_step(start, pose), _step(pose, end),
                                                                            _step(start, end)))
     return any(a + b > DETOUR * c + SLACK for a, b, c in zip(there, on, whole, strict=True))
