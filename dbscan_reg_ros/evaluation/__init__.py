@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures of trajectories, other methods, and comparisons."""
+"""Error measures of trajectories, other methods of registration and odometry, and comparisons of methods."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two ways to find the same motion, compared scan by scan."""
+"""Comparison of the errors of two methods, or parameter sets, on the same scans."""
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,28 +12,28 @@ from .known_motion import KnownMotion
 from .metrics import apart, errors, path_lengths, related
 
 METRES = 1.0
-"""Errors are those of the motion over this distance."""
+"""Distance [m] over which the errors of the motion are computed."""
 BLOCK_METRES = 5.0
-"""Errors nearer than this are taken as related: they are resampled together."""
+"""Errors within this distance [m] are treated as correlated and resampled together."""
 FEWEST_BLOCKS = 8
 DRAWS = 2000
 MEASURES = ('m', 'deg')
 
 
 class TooShort(RecordingError):
-    """Too little of the true motion is known to compute errors."""
+    """The true motion is known for too few scans to compute errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paired:
-    """Errors of the same motions found in two ways.
+    """Errors of A and of B for the same N motions.
 
     Attributes
     ----------
     a, b : (2, N) float
-        Of translation [m] and of rotation [deg], in the order of the scans.
+        Errors of translation [m] and of rotation [deg], in the order of the scans.
     block : int
-        So many in succession are taken as related.
+        Number of successive errors that are treated as correlated.
     """
 
     a: np.ndarray
@@ -43,12 +43,14 @@ class Paired:
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean errors of A and of B, their difference B - A, and where that lies with confidence.
+    """Mean errors of A and of B, and the confidence interval of their difference B - A.
 
     Attributes
     ----------
-    a, b, low, high : float
-        [m] or [deg]
+    a, b : float
+        Mean errors [m] or [deg].
+    low, high : float
+        Limits of the confidence interval of B - A [m] or [deg].
     unit : str
     """
 
@@ -70,7 +72,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """``worse`` or ``better``, of B; empty if the confidence interval contains 0."""
+        """``worse`` or ``better`` if B is so with confidence; empty if the confidence interval contains 0."""
         return 'worse' if self.worse else 'better' if self.better else ''
 
 
@@ -81,17 +83,17 @@ class Comparison:
     Attributes
     ----------
     letter : str
-        Stands for the competitor in the table.
+        Letter of the competitor in the printed table.
     a, b : str
         Names of A and of the competitor.
     coverage : dict
-        Recording -> fraction of the scans of A that the competitor has as well.
+        Recording -> fraction of the scans with a pose of A that also have a pose of the competitor.
     table : dict
         Recording, or ``all`` -> `Difference` of translation and of rotation.
     """
 
     LEAST_COVERAGE = 0.9
-    """Without this fraction of the scans of each recording there is no verdict."""
+    """Minimum `coverage` of every recording for a verdict."""
 
     letter: str
     a: str
@@ -101,7 +103,7 @@ class Comparison:
 
     @property
     def judged(self) -> bool:
-        """Whether there is a verdict."""
+        """Whether the coverage of every recording suffices for a verdict."""
         return all(share >= self.LEAST_COVERAGE for share in self.coverage.values())
 
     @property
@@ -111,7 +113,7 @@ class Comparison:
 
 
 def coverage(trajectory_a, trajectory_b) -> float:
-    """Return the fraction of the scans with a pose in A that have one in B."""
+    """Return the fraction of the scans with a pose in trajectory A that also have a pose in trajectory B."""
     a, b = np.array(trajectory_a.used, dtype=bool), np.array(trajectory_b.used, dtype=bool)
     return float((a & b).sum() / max(a.sum(), 1))
 
@@ -126,12 +128,12 @@ def known_motion(recording) -> KnownMotion:
 
 
 def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
-    """Compute the errors of two trajectories of a recording: over 1 m of the truth, else between related scans.
+    """Compute the errors of two trajectories: of motions over 1 m of the true path, or without it, of the relations.
 
     Raises
     ------
     RecordingError
-        When the true motion is unknown; `TooShort` when too little of it is known.
+        When the true motion is unknown; `TooShort` when it is known for too few scans.
     """
     both = np.array(trajectory_a.used) & np.array(trajectory_b.used)
     rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
@@ -148,7 +150,7 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
 
 
 class _TrueMotions(NamedTuple):
-    """True motions ``(K, 3)`` [m, m, rad] from the scans `first` to `second` ``(K,)``; `length` of the path [m]."""
+    """True motions ``(K, 3)`` [m, m, rad] from scans `first` to scans `second` ``(K,)``, and path length [m]."""
 
     first: np.ndarray
     second: np.ndarray
@@ -157,9 +159,9 @@ class _TrueMotions(NamedTuple):
 
 
 def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
-    """Return the motions over 1 m of the truth at `stamps` ``(N,)`` [ns], else those between related scans.
+    """Return the true motions over 1 m of path at `stamps` ``(N,)`` [ns], or without true poses those of the relations.
 
-    The length is that of the path of the truth, or of the estimated `poses` ``(N, 3)`` [m, m, rad].
+    The length is that of the true path, or without true poses that of the estimated `poses` ``(N, 3)`` [m, m, rad].
     """
     if known.truth:
         truth = interpolate(*known.truth, stamps)
@@ -187,10 +189,11 @@ def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
     ----------
     pairs : sequence of Paired
     row : int
-        0: translation, 1: rotation.
+        Errors that are compared: 0 for translation, 1 for rotation.
     seed : int
     confidence : float
-        Probability that the interval contains the true difference. By default both measures together have 95 %.
+        Probability that the interval contains the true difference. By default the intervals of translation and rotation
+        both do so with a probability of 95 %.
     """
     from scipy.stats import t
 

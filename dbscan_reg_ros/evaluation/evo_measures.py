@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures of trajectories as the commands of evo compute and name them (``evo_ape``, ``evo_rpe``).
+"""Error measures of trajectories as the commands of evo compute and name them (``evo_ape``, ``evo_rpe``).
 
-evo is free under the GPL: nothing of it is imported or copied. A test runs its commands on the same files and compares.
+evo has the GPL licence: nothing of it is imported or copied. A test compares the results with those of its commands.
 """
 import numpy as np
 
@@ -9,16 +9,16 @@ from ..recordings.poses import relative
 from .metrics import errors
 
 DELTA = 1.0
-"""Length of the path between the poses of a pair [m], ``--delta 1 --delta_unit m``."""
+"""Path length between the two poses of a pair [m], as with ``--delta 1 --delta_unit m`` of ``evo_rpe``."""
 TOLERANCE = 0.1
 """Pairs whose path differs from `DELTA` by more than this fraction are left out."""
 
 
 def ape_rmse(poses, reference) -> float:
-    """Root mean square of the absolute position error after alignment [m]: ``evo_ape --align``.
+    """Return the root mean square of the absolute position error after alignment [m], as ``evo_ape --align`` does.
 
-    The alignment is the orthogonal matrix and translation with the least squares (Umeyama 1991) in three dimensions, in
-    which planar poses may be mirrored as well. Not a number where the poses lie on a line, which evo does not align.
+    The alignment is the least-squares orthogonal matrix and translation in three dimensions (Umeyama 1991), which may
+    also mirror planar poses. The result is NaN if the poses lie on a line, which evo does not align.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ def ape_rmse(poses, reference) -> float:
 
 
 def rpe_rmse(poses, reference):
-    """Root mean squares of the relative pose errors over `DELTA` of the reference, translation [m] and rotation [deg].
+    """Return the RMS of the relative pose errors over `DELTA` of the reference path: translation [m], rotation [deg].
 
-    ``evo_rpe --delta 1 --delta_unit m --all_pairs --pairs_from_reference``, with ``--pose_relation trans_part`` and
-    ``angle_deg``; not a number without a pair.
+    The command is ``evo_rpe --delta 1 --delta_unit m --all_pairs --pairs_from_reference``, with ``--pose_relation
+    trans_part`` and ``angle_deg``. The results are NaN if there is no pair of poses.
     """
     first, second = all_pairs(reference)
     if not len(first):
@@ -46,7 +46,7 @@ def rpe_rmse(poses, reference):
 
 
 def all_pairs(reference):
-    """Return indices of the pairs of poses whose path in the reference is closest to `DELTA`, for each first pose."""
+    """Return for each pose the index of the pose whose path length from it in the reference is closest to `DELTA`."""
     steps = np.diff(reference[:, :2], axis=0)
     path = np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
     begin = np.maximum(np.searchsorted(path, path + 0.5 * DELTA), np.arange(1, len(path) + 1))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Example of the paper, Figure 4: a scan and its own points after a known motion."""
+"""The example in Figure 4 of the paper: a scan, and a second scan made of its points after a known motion."""
 from ..core.geometry.se2 import SE2
 from ..core.scan import Scan
 
 PAPER_MOTION = SE2(-1.5, 0.8, 0.3)
-"""From the frame of the scan to that of the moved points [m, m, rad]."""
+"""Motion [m, m, rad] that is applied to the points of the scan."""
 
 
 def moved(scan) -> Scan:

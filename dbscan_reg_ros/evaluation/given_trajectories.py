@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories of other programs, given as files, at the scans of a recording."""
+"""Trajectory files of other programs, interpolated at the scans of a recording."""
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from ..recordings.poses import compose
 from .metrics import SAME_SCAN_WITHIN
 
 LONGEST_GAP = 3.0
-"""Poses are interpolated over at most this many times the median interval of scans."""
+"""Longest gap over which poses are interpolated, as a multiple of the median interval of scans."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class GivenTrajectory:
     Attributes
     ----------
     path : Path
-        File in TUM's form; or a folder with a file ``RECORDING.tum`` for each recording.
+        File in TUM format, or a folder with a file ``RECORDING.tum`` for each recording.
     mounting : (float, float, float)
-        Pose of the sensor on the body whose poses these are [m, m, rad].
+        Pose of the sensor in the frame of the body whose poses the file contains [m, m, rad].
     """
 
     path: Path
@@ -32,7 +32,7 @@ class GivenTrajectory:
 
     @classmethod
     def parse(cls, text) -> 'GivenTrajectory':
-        """Read ``FILE[@X,Y,DEG]``.
+        """Parse an argument of the form ``FILE[@X,Y,DEG]``.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class GivenTrajectory:
         return cls(Path(path), (x, y, math.radians(degrees)))
 
     def file(self, recording) -> Path:
-        """Return the file for a recording of this name; RecordingError if there is none."""
+        """Return the trajectory file for the recording with this name; raise RecordingError if there is none."""
         path = self.path / f'{recording}.tum' if self.path.is_dir() else self.path
         if not path.is_file():
             raise RecordingError(f'{path}: no such trajectory of the recording {recording}')
@@ -65,14 +65,14 @@ class GivenTrajectory:
         Parameters
         ----------
         recording : str
-            Its name.
+            Name of the recording.
         stamps : sequence of int (N,)
-            Of its scans [ns].
+            Stamps of the scans [ns].
 
         Returns
         -------
         poses : (N, 3) float [m, m, rad]
-            Not a number where the trajectory has no pose at the stamp, or none near it before and after.
+            NaN if the trajectory has no pose at the stamp of a scan and no poses close before and after it.
         """
         stamps = np.asarray(stamps, dtype=np.int64)
         own, poses = read_tum(self.file(recording))

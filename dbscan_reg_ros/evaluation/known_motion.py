@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The known true motion of a recording, and the measures that it allows."""
+"""The known true motion of a recording, and the error measures that can be computed from it."""
 from typing import NamedTuple
 
 import numpy as np
@@ -10,15 +10,16 @@ from .metrics import evaluate, final_error
 
 
 class KnownMotion(NamedTuple):
-    """Motion known from a recording and the files beside it; None for what is unknown.
+    """Motion known from a recording and the files beside it; an attribute is None if it is unknown.
 
     Attributes
     ----------
     truth : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad])
-        As from `true_poses`.
+        True poses of the sensor, from `true_poses`.
     relations : Relations
+        True motions between pairs of scans.
     wheels : (stamps, poses)
-        As from `Recording.wheel_odometry`.
+        Wheel odometry, from `Recording.wheel_odometry`.
     """
 
     truth: tuple[NDArray[np.int64], NDArray[np.float64]] | None
@@ -27,24 +28,24 @@ class KnownMotion(NamedTuple):
 
     @classmethod
     def of(cls, recording) -> 'KnownMotion':
-        """Read truth, relations and wheels of a `Recording`; RecordingError if a file beside it cannot be read."""
+        """Read the known motion of a `Recording`; raise RecordingError if a file beside it cannot be read."""
         relations = find_relations(recording.path)
         return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
 
     def measures(self, stamps, poses) -> dict:
-        """Every measure that the relations and the truth allow.
+        """Compute every error measure for which the relations or the true poses are known.
 
         Parameters
         ----------
         stamps : sequence of int (N,)
-            Of the poses [ns].
+            Stamps of the poses [ns].
         poses : array_like (N, 3)
             The sensor's estimated poses, in the order of the scans.
 
         Returns
         -------
         dict
-            As from `metrics.evaluate` and `metrics.final_error`; empty where nothing is known.
+            Measure -> value, from `metrics.evaluate` and `metrics.final_error`; empty if no true motion is known.
         """
         poses = np.asarray(poses, dtype=float).reshape(-1, 3)
         if not len(poses):
@@ -60,5 +61,5 @@ class KnownMotion(NamedTuple):
 
 
 def errors_of(recording, stamps, poses) -> dict:
-    """Compute the `measures` of a recording's known motion."""
+    """Compute the error measures of estimated `poses` with the known motion of a recording."""
     return KnownMotion.of(recording).measures(stamps, poses)

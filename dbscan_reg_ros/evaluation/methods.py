@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ours, its rivals and the floor, all as ``method(reference_scan, current_scan) -> record``."""
+"""Registration methods of this and other packages, called as ``method(reference_scan, current_scan) -> record``."""
 import math
 import sys
 from collections.abc import Callable
@@ -19,13 +19,13 @@ from .baselines import Result, icl, icp, idc
 
 LAYERS = 0.1 * np.arange(-2, 3)
 GATE, GATE_GUESSED = 2.0, 0.5
-"""How far apart GICP's pairs may be [m], without and with a guess: each does best with its own."""
+"""Largest distance of corresponding points in GICP [m], without and with a guess; each value gives the best results."""
 LEAST_RETURNS = 5
 GUESS_COVARIANCE = np.diag((0.1, 0.1, 0.05)) ** 2
 
 
 class BenchmarkError(DbscanRegError):
-    """Something to be measured is unknown, or needs what is not installed."""
+    """The method or measure is unknown, or needs a package that is not installed."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Method:
     Attributes
     ----------
     prepare : callable
-        ``prepare(scan)``: what is computed once a scan.
+        ``prepare(scan)`` returns what is computed only once for each scan.
     align : callable
-        ``align(prepared_reference, prepared_current, guess=None)``: a record with `transform` and `status`;
+        ``align(prepared_reference, prepared_current, guess=None)`` returns a record with `transform` and `status`;
         `guess` is an `SE2`.
     """
 
@@ -56,7 +56,7 @@ def method(name) -> Method:
     Raises
     ------
     BenchmarkError
-        When there is no such method, or a package that it needs is not installed.
+        When there is no method with this name, or a package that it needs is not installed.
     """
     if name not in FACTORIES:
         raise BenchmarkError(f'unknown method {name!r}; expected one of {", ".join(FACTORIES)}')
@@ -67,7 +67,7 @@ def method(name) -> Method:
 
 
 def chosen(names=None) -> list:
-    """Return the methods called `names`; without names every one that can run here."""
+    """Return the methods called `names`; without names, every method whose packages are installed."""
     if names:
         return [method(name) for name in names]
     found = []
@@ -124,7 +124,7 @@ def _identity(name):
 
 
 def _small_gicp(name):
-    """GICP on every return; layers above each other give the points of a plane their normals."""
+    """Make GICP on all returns; copies of the points at several heights give GICP their normals in 3D."""
     import small_gicp
 
     def prepare(scan):
@@ -145,7 +145,7 @@ def _small_gicp(name):
 
 
 def _kiss_icp(name):
-    """Register the current scan to a map of the reference, with the initial threshold."""
+    """Make KISS-ICP that registers the current scan to a map of the reference, with its initial threshold."""
     from kiss_icp.kiss_icp import KissICP
 
     def prepare(scan):
@@ -162,7 +162,7 @@ def _kiss_icp(name):
 
 
 def kiss_config():
-    """KISS-ICP for a 2D lidar indoors: voxels of 0.2 m, one thread, no deskewing."""
+    """Return the configuration of KISS-ICP for a 2D lidar indoors: voxels of 0.2 m, one thread, no deskewing."""
     from kiss_icp.config import KISSConfig
     config = KISSConfig()
     config.data.deskew = False
@@ -172,13 +172,13 @@ def kiss_config():
 
 
 def lifted(scan, heights):
-    """(P, 3) returns [m] of `scan`, once for each height."""
+    """Return the returns of `scan` as points in space ``(P, 3)`` [m], once at each of the `heights` [m]."""
     points = scan.points[scan.valid]
     return np.column_stack((np.tile(points, (len(heights), 1)), np.repeat(heights, len(points))))
 
 
 def spatial(transform):
-    """Return the (4, 4) rigid motion in 3D of an `SE2`."""
+    """Return the ``(4, 4)`` matrix in 3D of an `SE2`."""
     matrix = np.eye(4)
     matrix[:2, :2] = transform.rotation()
     matrix[:2, 3] = transform.x, transform.y
@@ -186,7 +186,7 @@ def spatial(transform):
 
 
 def planar(matrix):
-    """Return the planar part of a (4, 4) rigid motion in 3D."""
+    """Return the planar part of a rigid motion in 3D, a ``(4, 4)`` matrix, as an `SE2`."""
     return SE2(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
 
 

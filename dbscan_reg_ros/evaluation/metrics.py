@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How good a trajectory is: the measures of the public benchmarks, on arrays of poses ``(N, 3)`` [m, m, rad]."""
+"""Error measures of trajectories as in public benchmarks, on arrays of poses ``(N, 3)`` [m, m, rad]."""
 import math
 
 import numpy as np
@@ -8,25 +8,25 @@ from ..core.geometry.se2 import wrap
 from ..recordings.poses import relative
 
 NEIGHBOURS_WITHIN = 30_000_000_000
-"""Relations over less time than this [ns] join neighbours, the others close loops."""
+"""Relations over less time than this [ns] connect neighbouring scans; all other relations close loops."""
 SAME_SCAN_WITHIN = 1_000_000
-"""A relation's stamp belongs to a scan that is nearer than this [ns]."""
+"""A stamp of a relation belongs to a scan if their stamps differ by less than this [ns]."""
 MOVING_BEYOND = 0.03
-"""A step longer than this [m] is a true motion, not noise of the reference."""
+"""A step between scans longer than this [m] in the reference is motion, not noise of the reference."""
 FROZEN_BELOW = 0.5
-"""A step is frozen if its estimate is shorter than this fraction of the true step."""
+"""A step between scans is frozen if its estimate is shorter than this fraction of the true step."""
 JUMP_INTERVALS = 10.0
-"""A step of the stamps counts as a jump of the clock only if it is this many times the median step."""
+"""A step between stamps counts as a jump of the clock only if it exceeds this many times the median step."""
 
 
 def errors(estimate, truth):
-    """Errors of motions ``(N, 3)``: of translation ``(N,)`` [m] and of rotation ``(N,)`` [deg]."""
+    """Return the errors of estimated motions ``(N, 3)``: of translation ``(N,)`` [m] and of rotation ``(N,)`` [deg]."""
     difference = relative(truth, estimate)
     return np.hypot(difference[:, 0], difference[:, 1]), np.degrees(np.abs(difference[:, 2]))
 
 
 def summarize(name, estimate, truth) -> dict[str, float]:
-    """Mean, standard deviation, median and 95th percentile of the `errors`, ``NAME_STATISTIC_UNIT`` -> value."""
+    """Return mean, standard deviation, median and 95th percentile of `errors`, as ``NAME_STATISTIC_UNIT`` -> value."""
     summary: dict[str, float] = {}
     for unit, values in zip(('m', 'deg'), errors(estimate, truth), strict=True):
         if len(values):
@@ -37,20 +37,20 @@ def summarize(name, estimate, truth) -> dict[str, float]:
 
 
 def relation_errors(stamps, poses, relations) -> dict:
-    """Errors of the motions between related scans (Kuemmerle et al., Autonomous Robots 2009).
+    """Compute the errors of the motions between related scans (Kuemmerle et al., Autonomous Robots 2009).
 
     Parameters
     ----------
     stamps : array_like (N,)
-        Of the poses [ns], in any order.
+        Stamps of the poses [ns], in any order.
     poses : (N, 3)
     relations : Relations
 
     Returns
     -------
     dict
-        ``relations``: how many have both of their scans; the `summarize` d errors of ``relations_all``,
-        ``relations_neighbour`` and ``relations_loop``.
+        ``relations`` is the number of relations with a pose for both scans. The errors are summarised (`summarize`) as
+        ``relations_all``, ``relations_neighbour`` and ``relations_loop``.
     """
     first, second, found = related(stamps, relations)
     estimate = relative(poses[first], poses[second])
@@ -62,7 +62,7 @@ def relation_errors(stamps, poses, relations) -> dict:
 
 
 def related(stamps, relations):
-    """Return indices of the first and second scan of every relation that has both, and which relations these are."""
+    """Return the indices of both scans of every relation whose scans are found, and the mask of these relations."""
     first, first_found = _scans_at(stamps, relations.stamps[:, 0])
     second, second_found = _scans_at(stamps, relations.stamps[:, 1])
     found = first_found & second_found
@@ -70,9 +70,9 @@ def related(stamps, relations):
 
 
 def step_errors(poses, reference) -> dict:
-    """Errors of the motions between consecutive scans, ``step``, and the fraction of steps that are ``frozen``.
+    """Compute the errors of the motions between consecutive scans (``step``), and the fraction of ``frozen`` steps.
 
-    Frozen is a step that is longer than 3 cm in the reference and estimated at less than half of that.
+    A step is frozen if it is longer than 3 cm in the reference and its estimate is less than half as long.
     """
     step, true_step = relative(poses[:-1], poses[1:]), relative(reference[:-1], reference[1:])
     length = np.hypot(true_step[:, 0], true_step[:, 1])
@@ -83,14 +83,14 @@ def step_errors(poses, reference) -> dict:
 
 
 def distance_errors(poses, reference, metres) -> dict:
-    """Errors of the motion from each scan to the first whose path in the reference is `metres` longer, ``rpe_5m``."""
+    """Compute the errors of the motion over `metres` of the reference path from each scan, such as ``rpe_5m``."""
     scans, later = apart(reference, metres)
     return summarize(f'rpe_{metres:g}m', relative(poses[scans], poses[later]),
                      relative(reference[scans], reference[later]))
 
 
 def apart(reference, metres):
-    """Return indices of the scans, and for each of the first scan whose path in the reference is `metres` longer."""
+    """Return indices of scans, and for each scan that of the first at least `metres` later on the reference path."""
     path = path_lengths(reference)
     later = np.searchsorted(path, path + metres)
     scans = np.flatnonzero(later < len(path))
@@ -98,15 +98,16 @@ def apart(reference, metres):
 
 
 def path_lengths(poses):
-    """Return the distance driven from the first pose to each, ``(N,)`` [m]."""
+    """Return the path length from the first pose to each pose ``(N,)`` [m]."""
     steps = relative(poses[:-1], poses[1:])
     return np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
 
 
 def duration(stamps, jump):
-    """Time [s] that passes over `stamps` ``(N,)`` [ns], and how many of their steps are gaps or jumps and not counted.
+    """Return the time [s] covered by `stamps` ``(N,)`` [ns] without gaps and clock jumps, and the number of these.
 
-    These are steps of more than `jump` [s], and of more than ten times their median: key frames lie far apart.
+    A gap or jump is a step of more than `jump` [s] that is also more than ten times the median step, because the stamps
+    of key frames lie far apart.
     """
     steps = np.diff(np.asarray(stamps, dtype=np.int64)) * 1e-9
     if not len(steps):
@@ -117,7 +118,7 @@ def duration(stamps, jump):
 
 
 def align(poses, reference):
-    """`poses` moved as one so that their positions come closest to those of `reference`, least squares."""
+    """Move `poses` by the one rigid motion that brings their positions closest to `reference`, by least squares."""
     centre, true_centre = poses[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
     a, b = poses[:, :2] - centre, reference[:, :2] - true_centre
     angle = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
@@ -127,27 +128,27 @@ def align(poses, reference):
 
 
 def absolute_error(poses, reference) -> float:
-    """Root mean square position error after the best rigid alignment [m]."""
+    """Return the root mean square position error after the best rigid alignment [m]."""
     difference = (align(poses, reference) - reference)[:, :2]
     return float(np.sqrt((difference ** 2).sum(axis=1).mean()))
 
 
 def final_error(poses, reference) -> dict:
-    """Error of the whole motion from the first to the last pose, ``final_m`` and ``final_deg``, and ``path_m``."""
+    """Return the error of the motion from first to last pose (``final_m``, ``final_deg``) and the length ``path_m``."""
     ends = poses[:1], poses[-1:], reference[:1], reference[-1:]
     metres, degrees = errors(relative(*ends[:2]), relative(*ends[2:]))
     return {'final_m': float(metres[0]), 'final_deg': float(degrees[0]), 'path_m': float(path_lengths(reference)[-1])}
 
 
 def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
-    """Every measure that the truth at hand allows.
+    """Compute every error measure for which a truth (`relations`, `reference`) is given.
 
     Parameters
     ----------
     poses : (N, 3)
-        In the order of the scans.
+        Estimated poses in the order of the scans.
     stamps : array_like (N,), optional
-        [ns]; needed with `relations`.
+        Stamps of the poses [ns]; needed with `relations`.
     relations : Relations, optional
     reference : (N, 3), optional
         The true pose of each scan, in any fixed frame.
@@ -168,7 +169,7 @@ def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
 
 
 def _scans_at(stamps, moments):
-    """For each moment ``(R,)`` [ns] the index of its scan, and whether there is one."""
+    """Return for each of the `moments` ``(R,)`` [ns] the index of the scan at that time, and whether there is one."""
     stamps = np.asarray(stamps, dtype=np.int64)
     if not len(stamps):
         return np.zeros(len(moments), dtype=int), np.zeros(len(moments), dtype=bool)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometries: ours, other packages' and the baselines', all as ``process(scan, external=None) -> Step``.
+"""Odometries of this package, of other packages and of the baselines, all as ``process(scan, external=None) -> Step``.
 
 ``external(predicted)`` returns the external prior of the motion since the last scan, as a `Prior`; `predicted` is the
-`Prior` of the motion model (constant velocity). None: no external prior.
+`Prior` of the motion model (constant velocity). If `external` is None, there is no external prior.
 """
 import dataclasses
 import inspect
@@ -37,16 +37,16 @@ class Step:
     Attributes
     ----------
     pose : SE2
-        Of the sensor in the frame of the first scan.
+        Pose of the sensor in the frame of the first scan.
     status : Status
     degenerate_direction : float or None
-        Along which the translation is not observable [rad], in the frame of the first scan.
+        Direction in which the translation is not observable [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
-        Of `pose`, in the frame of the first scan.
+        Covariance of `pose`, in the frame of the first scan.
     registration : None
-        Results of single registrations are not reported.
+        Always None, because trackers do not report single registrations.
     restarted : bool
-        False: trackers do not restart.
+        Always False, because trackers do not restart.
     """
 
     pose: SE2
@@ -65,7 +65,7 @@ class Ours:
         self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
     def process(self, scan, external=None) -> Step:
-        """Return the odometry's update as a `Step`; FAILED at the last pose for a scan that cannot be used."""
+        """Return the odometry's update as a `Step`; a scan that cannot be used gives FAILED and the last pose."""
         try:
             update = self._odometry.process(scan, external and external(self._odometry.predict_motion(scan.stamp)))
         except ScanError:
@@ -77,7 +77,7 @@ class Ours:
 
 
 class KeyFrames:
-    """Any `Method` against the last key frame, from a guess at constant velocity (a step like the last one)."""
+    """Odometry that registers each scan to the last key frame with any `Method`, from a constant-velocity guess."""
 
     def __init__(self, method):
         self._method = method
@@ -85,7 +85,7 @@ class KeyFrames:
         self._pose = self._last_step = SE2()
 
     def process(self, scan, external=None) -> Step:
-        """Align the scan to the last key frame, from the external prior or a step like the last one."""
+        """Align the scan to the last key frame; the guess is the external prior, or else the last motion repeated."""
         prepared = self._method.prepare(scan)
         if self._key is None:
             self._key, self._key_pose = prepared, self._pose
@@ -111,7 +111,7 @@ class Kiss:
         self._pipeline = KissICP(kiss_config())
 
     def process(self, scan, external=None) -> Step:
-        """Register the scan to the map; FAILED at the last pose without returns. The external prior is not used."""
+        """Register the scan to the map, without the external prior; a scan without returns gives FAILED."""
         if not scan.valid.any():
             return Step(planar(self._pipeline.last_pose), Status.FAILED)
         self._pipeline.register_frame(lifted(scan, [0.0]), np.empty(0))
@@ -119,7 +119,7 @@ class Kiss:
 
 
 class Still:
-    """The identity: the lower bound of any comparison."""
+    """Odometry that reports no motion: any useful method must have smaller errors."""
 
     def process(self, scan, external=None) -> Step:
         """Return the pose of the first scan for every scan."""
@@ -127,16 +127,16 @@ class Still:
 
 
 def tracker(name):
-    """Return a fresh tracker by the name of its method.
+    """Return a new tracker for the method `name`.
 
     ``module:function`` is a method of the user's own, imported from the current folder as well:
     ``function(reference, current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the
-    `Scan` `reference`, starting from the `SE2` `guess`. A class in its place makes a tracker without arguments.
+    `Scan` `reference`, starting from the `SE2` `guess`. ``module:Class`` names a tracker class without arguments.
 
     Raises
     ------
     BenchmarkError
-        As `methods.method` does, and when there is no such module or function.
+        When the method is unknown, its package is not installed, or there is no such module or function.
     """
     if ':' in name:
         return _own_tracker(name)
@@ -194,4 +194,4 @@ def gyroscope(course, seed=0) -> list:
 
 SPREAD = NodePriorParameters().wheel_sigma
 PRIORS = {'none': no_prior, 'wheel': wheels, 'imu': gyroscope}
-"""Name -> ``priors(course)``: the external prior of each scan's motion, as `process` takes it."""
+"""Name -> ``priors(course)``, which returns the argument `external` of `process` for each scan."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small classic registrations that the method is compared with (Table 1 of the paper).
+"""Small classic registration methods for comparison (Table 1 of the paper).
 
-Every module is one of them behind the same interface: ``prepare(scan)`` computes what is kept of a scan, and
-``align(reference, current, guess=SE2())`` a `Result` from two of those.
+Every module has one method with the same interface: ``prepare(scan)`` makes the data of a scan that the method needs,
+and ``align(reference, current, guess=SE2())`` returns a `Result` from the data of two scans.
 """
 from . import icl, icp, idc
 from .result import Result

@@ -8,12 +8,12 @@ from .rigid_fit import fit
 
 
 def prepare(scan):
-    """``(P, 2)`` returns [m]."""
+    """Return the points ``(P, 2)`` [m] of the returns of a scan."""
     return scan.points[scan.valid]
 
 
 def align(reference, current, guess=SE2()) -> Result:
-    """Pair every point with the nearest one of the reference, move, and again."""
+    """Pair every point with the nearest point of the reference, move by least squares, and repeat."""
     tree = cKDTree(reference)
 
     def step(transform):

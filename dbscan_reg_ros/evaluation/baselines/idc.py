@@ -11,20 +11,20 @@ from .rigid_fit import fit
 
 WINDOW = math.radians(30.0)
 NARROWEST = math.radians(1.0)
-"""Bearings of a pair of like ranges differ by this at most [rad], first and in the end."""
+"""Largest difference in bearing between points paired by equal range [rad], in the first and in the last iteration."""
 DECAY = 0.85
-"""What the window shrinks by from one iteration to the next."""
+"""Factor by which the window of bearings shrinks in each iteration."""
 KEPT = 0.8
 """Fraction of the pairs that are used, the nearest ones."""
 
 
 def prepare(scan):
-    """``(P, 2)`` returns [m]."""
+    """Return the points ``(P, 2)`` [m] of the returns of a scan."""
     return scan.points[scan.valid]
 
 
 def align(reference, current, guess=SE2()) -> Result:
-    """Rotation from points at the same range within a window that shrinks, translation from the closest points."""
+    """Estimate the rotation from points of equal range in a shrinking window, the translation from closest points."""
     tree = cKDTree(reference)
     ranges, bearings = _polar(reference)
     window = WINDOW
@@ -46,7 +46,7 @@ def align(reference, current, guess=SE2()) -> Result:
 
 
 def _same_range(ranges, bearings, points, window):
-    """For each point the reference's return of the likest range in the window of bearings, and whether there is one."""
+    """Return for each point the reference point of the most similar range in the window, and whether there is one."""
     point_ranges, point_bearings = _polar(points)
     difference = np.abs(ranges - point_ranges[:, None])
     difference[np.abs(wrap(bearings - point_bearings[:, None])) > window] = np.inf

@@ -11,7 +11,7 @@ ROTATION_CHANGE = 1e-4
 
 @dataclass(frozen=True)
 class Result:
-    """The part of `core.records.Registration` that every method can fill.
+    """The attributes of `core.registration.records.Registration` that every method can provide.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class Result:
 
 
 def iterate(step, guess, limit=50) -> Result:
-    """Apply ``step(transform) -> transform`` until it changes less than 0.1 mm and 0.1 mrad.
+    """Apply ``step(transform) -> transform`` until the transform changes by less than 0.1 mm and 0.1 mrad.
 
-    A step that knows no better transform returns None.
+    `step` returns None if it finds no correspondences; the result is then FAILED.
     """
     transform = guess
     for _ in range(limit):

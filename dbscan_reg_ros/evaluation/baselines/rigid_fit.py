@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion between paired points."""
+"""Least-squares rigid motion between paired points."""
 import math
 
 from ...core.geometry.se2 import SE2
 
 
 def fit(reference, current) -> SE2:
-    """Return the motion of least squares that carries `current` ``(K, 2)`` [m] to `reference` ``(K, 2)`` [m]."""
+    """Return the least-squares motion from the points `current` ``(K, 2)`` [m] to `reference` ``(K, 2)`` [m]."""
     centre_r, centre_c = reference.mean(axis=0), current.mean(axis=0)
     a, b = current - centre_c, reference - centre_r
     theta = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
