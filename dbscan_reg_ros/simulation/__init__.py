@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated lidar recordings with exact truth: a world, a path and a lidar in, scans and poses out."""
+"""Simulated lidar recordings with exact ground truth: scans and poses of a lidar along a path through a world."""
 from .dead_reckoning import WheelErrors, wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar
 from .paths import Path, follow

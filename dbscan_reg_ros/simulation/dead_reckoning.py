@@ -19,10 +19,10 @@ class WheelErrors:
     scale : (float, float)
         Ratio of measured to true distance and rotation.
     noise : (float, float)
-        Standard deviation of the error of each step, as a fraction of its distance and of its rotation; the second is
-        also the rotation error per distance [rad/m].
+        Standard deviation of the error of each step, as a fraction of its distance and of its rotation; the second
+        value is also the standard deviation of the rotation error per distance [rad/m].
     slips : sequence of (begin, end, factor)
-        Between these times [s] the wheels measure `factor` times the distance.
+        From `begin` to `end` [s] the wheels measure `factor` times the true distance.
     """
 
     scale: tuple[float, float] = (1.02, 0.98)
@@ -35,7 +35,7 @@ USUAL_ERRORS = WheelErrors()
 
 def wheel_odometry(path: Path, errors: WheelErrors = USUAL_ERRORS, *, rate: float = 20.0, seed: int = 0,
                    start: int = START) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate the poses of the robot by its wheels.
+    """Simulate the poses of the robot according to its wheel odometry.
 
     Parameters
     ----------
@@ -44,12 +44,13 @@ def wheel_odometry(path: Path, errors: WheelErrors = USUAL_ERRORS, *, rate: floa
     rate : float [Hz]
     seed : int
     start : int [ns]
+        Stamp at the start of the path.
 
     Returns
     -------
     stamps : (N,) int64 [ns]
     poses : (N, 3) float
-        x, y [m], theta [rad] in the frame of the first.
+        x, y [m], theta [rad] in the frame of the first pose.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(0.0, path.duration, 1.0 / rate)
@@ -71,7 +72,7 @@ def wheel_odometry(path: Path, errors: WheelErrors = USUAL_ERRORS, *, rate: floa
 
 def yaw_rates(path: Path, *, rate: float = 100.0, seed: int = 0, bias: float = 0.002, noise: float = 0.005,
               start: int = START) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate a gyroscope: stamps (N,) int64 [ns] and yaw rates (N,) [rad/s]; `bias` and `noise` in [rad/s]."""
+    """Simulate a gyroscope: return stamps (N,) int64 [ns] and yaw rates (N,) [rad/s]; `bias` and `noise` in [rad/s]."""
     rng = np.random.default_rng(seed)
     times = np.arange(0.0, path.duration, 1.0 / rate)
     turned = np.interp(times + 0.5 / rate, path.times, path.poses[:, 2]) \

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a 2D lidar measures of true distances."""
+"""Model of a 2D lidar: measured ranges from true distances."""
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,23 +20,23 @@ class Lidar:
     ----------
     beams : int
     angle_min, angle_increment : float [rad]
-        Negative increment: clockwise.
+        Bearing of the first beam and step between beams; a negative increment means clockwise beams.
     range_min, range_max : float [m]
-        Nothing is returned from nearer or farther.
+        Limits of the ranges; surfaces nearer or farther give no return.
     rate : float [Hz]
-        Scans a second.
+        Number of scans per second.
     phase : float [s]
-        From the start of the path to the first scan.
+        Time from the start of the path to the first scan.
     duration : float [s]
-        From the first to the last beam; 0: all at once.
+        Time from the first to the last beam; with 0 all beams are measured at once.
     noise : float [m]
-        Least standard deviation of a range.
+        Lower limit of the standard deviation of a range.
     noise_ratio : float
-        The same as a ratio to the range, if that is more.
+        Standard deviation of a range as a fraction of the range, where this is above `noise`.
     dropouts, outliers : float
-        Fractions of the beams without a return, and with a random one between `range_min` and 10 m at most.
+        Fraction of the beams without a return, and fraction with a random range between `range_min` and at most 10 m.
     resolution : float [m]
-        Ranges are multiples of it; 0: not rounded.
+        Ranges are rounded to multiples of this; with 0 they are not rounded.
     mounting : SE2
         Pose of the sensor on the robot.
     """
@@ -64,11 +64,11 @@ class Lidar:
 
     @property
     def time_increment(self):
-        """[s] from beam to beam."""
+        """Time from one beam to the next [s]."""
         return self.duration / (self.beams - 1) if self.beams > 1 else 0.0
 
     def measured(self, distances, rng):
-        """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `inf` without a return."""
+        """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `inf` for beams without a return."""
         number = len(distances)
         spread = np.maximum(self.noise, self.noise_ratio * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)
@@ -96,4 +96,4 @@ LIDARS = {
     'sick_lms5xx': Lidar(381, math.radians(-95.0), math.radians(0.5), 0.7, 80.0, 25.0, duration=0.021, noise=0.007,
                          resolution=0.001),
 }
-"""Lidars by name, after their data sheets; where `config` has a file for one, it is called the same."""
+"""Name -> lidar with the values of its data sheet; a parameter file in `config` for the lidar has the same name."""

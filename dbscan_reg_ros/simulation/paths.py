@@ -9,23 +9,23 @@ import numpy as np
 from ..core.geometry.se2 import wrap
 
 STEP = 0.01
-"""Distance [m] and time [s] between the points that a path is made of."""
+"""Distance [m] and time [s] between successive points of a path."""
 SHARPEST = math.radians(120.0)
-"""A change of heading by more than this [rad] is a rotation on the spot."""
+"""The robot rotates on the spot where its heading changes by more than this [rad]."""
 STRAIGHT = 1e-6
-"""Changes of heading up to this [rad] are not rounded."""
+"""Corners with a change of heading up to this [rad] are not rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Where a robot is at any time, linear between its points.
+    """Pose of a robot over time, interpolated linearly between K points.
 
     Attributes
     ----------
     times : (K,) float [s]
-        Increasing, from 0.
+        Times of the points, increasing from 0.
     poses : (K, 3) float
-        x, y [m], theta [rad], not wrapped.
+        Poses of the points: x, y [m], theta [rad], not wrapped.
     """
 
     times: np.ndarray
@@ -42,24 +42,24 @@ class Path:
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
     def poses_at(self, times):
-        """(N, 3) poses at `times` (N,) [s]; heading in [-pi, pi)."""
+        """Return the poses (N, 3) at `times` (N,) [s]; headings are in [-pi, pi)."""
         x, y, theta = (np.interp(times, self.times, column) for column in self.poses.T)
         return np.stack((x, y, wrap(theta)), axis=1)
 
 
 def follow(way_points, speed=0.8, acceleration=0.5, turn_rate=0.9, radius=0.4, pauses=None) -> Path:
-    """Return the path of a robot that looks where it drives.
+    """Return the path through way points of a robot whose heading is its direction of motion.
 
     Parameters
     ----------
     way_points : (W, 2) float [m]
-        At least two, no two in succession equal.
+        At least two way points; successive ones must differ.
     speed, acceleration, turn_rate : float
-        Limits [m/s], [m/s^2], [rad/s].
+        Upper limits [m/s], [m/s^2], [rad/s].
     radius : float
-        Of the rounded corners [m]; smaller where the way points are close.
+        Radius of the rounded corners [m]; smaller where the way points are close together.
     pauses : dict, optional
-        Index of a way point -> seconds of standing still there.
+        Index of a way point -> time of standstill there [s].
     """
     way_points = np.asarray(way_points, dtype=float)
     pauses = pauses or {}
@@ -89,7 +89,7 @@ def _turn(pose, heading, turn_rate):
 
 
 def _drive(points, heading, speed, acceleration, turn_rate, radius):
-    """From standstill to standstill along straight lines and arcs."""
+    """Return the times and poses of a drive along straight lines and arcs, from standstill to standstill."""
     lengths, turns = _rounded(points, radius)
     knots = np.concatenate(([0.0], np.cumsum(lengths)))
     way = np.linspace(0.0, knots[-1], 2 + int(knots[-1] / STEP))
@@ -111,7 +111,7 @@ def _drive(points, heading, speed, acceleration, turn_rate, radius):
 
 
 def _rounded(points, radius):
-    """Return length [m] and rotation [rad] of each piece: line, arc, line, ..., line."""
+    """Return length [m] and rotation [rad] of each piece of a path that alternates between lines and arcs."""
     steps = np.diff(points, axis=0)
     straight = np.hypot(*steps.T)
     turns = wrap(np.diff(np.arctan2(steps[:, 1], steps[:, 0])))

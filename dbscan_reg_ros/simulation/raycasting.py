@@ -1,30 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Distances along rays, all beams against all surfaces at once."""
+"""Ray casting: distances from the sensor to the nearest surface along all beams at once."""
 import numpy as np
 
 EDGE = 1e-9
-"""A ray that passes the end of a segment by this fraction of its length still hits it: joints have no gaps."""
+"""Segments are extended by this fraction of their length at both ends, so that joints of walls have no gaps."""
 _RAYS_AT_ONCE = 128
-"""Number of rays for which the tables of rays and surfaces stay in the cache."""
+"""Number of rays in one batch; the arrays of rays and surfaces then stay in the processor cache."""
 
 
 def cast(origins, directions, segments, circles):
-    """Distance from each origin to the first surface along its direction.
+    """Compute the distance from the origin of each ray to the first surface along its direction.
 
     Parameters
     ----------
     origins : (B, 2) or (1, 2) float [m]
+        Origin of each ray, or one origin for all rays.
     directions : (B, 2) float
-        Unit vectors.
+        Unit vector along each ray.
     segments : (S, 2, 2) float [m]
-        Start and end of each.
+        Start and end of each segment.
     circles : (C, 3) float [m]
-        Centre and radius of each.
+        Centre and radius of each circle.
 
     Returns
     -------
     (B,) float [m]
-        `inf` where nothing is hit.
+        Distance along each ray; `inf` if it hits no surface.
     """
     distances, shared = np.empty(len(directions)), len(origins) == 1
     for first in range(0, len(directions), _RAYS_AT_ONCE):

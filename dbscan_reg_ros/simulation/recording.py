@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation behind the interface of the recordings on disk."""
+"""A simulation with the interface of a recording on disk."""
 from ..recordings import Recording
 
 
 class SimulatedRecording(Recording):
-    """The scans of a `Simulation`, with their truth.
+    """The scans and true poses of a `Simulation` as a recording.
 
     Parameters
     ----------

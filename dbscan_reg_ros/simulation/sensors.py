@@ -18,23 +18,23 @@ ODOMETRY = 'nav_msgs/msg/Odometry'
 TOPICS = {'/scan': 'sensor_msgs/msg/LaserScan', '/wheel_odom': ODOMETRY, '/imu': 'sensor_msgs/msg/Imu',
           '/truth': ODOMETRY, '/tf_static': 'tf2_msgs/msg/TFMessage'}
 NONE = -1.0
-"""First element of the covariance of what an Imu does not measure."""
+"""First element of a covariance in an Imu message that marks a quantity as not measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotRecording:
-    """What a simulated robot records.
+    """Sensor data that a simulated robot records along one path.
 
     Attributes
     ----------
     simulation : Simulation
-        The scans, and the sensor's true poses.
+        The scans of the first lidar, and its true poses.
     wheels : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad])
-        Of the robot, as from `wheel_odometry`.
+        Wheel odometry of the robot, from `wheel_odometry`.
     turning : (stamps (N,) int64 [ns], rates (N,) [rad/s])
-        As from `yaw_rates`.
+        Yaw rates of the gyroscope, from `yaw_rates`.
     others : tuple of Simulation
-        Of further lidars on the same path; on the topics ``/scan_2``, ``/scan_3`` and so on.
+        Scans of further lidars on the same path, written to the topics ``/scan_2``, ``/scan_3`` and so on.
     """
 
     simulation: Simulation
@@ -43,16 +43,16 @@ class RobotRecording:
     others: tuple = ()
 
     def write(self, target) -> Counter:
-        """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or else a ROS 2 bag; return numbers of messages by kind.
+        """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or a ROS 2 bag; return kind or topic -> message count.
 
-        In a bag the truth is the first lidar's pose on ``/truth``, the lidars' places on the robot on ``/tf_static``.
-        In a log the laser's poses are the truth and the robot's those of the wheels; it has no room for the gyroscope
-        nor for further lidars.
+        A bag has the true poses of the first lidar on ``/truth`` and the mountings of all lidars on ``/tf_static``. In
+        a log, the laser poses are the true poses and the robot poses are the wheel odometry; a log does not contain the
+        gyroscope or further lidars.
 
         Raises
         ------
         RecordingError
-            As from `check_simulated`.
+            When no recording can be written at `target`, see `check_simulated`.
         """
         target = Path(target)
         check_simulated(target)
@@ -69,14 +69,14 @@ class RobotRecording:
         return counts
 
     def _records(self):
-        """Yield the scans with the sensor's true pose and the robot's by its wheels."""
+        """Yield each scan with the sensor's true pose and the robot's pose from wheel odometry."""
         stamps = self.simulation.stamps
         wheels = interpolate(*self.wheels, np.clip(stamps, self.wheels[0][0], self.wheels[0][-1]))
         for scan, truth, robot in zip(self.simulation.scans, self.simulation.truth, wheels, strict=True):
             yield Record(scan, tuple(truth), tuple(robot))
 
     def _messages(self):
-        """(stamp [ns], topic, fields) in order of time."""
+        """Yield the messages of all topics as (stamp [ns], topic, fields) in order of time."""
         simulation, scans = self.simulation, self.simulation.scans
         first, lidars = scans[0].stamp, [each.lidar for each in (simulation, *self.others)]
         further = [[(scan.stamp, f'/scan_{number}', scan_fields(scan)) for scan in other.scans]
@@ -93,7 +93,7 @@ class RobotRecording:
 
 
 def check_simulated(target):
-    """RecordingError where `target` exists, cannot be made, or is to be a ROS 1 bag."""
+    """Raise RecordingError if `target` exists, cannot be written, or has the name of a ROS 1 bag."""
     check_target(target)
     if target.suffix == '.bag':
         raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without '

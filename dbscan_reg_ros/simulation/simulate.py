@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans along a path through a world, with the exact truth."""
+"""Simulation of scans along a path through a world, with the exact true poses."""
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ class Simulation:
     ----------
     scans : list of Scan
     truth : (N, 3) float
-        x, y [m], theta [rad] of the *sensor* in the world at each scan's stamp, its first beam.
+        Pose x, y [m], theta [rad] of the *sensor* in the world at the stamp of each scan, the time of its first beam.
     """
 
     scans: list
@@ -45,7 +45,7 @@ def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
     ----------
     world : World
     path : Path
-        Of the robot; the sensor is mounted at `lidar.mounting`.
+        Path of the robot; the sensor is mounted at `lidar.mounting`.
     lidar : Lidar
     seed : int
     start : int
@@ -60,18 +60,18 @@ def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
 
 
 def measure(world, poses, lidar, rng, stamp=0, time=0.0) -> Scan:
-    """One scan.
+    """Simulate one scan.
 
     Parameters
     ----------
     world : World
     poses : (B, 3) or (1, 3) float
-        The robot's pose x, y [m], theta [rad] at each beam, or one for all.
+        The robot's pose x, y [m], theta [rad] at each beam, or one pose for all beams.
     lidar : Lidar
     rng : numpy.random.Generator
     stamp : int [ns]
     time : float [s]
-        Where people are.
+        Time that determines the positions of people.
     """
     sensor = _mounted(np.asarray(poses, dtype=float), lidar.mounting)
     angles = sensor[:, 2] + lidar.geometry.bearings
@@ -89,7 +89,7 @@ def demo(seed=1) -> Simulation:
 
 
 def _mounted(poses, mounting: SE2):
-    """(N, 3) poses of a sensor that sits at `mounting` on robots at `poses`."""
+    """Return the poses (N, 3) of a sensor with this `mounting` on a robot at `poses`."""
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return np.stack((poses[:, 0] + c * mounting.x - s * mounting.y, poses[:, 1] + s * mounting.x + c * mounting.y,
                      poses[:, 2] + mounting.theta), axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Floor plans made of boxes, columns and people, each with a tour that a robot can drive."""
+"""Floor plans of walls, boxes, columns and people, each with a tour that a robot can drive."""
 import dataclasses
 import itertools
 import math
@@ -13,9 +13,9 @@ RECESS = 0.1
 CLEARANCE = 0.6
 """Furniture keeps this distance [m] from the tour."""
 ASIDE, SLIM = 0.3, 0.18
-"""Distance of people from the tour [m], and their radius [m]: they fit through its doors."""
+"""Distance of people from the tour [m], and radius of a person [m], which fit through the doors on the tour."""
 BOXES = 0.6
-"""Fraction of the furniture that is boxes; the others are bins."""
+"""Fraction of the pieces of furniture that are boxes; the remaining ones are round bins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Person:
     radius: float = 0.25
 
     def circle_at(self, time):
-        """(3,) centre and radius [m] at `time` [s]."""
+        """Return centre and radius (3,) [m] of the person's circle at `time` [s]."""
         route = np.asarray(self.route, dtype=float)
         way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))))
         walked = self.speed * time % (2.0 * way[-1])
@@ -56,12 +56,12 @@ class World:
     people: tuple = ()
 
     def circles_at(self, time):
-        """(C + P, 3) columns and people at `time` [s]."""
+        """Return centre and radius (C + P, 3) [m] of all columns and people at `time` [s]."""
         return np.vstack((self.circles, *(person.circle_at(time) for person in self.people)))
 
 
 def with_people(world, count, seed=0) -> World:
-    """Return the world with `count` people who walk to and fro beside a stretch of the tour each."""
+    """Return the world with `count` more people; each walks to and fro beside one leg of the tour."""
     rng = np.random.default_rng(seed)
     people = []
     for _ in range(count):
@@ -76,7 +76,7 @@ def with_people(world, count, seed=0) -> World:
 def rooms(seed=0, count=4) -> World:
     """Return a corridor with `count` furnished rooms (an even number) on either side, joined in pairs by a second door.
 
-    The tour passes every room in loops: in by one room's door, out by its neighbour's, back along the corridor.
+    The tour is made of loops: in by the door of one room, out by that of its neighbour, and back along the corridor.
     """
     rng = np.random.default_rng(seed)
     length, width = 5.5 * count, 2.2
@@ -103,7 +103,7 @@ def rooms(seed=0, count=4) -> World:
 
 
 def corridor(length=40.0, width=2.2, doors=8, seed=0) -> World:
-    """Return a closed corridor along x; `doors` of either side are recesses, 0 leaves it without a feature."""
+    """Return a closed corridor along x with `doors` recesses in each side wall; with 0 it has no features."""
     rng = np.random.default_rng(seed)
     y = 0.5 * (width + WALL)
     walls = [wall((x, -y), (x, y)) for x in (0.0, length)]
@@ -135,7 +135,7 @@ def hall(seed=0, length=26.0, depth=18.0) -> World:
 
 
 def wall(start, end, openings=(), opening=DOOR, thickness=WALL):
-    """Segments of a straight wall with gaps of width `opening` at the distances `openings` from its start [m]."""
+    """Return the segments of a straight wall with gaps `opening` wide at distances `openings` from its start [m]."""
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     length = math.dist(start, end)
     forward = (end - start) / length
@@ -149,7 +149,7 @@ def wall(start, end, openings=(), opening=DOOR, thickness=WALL):
 
 
 def box(x, y, length, width, angle):
-    """(4, 2, 2) sides of a rectangle around (x, y) [m], its length along `angle` [rad]."""
+    """Return the sides (4, 2, 2) of a rectangle with the centre (x, y) [m] and its length along `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     corners = 0.5 * np.array([(-length, -width), (length, -width), (length, width), (-length, width)])
     corners = corners @ np.array([(c, s), (-s, c)]) + (x, y)
@@ -157,12 +157,12 @@ def box(x, y, length, width, angle):
 
 
 def sides(corners):
-    """(N, 2, 2) sides of the polygon with the `corners` (N, 2) [m]."""
+    """Return the sides (N, 2, 2) of the polygon with these `corners` (N, 2) [m]."""
     return np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
 
 
 def furniture(bounds, rng, count=7):
-    """Boxes and bins strewn over (left, right, bottom, top) [m]: lists of (4, 2, 2) and of (x, y, radius)."""
+    """Return random boxes, a list of (4, 2, 2), and bins, a list of (x, y, radius), within `bounds` [m]."""
     left, right, bottom, top = bounds
     boxes, bins = [], []
     for _ in range(count):
@@ -176,7 +176,7 @@ def furniture(bounds, rng, count=7):
 
 
 def clearance(points, segments, circles):
-    """(N,) distance [m] of each of the `points` (N, 2) from the nearest surface; negative within a circle."""
+    """Return the distance (N,) [m] of each of the `points` (N, 2) from the nearest surface; negative in a circle."""
     edges = segments[:, 1] - segments[:, 0]
     offsets = points[:, None] - segments[:, 0]
     along = np.clip((offsets * edges).sum(axis=-1) / (edges**2).sum(axis=-1), 0.0, 1.0)
@@ -186,7 +186,7 @@ def clearance(points, segments, circles):
 
 
 def furnished(walls, boxes, bins, tour):
-    """Return the world of all walls and of those boxes and bins that keep clear of the tour."""
+    """Return the world of all walls, and of the boxes and bins that are at least `CLEARANCE` away from the tour."""
     way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(tour)])
     bins = np.array(bins, dtype=float).reshape(-1, 3)
     none = np.empty((0, 3))
