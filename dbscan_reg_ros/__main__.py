@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 
 def entry_point() -> int:
-    """Run the command that the executable, or else its first argument, is named after; return its exit status.
+    """Run the command named by the executable, or else by the first argument; return its exit status.
 
-    SIGINT and SIGTERM are blocked at once: one that comes while modules are imported waits until the command or the
-    node handles it.
+    SIGINT and SIGTERM are blocked at once: a signal that comes while modules are imported is delivered when the command
+    or the node handles signals.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     from pathlib import Path

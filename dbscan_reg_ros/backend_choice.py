@@ -9,7 +9,7 @@ from pathlib import Path
 from .core.backend import REFERENCE, Backend
 
 PURE = 'DBSCAN_REG_PURE'
-"""Environment variable that, set to anything but 0, chooses the reference."""
+"""Environment variable that chooses the numpy reference if it is set to anything but 0."""
 SOURCES = Path(__file__).absolute().parent / 'core' / 'accelerated'
 
 
@@ -21,7 +21,7 @@ def source_hash(folder: Path = SOURCES) -> str:
 
 @lru_cache(maxsize=1)
 def compiled_backend() -> Backend | None:
-    """Return the backend of the compiled steps; None where they are not built, or from other sources."""
+    """Return the backend of the compiled steps; None if they are not built, or were built from other sources."""
     try:
         from .core.accelerated import steps
     except ImportError:
@@ -35,6 +35,6 @@ def compiled_backend() -> Backend | None:
 
 @lru_cache(maxsize=1)
 def choose() -> Backend:
-    """Return the default backend."""
+    """Return the default backend: the compiled one if it can run and `PURE` does not forbid it, else the reference."""
     pure = os.environ.get(PURE, '0') not in ('', '0')
     return REFERENCE if pure else compiled_backend() or REFERENCE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines that are shown to users; each runs as printed, in a shell and from any folder."""
+"""Command lines that are shown to users; each command line runs as printed, in a shell and from any folder."""
 import os
 import shlex
 import shutil
@@ -24,7 +24,7 @@ COMMANDS = {
     'dump': ('commands.dump', 'write the parameters of a running node to a file'),
     'convert': ('commands.convert', 'convert between CARMEN logs, ROS 1 bags and ROS 2 bags'),
 }
-"""Command -> module in this package, and its purpose."""
+"""Command -> its module in this package, and its purpose."""
 ROOT = Path(__file__).absolute().parent.parent
 """Folder in which Python finds the package."""
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies at a path that a user names, what can be written there, and the folder of ready-made parameter files."""
+"""Checks of paths that a user names, for reading and for writing, and the folder of ready-made parameter files."""
 import os
 import stat
 import tempfile
 from pathlib import Path
 
 NO_SENSORS = 'ekf', 'scan_matcher'
-"""Files in `config_folder` that hold no parameter set to choose: for another package, and the defaults."""
+"""Files in `config_folder` that are no parameter set of a sensor: one for another package, and the defaults."""
 
 _OTHERS = ((stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a pipe'), (stat.S_ISSOCK, 'a socket'),
            (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
@@ -15,7 +15,7 @@ _OTHERS = ((stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a pipe'), (stat.S_ISSOCK
 def check_file(path, error_type):
     """Raise `error_type` if `path` exists and is no file: reading a pipe or a device may block, or never end.
 
-    A missing path is no error here: opening it raises one.
+    A missing path is no error in this check, because opening the path raises one.
     """
     try:
         mode = os.stat(path).st_mode
@@ -28,9 +28,9 @@ def check_file(path, error_type):
 
 
 def check_writable(path, error_type):
-    """Raise `error_type` where no file or folder can be made at `path`, nor in the folder that it is.
+    """Raise `error_type` if no file or folder can be created at `path`, or in `path` if that is a folder.
 
-    Folders that are missing on the way there can be made later; nothing is left behind.
+    Missing parent folders are no error. The check leaves no file behind.
     """
     nearest = Path(path).absolute()
     while not os.path.lexists(nearest):
@@ -45,12 +45,12 @@ def check_writable(path, error_type):
 
 
 def config_folder() -> Path:
-    """Return the folder of ready-made parameter files, of the source or installed."""
+    """Return the folder of ready-made parameter files: that of the source tree if it exists, else the installed one."""
     package = Path(__file__).absolute().parent
     source = package.parent / 'config'
     return source if source.is_dir() else package.parents[3] / 'share' / package.name / 'config'
 
 
 def ready_made() -> list:
-    """Names of the parameter sets in `config_folder`."""
+    """Return the names of the parameter sets in `config_folder`."""
     return sorted(path.stem for path in config_folder().glob('*.yaml') if path.stem not in NO_SENSORS)

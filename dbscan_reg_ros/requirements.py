@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Python packages that a command needs, which of them are missing, and the command that installs those."""
+"""Python packages that a command needs, and the command that installs the missing ones."""
 import shlex
 import shutil
 import sys
@@ -12,13 +12,13 @@ from .command_lines import PACKAGE, python_line
 from .core.errors import DbscanRegError
 
 ROS = 'rclpy'
-"""Stands for all of ROS 2."""
+"""Module whose presence stands for an installation of ROS 2."""
 ROS_SETUP = Path('/opt/ros/jazzy/setup.bash')
 ROS_WHEELS = 'ros-rclpy[fastrtps]==7.1.6', 'ros-common-interfaces==5.3.6'
 
 
 class Source(NamedTuple):
-    """Where a package comes from: its name in Ubuntu, '' where it has none, and on PyPI."""
+    """Names of a package in Ubuntu ('' if Ubuntu does not have it) and on PyPI."""
 
     ubuntu: str
     pypi: str
@@ -37,7 +37,7 @@ SOURCES = {
     'tqdm': Source('python3-tqdm', 'tqdm'),
     'yaml': Source('python3-yaml', 'PyYAML'),
 }
-"""Module -> where it comes from."""
+"""Module -> names of the package that contains it."""
 
 _CORE = 'numpy', 'scipy', 'sklearn', 'yaml'
 NEEDS = {
@@ -55,11 +55,11 @@ NEEDS = {
     'convert': (*_CORE, 'tqdm'),
     'bench': (*_CORE, 'matplotlib', 'tqdm'),
 }
-"""Command -> modules without which it does nothing."""
+"""Command -> modules that the command requires."""
 
 
 class MissingPackages(DbscanRegError):
-    """Something that has to be installed is not."""
+    """Packages that a command needs are not installed."""
 
 
 def is_there(module) -> bool:
@@ -68,14 +68,14 @@ def is_there(module) -> bool:
 
 
 def check_packages(command, also=()):
-    """MissingPackages where not all is there that `command` needs, and `also`: modules that its arguments ask for."""
+    """Raise MissingPackages if modules are not installed that `command` needs, or `also`, those its arguments need."""
     missing = [module for module in dict.fromkeys((*NEEDS.get(command, ()), *also)) if not is_there(module)]
     if missing:
         raise MissingPackages(missing_line(missing))
 
 
 def missing_line(modules) -> str:
-    """Name the missing `modules` and a command that installs them here."""
+    """Return one line with the names of the missing `modules` and a command that installs them on this system."""
     names = [SOURCES[module].pypi if module in SOURCES else f'ROS 2 ({module})' if _is_ros(module) else module
              for module in modules]
     remedies = ' && '.join(_remedies(modules))
@@ -87,7 +87,7 @@ def _is_ros(module):
 
 
 def _remedies(modules):
-    """Commands, one after the other, that make the `modules` importable."""
+    """Yield the commands that, run one after the other, make the `modules` importable."""
     system = sys.prefix == '/usr' and shutil.which('apt') is not None
     ubuntu, wheels = _packages(modules, system)
     if ubuntu:
@@ -104,14 +104,14 @@ def _remedies(modules):
 
 
 def _packages(modules, system):
-    """Return the packages of the `modules` from Ubuntu, for a Python of the `system` only, and those from PyPI."""
+    """Return the packages of the `modules` from Ubuntu (only for the Python of the `system`) and those from PyPI."""
     known = [SOURCES[module] for module in modules if module in SOURCES]
     ubuntu = [source for source in known if system and source.ubuntu]
     return [source.ubuntu for source in ubuntu], [source.pypi for source in known if source not in ubuntu]
 
 
 def _pip(wheels):
-    """Return the command that installs `wheels`; with a Python of the system, into a virtual environment."""
+    """Return the command that installs `wheels` with pip; for the Python of the system, in a virtual environment."""
     if sys.prefix != sys.base_prefix or not Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').exists():
         return python_line('-m', 'pip', 'install', *wheels)
     folder = Path.home() / '.venvs' / PACKAGE

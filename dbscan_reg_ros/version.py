@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which version of the package this is."""
+"""Version of the package."""
 import argparse
 from pathlib import Path
 
@@ -7,11 +7,11 @@ from .backend_choice import choose
 
 PACKAGE = 'dbscan_reg_ros'
 MANIFEST = Path(__file__).absolute().parent.parent / 'package.xml'
-"""There where the package runs from its source."""
+"""Manifest with the version; it exists only if the package runs from its source tree."""
 
 
 def version() -> str:
-    """Return the version in the source's manifest, else that of the installed package."""
+    """Return the version from the manifest in the source tree, or without one that of the installed package."""
     if MANIFEST.exists():
         from xml.etree import ElementTree
         return str(ElementTree.parse(MANIFEST).getroot().findtext('version'))
@@ -20,7 +20,7 @@ def version() -> str:
 
 
 class _Version(argparse.Action):
-    """Looks the version up only when it is asked for."""
+    """Argparse action that looks up the version only if the option is given."""
 
     def __call__(self, parser, namespace, values, option_string=None):
         print(f'{PACKAGE} {version()} ({choose().name} backend)')
@@ -28,5 +28,5 @@ class _Version(argparse.Action):
 
 
 def add_version(parser):
-    """Add the option ``--version``."""
+    """Add the option ``--version`` to a parser."""
     parser.add_argument('--version', action=_Version, nargs=0, help='show version and backend, and exit')
