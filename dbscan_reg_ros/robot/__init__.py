@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot is, without ROS: where the sensor is mounted, poses by time, parameter files."""
+"""Robot side of the odometry, without ROS: sensor mounting, history of poses, state of the base, parameter files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of the robot's base, computed from that of the lidar mounted on it."""
+"""State of the robot's base, computed from the pose and twist of the lidar mounted on it."""
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,7 +56,7 @@ AT_ORIGIN = InitialPose()
 
 
 def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: InitialPose = AT_ORIGIN) -> BaseState:
-    """Compute the state of the base from that of the sensor.
+    """Compute the pose and twist of the base, with covariances, from those of the sensor.
 
     Parameters
     ----------
@@ -80,5 +80,5 @@ def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: I
 
 
 def _lever_arm(at: SE2, other: SE2) -> NDArray[np.float64]:
-    """``(3, 3)`` Jacobian: a small motion (x, y, theta) of a rigid body at one pose -> the motion at another."""
+    """Jacobian ``(3, 3)``: small motion (x, y, theta) of a rigid body at pose `at` -> its motion at pose `other`."""
     return np.array([[1.0, 0.0, at.y - other.y], [0.0, 1.0, other.x - at.x], [0.0, 0.0, 1.0]])

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mounting of the lidar as the parameters of the node give it."""
+"""Mounting of the lidar, read from the parameters of the node."""
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from .parameters import NodeParameters
 
 
 def mounting_from_parameters(parameters: NodeParameters) -> Mounting | None:
-    """Return the mounting that the parameters give; None with ``mounting: tf``."""
+    """Return the mounting that the parameters define; None if they contain ``mounting: tf``."""
     if parameters.mounting == 'tf':
         return None
     if parameters.mounting == 'none':

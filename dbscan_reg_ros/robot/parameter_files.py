@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter files for ``--params-file``, and the parameter reference.
 
-``python -m dbscan_reg_ros.robot.parameter_files`` prints the defaults as such a file, ``--write`` renews
-``config/scan_matcher.yaml`` and ``doc/parameters.md`` in the source tree.
+``python -m dbscan_reg_ros.robot.parameter_files`` prints the default parameters as a parameter file; with ``--write``
+it regenerates ``config/scan_matcher.yaml`` and ``doc/parameters.md`` in the source tree.
 """
 import argparse
 import inspect
@@ -40,19 +40,19 @@ REFERENCE_HEAD = """\
 
 All parameters of `scan_matcher`, with their defaults: first those of the node and the basic ones of the method, which
 depend on the sensor and the robot, then the advanced ones, which are seldom changed. Parameters of the method are the
-same in every command that takes `--params-file`; in Python `Parameters` has them as attributes without `advanced`. What
-the steps are that they belong to: [method.md](method.md); how they are set: [node.md](node.md).
+same in every command that takes `--params-file`; in Python they are attributes of `Parameters`, without `advanced`.
+[method.md](method.md) describes the steps of the method that use them; [node.md](node.md) describes how to set them.
 
 Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
-[config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares both with the program.
+[config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares this page and that file with the program.
 """
 
 
 def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
-    """Read the parameters that the file at `path` sets for `node`; the others have their defaults.
+    """Read the parameters that the file at `path` sets for `node`; all other parameters have their defaults.
 
-    Sections may be named after the node, with or without its namespace, or by a wildcard (``/**``); names may be
-    nested or joined by dots. Sections of other nodes are ignored.
+    The name of a section is that of the node, with or without its namespace, or a wildcard (``/**``); names of
+    parameters may be nested or joined by dots. Sections of other nodes are ignored.
 
     Raises
     ------
@@ -73,12 +73,12 @@ def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
 
 
 def write_parameters(path: str | Path, parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> None:
-    """Write `parameters` to the file at `path`, each with its help, unit and bounds as a comment."""
+    """Write `parameters` to the file at `path`, each parameter with its help, unit and bounds as a comment."""
     Path(path).write_text(format_parameters(parameters, head), encoding='utf-8')
 
 
 def format_parameters(parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> str:
-    """Format `parameters` as a parameter file: those without a group, then the basic and the advanced ones."""
+    """Format `parameters` as a parameter file: first parameters without a group, then basic, then advanced ones."""
     values = parameters.flatten()
     lines = [f'# {line}' for line in head.splitlines()] + ['/**:', '  ros__parameters:']
     current: list[str] = []
@@ -104,7 +104,7 @@ def format_reference() -> str:
 
 
 def describe_limits(description: Description) -> str:
-    """Describe unit and bounds of a parameter; empty where it has neither."""
+    """Describe the bounds or else the unit of a parameter, and whether it is read-only; empty if nothing applies."""
     bounds = description.bounds or description.unit
     return '; '.join(filter(None, [bounds, 'read-only' if description.read_only else '']))
 
@@ -150,7 +150,7 @@ def _load(path: str | Path) -> Any:
 
 
 def _sections(tree: Any, path: str | Path, prefix: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name of the node and parameters of every section; namespaces may be nested."""
+    """Yield (name of the node, parameters) of every section of a parameter file; namespaces may be nested."""
     if not isinstance(tree, dict) or not tree:
         raise ParameterError(f'{path}: {prefix or "the file"} has no section; expected '
                              "'/**: ros__parameters: ...' or the node's name in place of '/**'")
@@ -166,7 +166,7 @@ def _sections(tree: Any, path: str | Path, prefix: str = '') -> Iterator[tuple[s
 
 
 def _flatten(section: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Full name and value of every parameter, in order."""
+    """Yield the full name and the value of every parameter of a section, in the order of the file."""
     for name, value in section.items():
         if isinstance(value, dict):
             yield from _flatten(value, f'{prefix}{name}.')
@@ -175,12 +175,12 @@ def _flatten(section: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, A
 
 
 def _ordered(parameters: NodeParameters) -> list[Description]:
-    """Descriptions of all parameters: those without a group, then the basic and the advanced ones."""
+    """Descriptions of all parameters: first parameters without a group, then the basic and the advanced ones."""
     return sorted(parameters.describe(), key=lambda d: ('.' in d.name, d.name.startswith(ADVANCED)))
 
 
 def _about(group: str) -> str:
-    """Describe a group of parameters by the docstrings of its class and of those that it extends."""
+    """Describe a group of parameters with the docstrings of its class and of the base classes."""
     if not group:
         return 'Frames, and the mounting of the laser on the base.'
     classes = inspect.getmro(type(getattr(DEFAULTS, group.removeprefix(ADVANCED))))
@@ -201,7 +201,7 @@ def _scalar(value: Any) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the defaults, or write the files of the source tree."""
+    """Print the default parameters; with ``--write``, write the parameter files of the source tree instead."""
     parser = argparse.ArgumentParser(prog='python -m dbscan_reg_ros.robot.parameter_files',
                                      description='Print the default parameters as a parameter file.')
     parser.add_argument('--write', action='store_true',

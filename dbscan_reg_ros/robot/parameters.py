@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters: its own, and those of the method."""
+"""Parameters of the node, including the parameters of the registration method."""
 import dataclasses
 import math
 from collections.abc import Collection
@@ -19,61 +19,61 @@ METHOD = frozenset(each.name for each in Parameters.describe())
 REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down'}
 """Full names of the parameters that a replay uses."""
 OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
-"""Names and values of parameters that change nothing offline."""
+"""Names and values of parameters that have no effect on a replay, and so need no warning."""
 
 
 @dataclass(frozen=True)
 class InputParameters(ParameterGroup):
-    """Which scans are used, and which of their beams."""
+    """Selection of the scans that are processed, and of the beams that are used."""
 
     BASIC = 'every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range'
 
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
-        help='Only one scan in this many is used. Larger values save computing time and lengthen the motion between '
-             'scans; 1 uses every scan.')
+        help='Only every n-th scan is used, where n is this value. Larger values save computing time and lengthen the '
+             'motion between the scans used; 1 uses every scan.')
     queue_size: int = parameter(
         3, unit='scans', bounds=(1, 50),
-        help='Number of scans that may wait; beyond it the oldest are dropped. Larger values drop fewer scans when the '
-             'computer is busy and delay the pose; smaller values keep the delay short.')
+        help='Number of scans that may wait to be processed; if more wait, the oldest are dropped. Larger values drop '
+             'fewer scans when the computer is busy and delay the pose; smaller values keep the delay short.')
     max_wait: float = parameter(
         0.05, unit='s', bounds=(0.0, 10.0),
-        help='Time that a scan waits at most for the transform of a moving sensor or for the external prior at its '
-             'stamp. Larger values tolerate slower sources and delay the pose; 0 never waits.')
+        help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
+             'at its stamp. Larger values tolerate slower sources and delay the pose; 0 never waits.')
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
-        help='Up to four sectors in which the robot itself is seen: first and last bearing of each, counter-clockwise '
-             'in the frame of the scans. Two equal bearings are no sector.')
+        help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '
+             'counter-clockwise in the frame of the scans. Two equal bearings define no sector.')
     mask_range: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
-        help='Returns in the sectors of input.mask are ignored when nearer than this. Larger values ignore more of a '
-             'sector; 0 ignores all of its returns.')
+        help='Returns in the sectors of input.mask are ignored when their range is below this. Larger values ignore '
+             'more returns; 0 ignores all returns in the sectors.')
 
 
 @dataclass(frozen=True)
 class NodePriorParameters(PriorParameters):
-    """The external source of the prediction, and its standard deviations."""
+    """Source of the predicted motion between scans, and standard deviations of external priors."""
 
     BASIC = *PriorParameters.BASIC, 'source', 'frame', 'translation', 'rotation'
 
     source: str = parameter(
         'constant_velocity', choices=SOURCES, read_only=True,
-        help='Source of the prediction. Without an external prior: none or constant_velocity '
-             '(advanced.odometry.prior applies). With one: odometry (the topic wheel_odom), imu (the yaw rate on the '
-             'topic imu, with the translation of the motion model) or tf (the base in the frame prior.frame). Where '
-             'an external one gives nothing, the motion model predicts.')
+        help='Source of the predicted motion. Without an external prior: none or constant_velocity '
+             '(advanced.odometry.prior applies). With an external prior: odometry (topic wheel_odom), imu (yaw rate '
+             'on the topic imu, translation of the motion model) or tf (base in the frame prior.frame). Where the '
+             'external source has no data, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
-        help='Odometry frame on /tf that another node publishes. Used only if prior.source is tf.')
+        help='Odometry frame that another node publishes on /tf. Used only if prior.source is tf.')
     translation: float = parameter(
         0.1, bounds=(0.0, 10.0),
         help='Standard deviation of the translation of wheel odometry, as a fraction of the distance. Larger values '
              'trust the wheels less; smaller values trust them more.')
     translation_by_rotation: float = parameter(
         0.1, unit='m/rad', bounds=(0.0, 10.0),
-        help='Standard deviation of the translation of wheel odometry for each radian of rotation; the largest of the '
-             'three limits counts. Larger values trust the wheels less while the robot rotates; smaller values trust '
-             'them more.')
+        help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest '
+             'value from this parameter, prior.translation and prior.translation_min applies. Larger values trust the '
+             'wheels less while the robot rotates; smaller values trust them more.')
     translation_min: float = parameter(
         0.02, unit='m', bounds=(0.0001, 10.0),
         help='Lower limit of the standard deviation of the translation of wheel odometry. Larger values trust small '
@@ -84,16 +84,16 @@ class NodePriorParameters(PriorParameters):
              'trust the source less; smaller values trust it more.')
     rotation_by_distance: float = parameter(
         0.1, unit='rad/m', bounds=(0.0, 10.0),
-        help='Standard deviation of the rotation of wheel odometry for each metre of distance; the largest of the '
-             'three limits counts. Larger values trust the wheels less while the robot drives; smaller values trust '
-             'them more.')
+        help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest '
+             'value from this parameter, prior.rotation and prior.rotation_min applies. Larger values trust the '
+             'wheels less while the robot drives; smaller values trust them more.')
     rotation_min: float = parameter(
         0.03, unit='rad', bounds=(0.0001, 3.2),
         help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
              'rotations less; smaller values trust them more.')
 
     def wheel_sigma(self, motion: SE2) -> tuple[float, float, float]:
-        """Return standard deviations [m, m, rad] of an external `motion`, in the frame that it ends in."""
+        """Return the standard deviations of x, y, theta [m, m, rad] of an external `motion`, in its end frame."""
         distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
         translation = max(self.translation_min, self.translation * distance, self.translation_by_rotation * angle)
         rotation = max(self.rotation_min, self.rotation * angle, self.rotation_by_distance * distance)
@@ -102,37 +102,37 @@ class NodePriorParameters(PriorParameters):
 
 @dataclass(frozen=True)
 class PathParameters(ParameterGroup):
-    """The topic path."""
+    """Spacing and number of the poses on the topic path."""
 
     BASIC = 'step', 'size'
 
     step: float = parameter(
         0.1, unit='m', bounds=(0.0, 100.0),
-        help='A pose is added to the path when the base has moved this far. Larger values give a coarser path that '
-             'covers more; smaller values give a finer one.')
+        help='A pose is added to the path when the base has moved this far since the last pose of the path. Larger '
+             'values give a coarser path that covers a longer distance; smaller values give a finer path.')
     size: int = parameter(
         2000, bounds=(2, 100000),
-        help='Number of poses in the path; beyond it the oldest are dropped. Larger values keep a longer path and make '
-             'its messages larger; smaller values save bandwidth.')
+        help='Largest number of poses in the path; if there are more, the oldest are dropped. Larger values keep a '
+             'longer path and make its messages larger; smaller values save bandwidth.')
 
 
 @dataclass(frozen=True)
 class SnapshotParameters(ParameterGroup):
-    """The service ~/snapshot."""
+    """Contents and folder of the files that the service ~/snapshot writes."""
 
     BASIC = 'scans', 'folder'
 
     scans: int = parameter(
         20, unit='scans', bounds=(1, 1000),
-        help='Number of the latest scans that a snapshot contains. Larger values record more of what happened before '
-             'and take memory; smaller values give smaller files.')
+        help='Number of the latest scans that a snapshot contains. Larger values record a longer time and '
+             'take more memory; smaller values give smaller files.')
     folder: str = parameter(
-        '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ is the home directory.')
+        '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ means the home directory.')
 
 
 @dataclass(frozen=True, repr=False)
 class NodeParameters(Parameters):
-    """All parameters of `scan_matcher`; being `Parameters`, they can be given to the odometry as they are."""
+    """All parameters of `scan_matcher`; `NodeParameters` extends `Parameters`, so that `Odometry` accepts it."""
 
     odom_frame: str = parameter(
         'odom', read_only=True,
@@ -147,12 +147,13 @@ class NodeParameters(Parameters):
              'already has another parent.')
     scan_topics: tuple[str, ...] = parameter(
         ('scan',), read_only=True,
-        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first; while it is '
-             'silent for two of its periods, for those of the next. Several lidars need mounting tf.')
+        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar; '
+             'while that lidar is silent for two scan periods, for each scan of the next lidar. Several lidars '
+             'require mounting tf.')
     mounting: str = parameter(
         'tf', choices=MOUNTINGS, read_only=True,
         help='Source of the pose of the laser on the base: tf (the transform from base_frame to the frame of the '
-             'scans), laser_pose (the parameter of that name) or none (the laser is the base).')
+             'scans), laser_pose (the parameter laser_pose) or none (the laser frame is the base frame).')
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), bounds=(-1000.0, 1000.0), read_only=True,
         help='Pose of the laser on the base: x [m], y [m] and yaw [rad]. Used only if mounting is laser_pose.')
@@ -185,12 +186,12 @@ class NodeParameters(Parameters):
         return self.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
     def unused(self, used: Collection[str]) -> list[str]:
-        """Full names of parameters that differ from their defaults but are not in `used`, those that count offline."""
+        """Full names of parameters that differ from their defaults but have no effect, as they are not in `used`."""
         values = self.flatten()
         return [d.name for d in self.describe() if d.name not in used and values[d.name] != d.default
                 and (d.name, values[d.name]) not in OFFLINE]
 
 
 def is_ros_parameter(name: str) -> bool:
-    """Whether every ROS node has the parameter `name`: a file may set it, the method does not know it."""
+    """Whether every ROS node has the parameter `name`: a file may set it, but `NodeParameters` does not contain it."""
     return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')

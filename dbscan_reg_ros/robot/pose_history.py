@@ -6,20 +6,20 @@ import math
 from ..core.geometry.se2 import SE2, wrap
 
 SPAN = 10_000_000_000
-"""Duration [ns] that poses are kept."""
+"""Duration [ns] for which poses are kept."""
 LATE = 1_000_000_000
-"""A stamp that lies farther back [ns] than the newest one does not come late: time has gone back."""
+"""A pose whose stamp is more than this [ns] before the newest stamp is not late: time has gone back."""
 
 
 class PoseHistory:
-    """The planar poses of the last seconds."""
+    """Planar poses of the last 10 s to 20 s by stamp, interpolated between the stamps."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []
         self._poses: list[SE2] = []
 
     def reaches(self, stamp: int) -> bool:
-        """Whether there is a pose at `stamp` [ns] or later."""
+        """Whether the history contains a pose at `stamp` [ns] or later."""
         return bool(self._stamps) and self._stamps[-1] >= stamp
 
     def add(self, stamp: int, pose: SE2) -> None:
@@ -38,7 +38,7 @@ class PoseHistory:
             del self._stamps[:old], self._poses[:old]
 
     def _is_late(self, stamp: int) -> bool:
-        """Whether there is a pose at `stamp` [ns] or less than `LATE` after it."""
+        """Whether a pose at `stamp` [ns] is repeated or late: the newest stamp is equal or up to `LATE` newer."""
         return bool(self._stamps) and 0 <= self._stamps[-1] - stamp <= LATE
 
     def clear(self) -> None:
@@ -47,7 +47,7 @@ class PoseHistory:
         self._poses.clear()
 
     def at(self, stamp: int) -> SE2 | None:
-        """Return the pose at `stamp` [ns]; None before the first and after the last pose."""
+        """Return the pose interpolated at `stamp` [ns]; None before the first and after the last pose."""
         after = bisect.bisect_left(self._stamps, stamp)
         if after == len(self._stamps) or (after == 0 and self._stamps[0] != stamp):
             return None
@@ -66,7 +66,7 @@ class HeadingHistory(PoseHistory):
         self._rate = 0.0
 
     def add_rate(self, stamp: int, rate: float) -> None:
-        """Integrate up to `stamp` [ns] with yaw rate `rate` [rad/s]; non-finite, repeated or late ones are ignored."""
+        """Integrate the yaw rate `rate` [rad/s] up to `stamp` [ns]; a non-finite, repeated or late rate is ignored."""
         if not math.isfinite(rate) or self._is_late(stamp):
             return
         heading = 0.0
@@ -77,6 +77,6 @@ class HeadingHistory(PoseHistory):
 
 
 def interpolate(before: SE2, after: SE2, ratio: float) -> SE2:
-    """Interpolate between two poses: `before` at `ratio` 0, `after` at 1; along the shorter rotation."""
+    """Interpolate between two poses along the shorter rotation: return `before` for `ratio` 0 and `after` for 1."""
     return SE2(before.x + ratio * (after.x - before.x), before.y + ratio * (after.y - before.y),
                wrap(before.theta + ratio * wrap(after.theta - before.theta)))
