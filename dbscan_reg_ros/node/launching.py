@@ -40,7 +40,7 @@ def scan_matcher_arguments() -> list[Any]:
     sensors = sorted(path.stem for path in _config().glob('*.yaml') if path.stem not in NO_SENSORS)
     return [
         argument('namespace', 'namespace of the node and its topics'),
-        argument('remap_tf', 'true: /tf and /tf_static are in the namespace, too', 'true'),
+        argument('remap_tf', 'true: /tf and /tf_static are in the namespace of the node, too', 'true'),
         argument('scan_topic', 'topic that the scans are published on, instead of scan'),
         argument('sensor', 'parameter file of a common sensor, in config', choices=sensors),
         argument('params_file', 'parameter file; overrides sensor, and is overridden by the arguments below'),
@@ -58,7 +58,7 @@ def scan_matcher_arguments() -> list[Any]:
 
 
 def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, str]] = ()) -> list[Any]:
-    """Make the actions that the arguments of `scan_matcher_arguments` ask for.
+    """Make the launch actions that start the node according to the arguments of `scan_matcher_arguments`.
 
     Parameters
     ----------
@@ -90,7 +90,8 @@ def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, s
 def player_actions(context: LaunchContext) -> list[Any]:
     """Make the actions of `scan_matcher_actions`, and a player of a recording that shuts the launch down when it ends.
 
-    The mounting is read from the static transforms of the recording; without any, the laser is the base.
+    The mounting of the laser is read from the static transforms of the recording; if there are none, the laser frame is
+    the base frame.
     """
     from launch.actions import Shutdown
     from launch_ros.actions import Node
@@ -121,11 +122,11 @@ class LaunchArguments:
         self._values = values
 
     def text(self, name: str) -> str:
-        """Return the argument as it is given."""
+        """Return the text of a launch argument as the user gave it."""
         return self._values[name]
 
     def switch(self, name: str) -> bool:
-        """Return the argument as a boolean; ParameterError when it is neither true nor false."""
+        """Return a launch argument as a boolean; raise ParameterError if it is neither true nor false."""
         text = self._values[name].lower()
         if text not in ('true', '1', 'false', '0'):
             raise ParameterError(f'{name} = {self._values[name]!r}: expected true or false')
@@ -147,7 +148,7 @@ class LaunchArguments:
 
 
 def _parameters(given: LaunchArguments) -> list[Any]:
-    """Return parameter files and parameters, each of which overrides those before it."""
+    """Return parameter files and parameters of the node; later entries override earlier ones."""
     layers: list[Any] = []
     if sensor := given.text('sensor'):
         layers.append(str(_config() / f'{sensor}.yaml'))
@@ -202,7 +203,7 @@ def _rviz(given: LaunchArguments, defaults: Mapping[str, str]) -> Any:
 
 
 def _has_static_transforms(recording: str) -> bool:
-    """Whether the player publishes static transforms of a recording; False for one that the player cannot read."""
+    """Whether the player publishes static transforms of a recording; False if the player cannot read the recording."""
     from ..recordings.opening import is_bag, open_recording
     from ..recordings.truth import find_recording
 

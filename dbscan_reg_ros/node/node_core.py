@@ -83,7 +83,7 @@ class NodeCore:
         live.changed = self._reconfigure
 
     def activate(self) -> None:
-        """Subscribe to the scans; ParameterError as of `ScanInbox`."""
+        """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
         inboxes = [lidar.subscribe(self._node, self._live.value, self._is_ready, self._on_scan)
                    for lidar in self._lidars]
         self._diagnostics.watch(inboxes)
@@ -97,13 +97,13 @@ class NodeCore:
             lidar.unsubscribe()
 
     def close(self) -> None:
-        """Destroy everything that was created on the node, except its parameters."""
+        """Destroy the publishers, subscriptions, services and timers created on the node, but keep its parameters."""
         self._live.changed = None
         self._jumps.unregister()
         self._entities.destroy()
 
     def _reconfigure(self, parameters: NodeParameters, names: Collection[str] = ()) -> None:
-        """Apply `parameters`; `names` are those that were just set, even to their old values."""
+        """Apply `parameters`; `names` are the parameters that were just set, even to their old values."""
         self._odometry.parameters = parameters.for_odometry()
         for part in (self._priors, self._outputs, self._services, *(lidar.inbox for lidar in self._lidars)):
             if part:
@@ -111,12 +111,12 @@ class NodeCore:
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
     def _is_ready(self, message: LaserScan) -> bool:
-        """Whether mounting and prior are known at the stamp of a scan, or will not become known by waiting."""
+        """Whether a scan need not wait: its mounting and external prior are known, or will stay unknown."""
         frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
         return self._mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
 
     def _followed_frame(self, frame: str) -> str:
-        """Frame that the odometry follows: that of the only lidar, or else the base."""
+        """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""
         return frame if len(self._lidars) == 1 else self._live.value.base_frame
 
     def _on_scan(self, lidar: Lidar, message: LaserScan) -> None:
@@ -174,7 +174,7 @@ class NodeCore:
             self._log.warn(f'scan could not be registered: {update.registration.reason}')
 
     def _reset(self, reason: str, initial: InitialPose) -> None:
-        """Restart the odometry with the next scan, with the base at `initial`."""
+        """Restart the odometry at the next scan, at which the base has the pose `initial`."""
         self._node.get_logger().info(f'odometry reset: {reason}')
         self._initial = initial
         self._origin = None
@@ -186,7 +186,7 @@ class NodeCore:
             lidar.stamps.restart()
 
     def _on_timer(self) -> None:
-        """Timer callback, once a `PERIOD`, with or without scans."""
+        """Timer callback, called once a `PERIOD` whether or not scans arrive."""
         if self._listener:
             self._listener.on_timer()
         self._sender.on_timer()
@@ -206,7 +206,7 @@ class NodeCore:
         self._retry_pending()
 
     def _on_time_jump(self, jump: TimeJump) -> None:
-        """Reset when the clock jumps back by more than ``time.max_jump``, as it does when a bag is played in a loop."""
+        """Reset the odometry when the clock jumps back by more than ``time.max_jump``, as in a looped bag."""
         if jump.delta.nanoseconds >= -self._live.value.time.max_jump * SECOND:
             return
         if self._listener:

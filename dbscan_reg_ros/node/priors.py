@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""External priors: the motion since the last scan, from wheel odometry, an IMU or transforms."""
+"""External priors: predicted motion since the last scan, from wheel odometry, an IMU or transforms."""
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,10 +24,10 @@ from .throttled_log import ThrottledLog
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 NO_ANGULAR_VELOCITY = -1.0
-"""First element of ``angular_velocity_covariance`` of an IMU without a gyroscope."""
+"""Value of the first element of ``angular_velocity_covariance`` if an IMU has no gyroscope."""
 
 Predict = Callable[[int], Prior | None]
-"""Stamp [ns] -> prediction of the motion model."""
+"""Function of a stamp [ns] that returns the prediction of the motion model."""
 
 
 class Priors:
@@ -70,15 +70,15 @@ class Priors:
             self._source = _OdometryFrame(transforms, parameters.prior.frame)
 
     def restart(self) -> None:
-        """Forget the last scan and the data of the source: the odometry was reset."""
+        """Clear the last scan and the data of the source: the odometry was reset."""
         self._last = None
         if self._source:
             self._source.restart()
 
     def ready(self, frame: str, stamp: int) -> bool:
-        """Whether the motion up to the scan in `frame` at `stamp` [ns] is known, or will not become known by waiting.
+        """Whether the scan in `frame` at `stamp` [ns] need not wait for its prior: it is known or will stay unknown.
 
-        A source whose data does not reach the stamp of the last scan has stopped: its data is not waited for.
+        If the newest data is older than the last scan, the source has stopped, and the scan does not wait.
         """
         return (self._source is None or self._last is None or self._source.covers(frame, stamp)
                 or not self._source.covers(frame, self._last[0]))
@@ -100,7 +100,7 @@ class Priors:
         Returns
         -------
         Prior or None
-            None to use the prediction of the motion model.
+            None if there is no external prior; then the odometry uses the prediction of the motion model.
         """
         if self._source is None or self._last is None:
             return None
@@ -116,7 +116,7 @@ class Priors:
                      adjoint @ base.covariance @ adjoint.T, base.velocity_change)
 
     def processed(self, stamp: int, mounting: Mounting) -> None:
-        """Keep the scan at `stamp` [ns]: the next prior is the motion since then."""
+        """Store mounting and stamp [ns] of a processed scan: the next prior is the motion since this scan."""
         self._last = stamp, mounting
 
 
@@ -141,33 +141,33 @@ class _Interval:
     end_mounting: Mounting
 
     def base_motion(self, prior: Prior) -> Prior:
-        """Convert a motion of the sensor to one of the base; the covariance stays that of the sensor."""
+        """Convert a motion of the sensor to the motion of the base; the covariance is not converted."""
         motion = self.start_mounting.aligned_pose @ prior.transform @ self.end_mounting.aligned_pose.inverse()
         return Prior(motion, prior.covariance, prior.velocity_change)
 
 
 class _Source(Protocol):
-    """Source of the base's motion between two scans."""
+    """Base class of the sources that measure the motion of the base between two scans."""
 
     name: str
 
     def restart(self) -> None:
-        """Forget the data."""
+        """Clear the data that the source has received."""
 
     def covers(self, frame: str, stamp: int) -> bool:
-        """Whether there is data at `stamp` [ns] or later."""
+        """Whether the source has data at `stamp` [ns] or later."""
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
-        """Motion of the base in the interval; None where there is no data."""
+        """Prior of the motion of the base in the interval; None if the source lacks data there."""
 
 
 def _measured(motion: SE2, parameters: NodePriorParameters) -> Prior:
-    """Prior from a measured motion of the base."""
+    """Convert a measured motion of the base to a prior."""
     return Prior(motion, np.diag(parameters.wheel_sigma(motion)) ** 2)
 
 
 class _WheelOdometry:
-    """Odometry of the base on the topic ``wheel_odom``."""
+    """Source of priors: wheel odometry of the base on the topic ``wheel_odom``."""
 
     def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._poses = PoseHistory()
@@ -196,7 +196,7 @@ class _WheelOdometry:
 
 
 class _Gyroscope:
-    """Yaw rate on the topic ``imu``; the translation and its covariance are those of the motion model."""
+    """Source of priors: yaw rate on the topic ``imu``; translation and its covariance from the motion model."""
 
     def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._headings = HeadingHistory()
@@ -230,7 +230,7 @@ class _Gyroscope:
 
 
 class _OdometryFrame:
-    """Pose of the sensor in an odometry frame on /tf."""
+    """Source of priors: pose of the sensor in an odometry frame on /tf."""
 
     def __init__(self, transforms: TransformListener, frame: str) -> None:
         self._transforms = transforms
@@ -238,7 +238,7 @@ class _OdometryFrame:
         self.name = f'the transform from {frame!r} on /tf'
 
     def restart(self) -> None:
-        """Do nothing: the listener forgets its transforms itself."""
+        """Do nothing: the transform listener clears its transforms itself."""
 
     def covers(self, frame: str, stamp: int) -> bool:
         return self._pose(frame, stamp) is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Throttled log: warnings that recur are logged once in a while."""
+"""Throttled log: a recurring warning is logged at most once a period."""
 import re
 import time
 
@@ -27,7 +27,7 @@ class ThrottledLog:
         self._kinds: dict[str, tuple[float, int]] = {}
 
     def warn(self, text: str) -> None:
-        """Log `text`, or count it when its kind was logged less than a period ago."""
+        """Log `text`; if a warning of its kind was logged less than a period ago, only count it."""
         kind = re.sub(r"'[^']*'|-?\b(\d[\w.+-]*|nan|inf)\b", '#', text)
         now = time.monotonic()
         last, suppressed = self._kinds.get(kind, (-self._period, 0))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coordinate frames: transforms received and sent, and where the sensor is mounted."""
+"""Coordinate frames: transforms on /tf that are received and sent, and the mounting of the sensor."""

@@ -15,7 +15,7 @@ class Mountings:
     Parameters
     ----------
     parameters : NodeParameters
-        ``mounting`` selects the source.
+        The parameter ``mounting`` selects the source of the mounting.
     transforms : TransformListener or None
         None where tf2_msgs is not installed.
     log : ThrottledLog
@@ -38,9 +38,9 @@ class Mountings:
                                  "'laser_pose' or 'none'")
 
     def ready(self, frame: str, stamp: int) -> bool:
-        """Whether the mounting of the lidar in `frame` is known at `stamp` [ns], or will not become known by waiting.
+        """Whether a scan need not wait for its mounting in `frame` at `stamp` [ns]: it is known or will stay unknown.
 
-        Transforms that do not reach the stamp of the last scan have stopped: none is waited for.
+        If the mounting is unknown even at the stamp of the last scan, the transforms have stopped, and no scan waits.
         """
         if self._fixed or frame == self._base_frame or self._last_stamp is None:
             return True
@@ -54,12 +54,12 @@ class Mountings:
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
     def find(self, frame: str, stamp: int) -> Mounting:
-        """Return the mounting of the lidar in `frame` at `stamp` [ns], or else at a time at which it is known.
+        """Return the mounting of the lidar in `frame` at `stamp` [ns]; if unknown then, that at the nearest known time.
 
         Raises
         ------
         MountingError
-            When it is not known yet, or the lidar is tilted.
+            When the mounting is not known yet, or the lidar is tilted.
         """
         if self._fixed:
             return self._fixed
@@ -71,7 +71,7 @@ class Mountings:
         except NoTransformError:
             raise MountingError(
                 f'no transform from {self._base_frame!r} to {frame!r} on /tf or /tf_static: no odometry before it is '
-                "there; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
+                "received; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
         self._last_stamp = stamp
         if not known:
             self._log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '

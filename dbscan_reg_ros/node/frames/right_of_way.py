@@ -4,17 +4,17 @@ from collections.abc import Callable
 from enum import Enum
 
 WAIT = 5.0
-"""Silence [s] after which another sender on a topic has stopped; it doubles with each conflict."""
+"""Silence [s] after which another sender of the transform counts as stopped; it doubles with each conflict."""
 LONGEST = 80.0
-"""Longest silence [s] to wait for; after sending for this time without a conflict, the silence is `WAIT` again."""
+"""Upper limit of that silence [s]; after sending for this time without a conflict, the silence is `WAIT` again."""
 LISTEN = 0.5
-"""Time [s] to listen before sending, and once more for each candidate with precedence; longer than a scan interval."""
+"""Time [s] to listen before sending, plus the same for each sender with precedence; longer than a scan interval."""
 DISCOVERY = 0.2
-"""Time [s] until a publisher that was created again is discovered by the others."""
+"""Time [s] until other nodes have discovered a publisher that was destroyed and created again."""
 
 
 class State(Enum):
-    """State of the sender."""
+    """State of our transform sender."""
 
     LISTENING = 'listening'
     SENDING = 'sending'
@@ -22,9 +22,9 @@ class State(Enum):
 
 
 class RightOfWay:
-    """Yields to every other sender, and takes over when that has stopped.
+    """Decides when our transform is sent: not while another node sends one, and again when that node has stopped.
 
-    All times are of one steady clock [s].
+    All times [s] are read from the same steady clock.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class RightOfWay:
 
     @property
     def gives_way(self) -> bool:
-        """Whether another node sends."""
+        """Whether our transform is not sent because another node sends one."""
         return self.state is State.WAITING
 
     def conflict(self, now: float) -> None:
@@ -57,7 +57,7 @@ class RightOfWay:
         self.state = State.WAITING
 
     def take_over(self, now: float) -> bool:
-        """Start listening when the other sender has been silent for long enough; whether that is so."""
+        """Start listening if the other sender has been silent for `wait`; return whether listening was started."""
         if not self.gives_way or now - self._last_conflict < self.wait:
             return False
         self.state, self._since, self._ready = State.LISTENING, None, now + DISCOVERY
@@ -86,5 +86,5 @@ class RightOfWay:
         return candidates_before is None or now - self._since >= LISTEN * (1 + candidates_before)
 
     def insist(self, now: float) -> None:
-        """Send at once, even if another node sends."""
+        """Send our transform from now on, even if another node sends one."""
         self.state, self.wait, self._since = State.SENDING, 0.0, now

@@ -21,7 +21,7 @@ from .right_of_way import RightOfWay
 
 DEPTH = 100
 REMEMBERED = 500
-"""Number of own transforms that are recognised when they are received."""
+"""Number of our latest transforms that are recognised as ours when /tf returns them."""
 
 
 def transform_type() -> Any:
@@ -40,17 +40,17 @@ class _Conflict:
     Attributes
     ----------
     parent, topic : str
-        Of its latest transform.
+        Parent frame and topic of its latest transform.
     static_publishers : set of bytes
-        Gids of publishers on /tf_static one of which sent it; empty where it was received on /tf.
+        Gids of the publishers on /tf_static, one of which sent the transform; empty if it was received on /tf.
     is_new : bool
         Whether a transform was received since the last timer callback.
     names : str
         Names of the nodes that may be the sender.
     text : str
-        The log message; empty at first.
+        Log message that describes the conflict; empty at first.
     logged_names : str
-        The names in the message that was logged; empty where none was logged.
+        Names of the nodes in the message that was logged; empty if none was logged.
     """
 
     parent: str = ''
@@ -75,7 +75,7 @@ class TransformSender:
     Attributes
     ----------
     subscribe_static : callable
-        Receives every latched transform on /tf_static again.
+        Function that subscribes to /tf_static again, so that every latched transform is received again.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -98,12 +98,12 @@ class TransformSender:
 
     @property
     def conflict(self) -> str:
-        """A sentence on the node for which our transform is not sent; empty when there is none."""
+        """Log message that names the node that sends our transform in our place; empty when no other node sends it."""
         return self._conflict.text if self._conflict else ''
 
     @property
     def is_sending(self) -> bool:
-        """Whether we have a publisher on /tf."""
+        """Whether this node has a publisher on /tf."""
         return self._publisher is not None
 
     @property
@@ -112,9 +112,9 @@ class TransformSender:
         return self._right.gives_way
 
     def reconfigure(self, parameters: NodeParameters, insist: bool) -> None:
-        """Create or destroy the publisher on /tf, as ``publish_tf`` says.
+        """Create or destroy the publisher on /tf according to the parameter ``publish_tf``.
 
-        With `insist` it is created even if another node sends our transform.
+        With `insist` the publisher is created even if another node sends a transform to our child frame.
 
         Without tf2_msgs log a warning once and send nothing.
         """
@@ -147,18 +147,18 @@ class TransformSender:
         self._publisher = self._own_gid = None
 
     def _other_publishers(self, topic: str) -> dict[bytes, TopicEndpointInfo]:
-        """Gid -> information of all publishers on `topic` but ours."""
+        """Return gid -> endpoint information of all publishers on `topic` except ours."""
         return {gid: endpoint for gid, endpoint in publishers(self._node, topic).items() if gid != self._own_gid}
 
     def restart(self) -> None:
-        """Accept any stamp next: the odometry was reset, or tracking restarted."""
+        """Send the next transform whatever its stamp: the odometry was reset, or tracking restarted."""
         self._last_stamp = None
 
     def send(self, state: BaseState) -> None:
-        """Send the pose of the base, unless another node may send it or its stamp is not newer than the last one sent.
+        """Send the pose of the base, unless another node may send it or a pose with this or a newer stamp was sent.
 
-        TF ignores transforms that go back in time. A stamp more than ``time.max_jump`` before the last one is sent: the
-        last one was wrong.
+        TF ignores transforms that go back in time. If the stamp is more than ``time.max_jump`` before the last one, the
+        last stamp was wrong, and the transform is sent.
         """
         if self._publisher is None or not self._right.may_send(time.monotonic(), self._candidates_before):
             return
@@ -172,13 +172,13 @@ class TransformSender:
         self._publisher.publish(self._message)
 
     def _candidates_before(self) -> int | None:
-        """Count other possible senders of our transform with a lower gid than ours; None when there are no others."""
+        """Count other possible senders of our transform with a lower gid than ours; None without other senders."""
         others = [gid for gid, endpoint in self._other_publishers('/tf').items()
                   if may_send_odometry(self._node, endpoint)]
         return sum(self._own_gid is not None and gid < self._own_gid for gid in others) if others else None
 
     def on_transform(self, transform: TransformStamped, topic: str) -> None:
-        """Yield to a transform that was received with our child frame and is not ours."""
+        """Stop sending our transform when a transform of another node to our child frame was received."""
         if transform.child_frame_id != self._child or not (self.is_sending or self.gives_way):
             return
         signature = _signature(transform)
@@ -196,7 +196,7 @@ class TransformSender:
             self._report(conflict)
 
     def on_timer(self) -> None:
-        """Log who else sends our transform, and take over when it has stopped; once a second."""
+        """Log which other nodes send our transform; send ours again when they have stopped. Called once a second."""
         if not self.gives_way or self._conflict is None:
             return
         now = time.monotonic()
@@ -219,7 +219,7 @@ class TransformSender:
         return bool(left)
 
     def _report(self, conflict: _Conflict) -> None:
-        """Describe the conflict and log it once, and once more when all names are discovered."""
+        """Describe the conflict and log it once, and once more when the names of all other nodes are discovered."""
         is_first = not conflict.text
         self._describe(conflict)
         is_complete = UNNAMED not in conflict.names
@@ -229,7 +229,7 @@ class TransformSender:
             self._node.get_logger().error(conflict.text)
 
     def _describe(self, conflict: _Conflict) -> None:
-        """Update the names and the text where a transform was received, or a name was not known."""
+        """Update `names` and `text` of the conflict if a transform was received or the name of a sender was unknown."""
         is_first = not conflict.text
         names = ''
         if conflict.is_new or UNNAMED in conflict.names:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Buffer of transforms: tf2_ros where it is installed, else a small buffer of our own."""
+"""Buffer of transforms: that of tf2_ros if it is installed, else a small buffer in Python."""
 import bisect
 from typing import Any
 
@@ -12,9 +12,9 @@ from ..interfaces.messages import matrix_from_pose, pose_from_message, stamp_fro
 
 MAX_CHAIN = 100
 SPAN = 10_000_000_000
-"""Duration [ns] that transforms are kept, as in tf2_ros."""
+"""Duration [ns] for which transforms are kept, the same as in tf2_ros."""
 SILENT = 5_000_000_000
-"""Time without a transform on /tf [ns] after which it has stopped."""
+"""Time [ns] without a transform on /tf after which its sender counts as stopped."""
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w)."""
@@ -31,9 +31,9 @@ def make_store() -> 'Tf2Store | TransformStore':
 class TransformStore:
     """Buffer of transforms: composes them along the tree of frames and interpolates between stamps.
 
-    A transform more than `SPAN` older than the newest one between the same frames means that time has gone back: the
-    buffer is cleared. Where a frame has a static transform, one on /tf is used only while several arrive: a single one
-    is a stray.
+    If a transform is more than `SPAN` older than the newest one between the same frames, time has gone back, and the
+    buffer is cleared. If a frame has a static transform, transforms to it on /tf are used only while several arrive:
+    a single one is an outlier.
     """
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class TransformStore:
         Returns
         -------
         (4, 4) float
-            Takes points [m] in `source` to `target`, at the known time nearest to `stamp`.
+            Transform of points [m] from `source` to `target`, at the known time nearest to `stamp`.
         bool
             Whether the transform is known at `stamp` itself.
 
@@ -90,12 +90,12 @@ class TransformStore:
         return np.linalg.inv(from_target) @ from_source, known_source and known_target
 
     def _edge(self, frame: str, stamp: int) -> '_Edge | None':
-        """Return the edge from `frame` to its parent that is valid at `stamp` [ns]; None where there is none."""
+        """Return the edge from `frame` to its parent that is valid at `stamp` [ns]; None if there is no such edge."""
         static, moving = self._static.get(frame), self._moving.get(frame)
         return moving if static is None or (moving and moving.is_active(stamp)) else static
 
     def _ancestors(self, frame: str, stamp: int) -> list[str]:
-        """List `frame`, its parent, the parent of that, and so on."""
+        """List `frame` and its ancestors up to the root: its parent, its grandparent and so on."""
         frames = [frame]
         while (edge := self._edge(frame, stamp)) and len(frames) < MAX_CHAIN:
             frame = edge.parent
@@ -103,7 +103,7 @@ class TransformStore:
         return frames
 
     def _matrix(self, frames: list[str], stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Compose the transforms from each of `frames` to its parent; also whether all are known at `stamp` [ns]."""
+        """Compose the transforms from each of `frames` to its parent; return also whether all are known at `stamp`."""
         matrix, known = np.eye(4), True
         for frame in frames:
             edge = self._edge(frame, stamp)
@@ -123,15 +123,15 @@ class _Edge:
         self._poses: list[Pose] = []
 
     def has_restarted(self, stamp: int) -> bool:
-        """Whether a transform at `stamp` [ns] is so much older than the others that time has gone back."""
+        """Whether a transform at `stamp` [ns] is more than `SPAN` older than the newest one: time has gone back."""
         return not self.static and stamp < self._stamps[-1] - SPAN
 
     def is_active(self, stamp: int) -> bool:
-        """Whether several transforms were received, and `stamp` [ns] is less than `SILENT` away from them."""
+        """Whether several transforms were received whose stamps are less than `SILENT` away from `stamp` [ns]."""
         return len(self._stamps) > 1 and self._stamps[0] - SILENT <= stamp <= self._stamps[-1] + SILENT
 
     def add(self, stamp: int, pose: Pose) -> None:
-        """Add the transform at `stamp` [ns]; a static one replaces the one before."""
+        """Add the transform at `stamp` [ns]; a static transform replaces the previous static one."""
         if self.static:
             self._stamps, self._poses = [], []
         index = bisect.bisect_left(self._stamps, stamp)
@@ -177,7 +177,7 @@ class Tf2Store:
         self._static: set[str] = set()
 
     def add(self, message: TransformStamped, static: bool) -> None:
-        """Add a transform as `TransformStore.add` does; a tf2 buffer alone ignores old ones instead of restarting."""
+        """Add a transform as `TransformStore.add` does; tf2 alone does not clear its buffer when time has gone back."""
         child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
         if static:
             self._static.add(child)
@@ -198,7 +198,7 @@ class Tf2Store:
         self._newest.clear()
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Look up a transform as `TransformStore.lookup` does; where it is unknown at `stamp`, the latest one."""
+        """Look up a transform as `TransformStore.lookup` does; if it is unknown at `stamp`, return the latest one."""
         from rclpy.time import Time
         try:
             if stamp >= 0:

@@ -18,26 +18,25 @@ from .transform_store import make_store
 
 STATIC_DEPTH = 100
 MOVING_DEPTH = 1000
-"""Messages on /tf that may wait to be polled."""
+"""Largest number of messages on /tf that wait to be polled."""
 
 
 class TransformListener:
     """Subscribes to /tf and /tf_static; needs tf2_msgs.
 
-    Transforms that are not stored are received only to detect other senders of our transform. Where no other node
-    publishes on /tf, or our transform is not sent, there is no subscription to /tf: it would receive each of our own
-    transforms.
+    Without `store`, transforms are received only to detect other senders of our transform. If no other node publishes
+    on /tf, or our transform is not sent, there is no subscription to /tf: it would receive only our own transforms.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node that subscribes.
     on_transform : callable
-        Called with each TransformStamped and its topic.
+        Function of each received TransformStamped and its topic.
     store : bool
         Store the transforms for `lookup`.
     is_urgent : callable
-        Whether a message on /tf wakes the executor; otherwise it waits for `poll` or `lookup`.
+        Function that returns whether a message on /tf wakes the executor; otherwise it waits for `poll` or `lookup`.
     sender : TransformSender
         Sender of our transform.
     """
@@ -70,9 +69,9 @@ class TransformListener:
                                                       event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def on_timer(self) -> None:
-        """Poll /tf; when a publisher on /tf_static has gone, receive again what the others there have latched.
+        """Poll /tf; when a publisher on /tf_static has gone, receive the latched transforms of the others again.
 
-        The others may have sent transforms between the same frames before, which the one that has gone replaced.
+        The publisher that has gone may have replaced transforms of the remaining publishers between the same frames.
         """
         self.poll()
         latched = publishers(self._node, '/tf_static').keys()
@@ -81,7 +80,7 @@ class TransformListener:
         self._static_publishers = set(latched)
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Look up a transform as `TransformStore.lookup` does, after polling /tf; transforms must be stored."""
+        """Poll /tf, then look up a transform as `TransformStore.lookup` does; requires ``store``."""
         self.poll()
         assert self._store
         return self._store.lookup(target, source, stamp)
@@ -93,7 +92,7 @@ class TransformListener:
             self._store.clear()
 
     def poll(self) -> None:
-        """Take the messages that have arrived on /tf, and subscribe to it or unsubscribe where nothing is stored."""
+        """Process the messages that have arrived on /tf; without ``store``, also update the subscription to /tf."""
         if self._moving:
             for message in taken(self._moving):
                 self._on_moving(message)

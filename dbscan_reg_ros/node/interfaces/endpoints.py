@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers and subscriptions with QoS overrides by parameters, and without QoS events.
+"""Publishers and subscriptions without QoS events, whose QoS can be overridden by ROS parameters.
 
-The parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, with the
-resolved name of the topic.
+The ROS parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, where
+TOPIC is the resolved name of the topic.
 """
 import copy
 import warnings
@@ -34,7 +34,7 @@ def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> 
     topic : str
         Name of the topic.
     quality : QoSProfile or int
-        Quality of service without overrides; a number is a depth.
+        Quality of service if no parameter overrides it; an int is the depth of the queue.
 
     Raises
     ------
@@ -47,14 +47,14 @@ def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> 
 
 def subscription(node: Node, kind: type, topic: str, callback: Callable[[Any], None],
                  quality: QoSProfile | int) -> Subscription:
-    """Create a subscription; parameters and errors are those of `publisher`."""
+    """Create a subscription; parameters and errors are the same as for the function `publisher`."""
     return _made(node, topic, 'subscription', lambda options: node.create_subscription(
         kind, topic, callback, copy.copy(quality), event_callbacks=NO_SUBSCRIPTION_EVENTS,
         qos_overriding_options=options))
 
 
 def _made(node: Node, topic: str, entity: str, make: Callable[[QoSOverridingOptions], Any]) -> Any:
-    """Create an `entity` with QoS overrides; a ParameterError names the overrides that are invalid."""
+    """Create a publisher or subscription with QoS overrides; raise a ParameterError that names invalid overrides."""
     name = f'qos_overrides.{node.resolve_topic_name(topic)}.{entity}'
     given = {key: p.value for key, p in node.get_parameters_by_prefix(name).items()}
     try:

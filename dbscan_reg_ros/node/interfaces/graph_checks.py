@@ -13,7 +13,7 @@ UNKNOWN = '_NODE_NAME_UNKNOWN_'
 UNNAMED = 'an unnamed node'
 POLICIES = {'reliability': (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
             'durability': (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE)}
-"""Policy -> value that a subscription may request, and the offered value that does not satisfy it."""
+"""QoS policy -> value that a subscription may request, and the offered value that does not satisfy the request."""
 
 
 def full_name(endpoint: TopicEndpointInfo) -> str:
@@ -24,17 +24,17 @@ def full_name(endpoint: TopicEndpointInfo) -> str:
 
 
 def named(endpoints: Iterable[TopicEndpointInfo]) -> str:
-    """Names of the nodes of `endpoints`, each once, separated by commas; empty when there are none."""
+    """Names of the nodes of `endpoints` without repetitions, separated by commas; empty if `endpoints` is."""
     return ', '.join(sorted({full_name(endpoint) for endpoint in endpoints}))
 
 
 def publishers(node: Node, topic: str) -> dict[bytes, TopicEndpointInfo]:
-    """Gid -> information of all publishers on `topic`."""
+    """Return gid -> endpoint information of all publishers on `topic`."""
     return {bytes(endpoint.endpoint_gid): endpoint for endpoint in node.get_publishers_info_by_topic(topic)}
 
 
 def other_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Information of all publishers on `topic` except one of `node`."""
+    """Return the endpoint information of all publishers on `topic` except one publisher of `node`."""
     endpoints = node.get_publishers_info_by_topic(topic)
     own = node.get_fully_qualified_name()
     ours = next((endpoint for endpoint in endpoints if full_name(endpoint) == own), None)
@@ -42,13 +42,13 @@ def other_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
 
 
 def incompatibilities(node: Node, subscription: Subscription) -> list[str]:
-    """Why a subscription of `node` receives nothing from publishers on its topic: a sentence for each of them."""
+    """Return a sentence for each publisher that is incompatible with a subscription of `node`, with the reason."""
     endpoints = node.get_publishers_info_by_topic(subscription.topic_name)
     return list(filter(None, (_incompatibility(node, subscription, endpoint) for endpoint in endpoints)))
 
 
 def _incompatibility(node: Node, subscription: Subscription, endpoint: TopicEndpointInfo) -> str:
-    """Say in which respect the type or the quality of service of a publisher is incompatible; empty when neither is."""
+    """Describe why the type or QoS of a publisher is incompatible with a subscription; empty if it is compatible."""
     topic, name = subscription.topic_name, full_name(endpoint)
     kind = subscription.msg_type
     expected = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
@@ -63,7 +63,7 @@ def _incompatibility(node: Node, subscription: Subscription, endpoint: TopicEndp
 
 
 def _difference(node: Node, topic: str, offered: QoSProfile, requested: QoSProfile) -> str:
-    """Policies in which the publisher offers less than we request, and how to resolve this."""
+    """Describe the QoS policies in which a publisher offers less than we request, and the remedies."""
     differences, remedies = [], ['let it publish with ours']
     for policy, (more, less) in POLICIES.items():
         if getattr(requested, policy) == more and getattr(offered, policy) == less:
@@ -88,7 +88,7 @@ def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:
 
 
 def shared(node: Node, publisher: Publisher) -> str:
-    """Name other publishers on the topic of our `publisher`, and what to do; empty when there are none."""
+    """Warning that other nodes publish on the topic of our `publisher`, with a remedy; empty if none does."""
     names = named(other_publishers(node, publisher.topic_name))
     if not names:
         return ''

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entities of a node in the ROS graph, destroyed together."""
+"""Graph entities of a node (publishers, subscriptions, services, timers) that are destroyed together."""
 from typing import Any
 
 from rclpy.node import Node
@@ -9,12 +9,12 @@ KINDS = {'publishers': 'publisher', 'subscriptions': 'subscription', 'services':
 
 
 class GraphEntities:
-    """Publishers, subscriptions, services, timers and guard conditions created on a node from now on.
+    """Publishers, subscriptions, services, timers and guard conditions created on a node after this object.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        The node that they are created on.
+        The node that the entities are created on.
     """
 
     def __init__(self, node: Node) -> None:
@@ -22,7 +22,7 @@ class GraphEntities:
         self._before = self._all()
 
     def destroy(self) -> None:
-        """Destroy all of them."""
+        """Destroy all entities that were created on the node since the construction of this object."""
         for entity, kind in self._all().items() - self._before.items():
             getattr(self._node, f'destroy_{kind}')(entity)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lidars that the node subscribes to, and whose scans the odometry is published for."""
+"""Lidars that the node subscribes to, and the choice of the lidar whose scans trigger the published odometry."""
 import itertools
 from collections import deque
 from collections.abc import Callable
@@ -26,9 +26,9 @@ class Lidar:
     topic : str
         Topic of its scans.
     several : bool
-        Whether there are other lidars: then the odometry estimates the pose of the base, not that of the only lidar.
+        Whether there are several lidars: then the odometry estimates the pose of the base instead of that of the lidar.
     clock : rclpy.clock.Clock
-        As for `ScanReader`.
+        Clock that the stamps of scans are compared with.
     log : ThrottledLog
         Log for warnings about its scans.
 
@@ -47,7 +47,7 @@ class Lidar:
 
     def subscribe(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
                   handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
-        """Subscribe to the topic; `is_ready` and errors as of `ScanInbox`; `handle` takes this lidar and each scan."""
+        """Subscribe to the scans; `handle` is called with this lidar and each scan; see `ScanInbox` for the rest."""
         self.inbox = ScanInbox(node, parameters, is_ready, lambda message: handle(self, message), self.topic)
         return self.inbox
 
@@ -58,16 +58,16 @@ class Lidar:
         self.inbox = None
 
     def sensor(self, mounting: Mounting) -> Sensor:
-        """Return the sensor of a scan: the only one, or one of several by its pose on the base."""
+        """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
         return Sensor(self.topic, mounting.aligned_pose) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
-        """Return the pose on the base of the frame that is tracked: the lidar, or with several lidars the base."""
+        """Return the pose, in the base frame, of what the odometry tracks: the only lidar, or with several the base."""
         return SE2() if self._several else mounting.aligned_pose
 
 
 class OdometryTrigger:
-    """Decides for which scans odometry is published: those of the first lidar that is not silent.
+    """Decides for which scans odometry is published: for the scans of the first lidar that is not silent.
 
     Parameters
     ----------
@@ -80,15 +80,16 @@ class OdometryTrigger:
         self._last: int | None = None
 
     def restart(self) -> None:
-        """Accept any stamp next: the odometry was reset."""
+        """Accept any stamp of the next scan: the odometry was reset."""
         self._last = None
         for stamps in self._stamps:
             stamps.clear()
 
     def is_due(self, lidar: int, stamp: int) -> bool:
-        """Take the `stamp` [ns] of a scan of a lidar, and return whether odometry is published for it.
+        """Store the `stamp` [ns] of a scan of a lidar, and return whether odometry is published for this scan.
 
-        It is unless a lidar before this one published within its last two periods. Stamps of odometry increase.
+        It is published unless an earlier lidar of the list published a scan within its last two scan periods, or, with
+        several lidars, the stamp is not newer than that of the last odometry.
         """
         self._stamps[lidar].append(stamp)
         if any(self._is_alive(stamps, stamp) for stamps in self._stamps[:lidar]):
@@ -100,12 +101,12 @@ class OdometryTrigger:
 
     @staticmethod
     def _is_alive(stamps: deque[int], now: int) -> bool:
-        """Whether a lidar with these last `stamps` published within its last two periods."""
+        """Whether the last of the `stamps` [ns] of a lidar is at most two of its scan periods before `now` [ns]."""
         steps = [later - stamp for stamp, later in itertools.pairwise(stamps)]
         return bool(steps) and now - stamps[-1] <= _SILENT_PERIODS * median(steps)
 
 
 _SILENT_PERIODS = 2
-"""Periods after which a lidar counts as silent."""
+"""Number of scan periods without a scan after which a lidar counts as silent."""
 _STAMPS = 9
-"""Stamps of a lidar from which its period is taken."""
+"""Number of stamps of a lidar from which its scan period is estimated."""

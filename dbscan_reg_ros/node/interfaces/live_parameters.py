@@ -14,7 +14,7 @@ from ...core.parameters.schema import Description, suggest
 from ...robot.parameters import NodeParameters, is_ros_parameter
 
 INTEGERS = -2**63, 2**63 - 1
-"""Least and greatest integer of a ROS parameter."""
+"""Smallest and largest integer value of a ROS parameter."""
 
 
 class LiveParameters:
@@ -53,7 +53,7 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self._apply)
 
     def _given(self) -> dict[str, Any]:
-        """Name -> value of the parameters of parameter files and the command line; unknown ones are logged."""
+        """Return name -> value of the parameters set in files and on the command line; log unknown parameters."""
         given = {}
         for name, parameter in self._node.get_parameters_by_prefix('').items():
             if is_ros_parameter(name):
@@ -119,6 +119,6 @@ def describe(description: Description) -> ParameterDescriptor:
 
 
 def _limits(description: Description, unbounded: tuple[float, float]) -> tuple[float, float]:
-    """Minimum and maximum of a parameter, each from `unbounded` where it has none."""
+    """Minimum and maximum of a parameter; a bound that it lacks is replaced by that of `unbounded`."""
     low, high = description.minimum, description.maximum
     return unbounded[0] if low is None else low, unbounded[1] if high is None else high

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of poses, transforms and markers to messages, and of poses from messages; `ScanReader` reads scans."""
+"""Conversion of scans, poses and markers to messages, and of poses and transforms from messages."""
 import math
 
 import numpy as np
@@ -51,7 +51,7 @@ def pose_to_message(pose: SE2) -> Pose:
 
 
 def pose_from_message(transform: Transform) -> tuple[Array, Array] | None:
-    """Convert a Transform message to translation ``(3,)`` and unit quaternion ``(4,)``, x to w; None if invalid."""
+    """Convert a Transform message to translation ``(3,)`` and unit quaternion (x, y, z, w); None if invalid."""
     t, q = transform.translation, transform.rotation
     norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(norm - 1.0) < NORM_TOLERANCE or not all(map(math.isfinite, (t.x, t.y, t.z))):
@@ -77,7 +77,7 @@ def matrix_from_message(transform: Transform) -> Array | None:
 
 
 def planar_from_message(pose: Pose) -> SE2:
-    """Convert a Pose message to its planar part: the position, and the direction of its x axis.
+    """Convert a Pose message to a planar pose: x and y of the position, heading from the direction of the x axis.
 
     Raises
     ------
@@ -94,5 +94,5 @@ def planar_from_message(pose: Pose) -> SE2:
 
 
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame: str) -> MarkerArray:
-    """Convert the segments of the reference and of the scan to markers, as `segments_fields` does."""
+    """Convert the segments of the reference scan and of the current scan to the markers of `segments_fields`."""
     return filled(MarkerArray(), segments_fields(update, origin, odom_frame))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No QoS events: each event handler is one more entity that the executor checks for every scan.
+"""Switch off the QoS events of entities: each event handler is one more entity that the executor checks for every scan.
 
-Incompatible QoS is reported all the same: the diagnostics compare the QoS of our subscriptions with that of the
+Incompatible QoS is reported without these events: the diagnostics compare the QoS of our subscriptions with that of the
 publishers.
 """
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks

@@ -45,7 +45,7 @@ class Outputs:
     Raises
     ------
     ParameterError
-        As raised by `endpoints.publisher`.
+        When a QoS override in the parameters is invalid.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -75,7 +75,7 @@ class Outputs:
         state : BaseState
             State of the base at the scan.
         origin : SE2
-            Frame of the odometry's poses in `odom_frame`.
+            Pose, in `odom_frame`, of the frame in which `update` expresses poses.
         """
         frame = self.parameters.odom_frame
         self.odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
@@ -96,7 +96,7 @@ class Outputs:
         del self._key_frames[:-self.parameters.odometry.key_frames * len(self.parameters.scan_topics)]
 
     def _extend_path(self, state: BaseState) -> None:
-        """Add the pose to the path when it is at least ``path.step`` away from the last one."""
+        """Add the pose to the path when it is at least ``path.step`` away from the last pose of the path."""
         path = self.parameters.path
         last = self._poses[-1][1] if self._poses else None
         if last is None or math.hypot(state.pose.x - last.x, state.pose.y - last.y) >= path.step:
@@ -104,7 +104,7 @@ class Outputs:
         del self._poses[:-path.size]
 
     def publish_pictures(self) -> None:
-        """Publish path and map, unless nothing has changed since they were published."""
+        """Publish ``path`` and ``local_map`` if they have changed since they were last published."""
         if self._latest is None:
             return
         self._next_picture = time.monotonic() + PICTURE_PERIOD

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of another running node, read and set by its services."""
+"""Parameters of another running node, read and set through its parameter services."""
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,11 +15,11 @@ from ...core.errors import DbscanRegError
 from ...robot.parameters import NodeParameters
 
 RETRY = 1.0
-"""A call is repeated after this time [s]: the response is lost while the server has not discovered the client."""
+"""A service call is repeated after this time [s]: the response is lost until the server has discovered the client."""
 
 
 class RemoteError(DbscanRegError):
-    """The node does not respond, or has other parameters."""
+    """The node does not respond, or does not have the parameters of scan_matcher, or refuses a value."""
 
 
 def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> NodeParameters:
@@ -37,7 +37,7 @@ def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> Nod
     Raises
     ------
     RemoteError
-        When it does not respond in time, or is not a scan_matcher.
+        When the node does not respond in time, or is not a scan_matcher.
     """
     names = [description.name for description in NodeParameters.describe()]
     with _Client(name, timeout, arguments) as client:
@@ -49,14 +49,14 @@ def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> Nod
 
 
 def write_remote(name: str, values: Mapping[str, Any], timeout: float, arguments: Sequence[str] = ()) -> None:
-    """Set parameters of a running node, all or none.
+    """Set parameters of a running node; if one value is refused, none is changed.
 
     Parameters
     ----------
     name, timeout, arguments
-        As of `read_remote`.
+        The same as for `read_remote`.
     values : dict
-        Name -> value.
+        Name of each parameter -> value to set.
 
     Raises
     ------

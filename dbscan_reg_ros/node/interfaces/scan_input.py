@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input of scans: which are processed, and in which order."""
+"""Input of scans: selects which scans are processed, and in which order."""
 import time
 from collections import deque
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from .messages import stamp_from_message
 from .subscriptions import WakingCallbackGroup, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Deep enough to count the scans that arrive while one is processed."""
+"""Depth of the subscription, enough to count the scans that arrive while one scan is processed."""
 
 
 class ScanInbox:
-    """Subscribes to the scans of one lidar and hands over one after the other.
+    """Subscribes to the scans of one lidar and passes them to `handle` one after the other.
 
     When the queue is full, the oldest scan is dropped.
 
@@ -32,20 +32,20 @@ class ScanInbox:
     parameters : NodeParameters
         May be replaced at any time.
     is_ready : callable
-        Whether a scan can be processed, so that it need not wait for mounting or prior any longer.
+        Function that returns whether a scan need not wait for its mounting or prior.
     handle : callable
-        Takes each scan.
+        Function that processes each scan.
     topic : str
 
     Attributes
     ----------
     received, dropped : int
-        Scans so far.
+        Number of scans received or dropped so far.
 
     Raises
     ------
     ParameterError
-        When the quality of service that the parameters ask for does not exist.
+        When the quality of service that the parameters set is invalid.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
@@ -66,7 +66,7 @@ class ScanInbox:
         return str(self._subscription.topic_name)
 
     def incompatibilities(self) -> list[str]:
-        """Why nothing is received from publishers on the topic: a sentence for each of them."""
+        """Return a sentence for each publisher on the topic from which nothing is received, with the reason."""
         return incompatibilities(self._node, self._subscription)
 
     def has_pending(self) -> bool:
@@ -74,7 +74,7 @@ class ScanInbox:
         return bool(self._pending)
 
     def retry_pending(self) -> None:
-        """Check the oldest pending scan again: a transform or data of a prior has arrived."""
+        """Process the oldest pending scan if it is ready now: a transform or data of the prior has arrived."""
         if self._pending:
             self._retry_after(0.0)
 
@@ -89,7 +89,7 @@ class ScanInbox:
         self._process_next()
 
     def _process_next(self) -> None:
-        """Hand over the oldest pending scan when it is ready, or has waited for ``input.max_wait``."""
+        """Process the oldest pending scan if it is ready, or has waited for ``input.max_wait``."""
         self._timer.cancel()
         for message in taken(self._subscription):
             self._queue(message)
@@ -120,12 +120,12 @@ class ScanInbox:
 
 
 class StampFilter:
-    """Distinguishes a recording that starts again from jitter, and from a single scan with a wrong stamp.
+    """Decides whether stamps that go back mean a recording that starts again, jitter, or a single wrong stamp.
 
     Attributes
     ----------
     held : LaserScan or None
-        Scan whose stamp is far before the last ones; the next scan decides whether the recording starts again.
+        Scan whose stamp is far before those of the last scans; the next scan shows whether the recording starts again.
     """
 
     def __init__(self) -> None:
@@ -133,7 +133,7 @@ class StampFilter:
         self.held: LaserScan | None = None
 
     def used(self, stamp: int) -> None:
-        """Keep the stamp [ns] of a scan that was processed."""
+        """Store the stamp [ns] of a scan that was processed."""
         self._used.append(stamp)
 
     def update(self, message: LaserScan, max_jump: float) -> tuple[list[LaserScan], LaserScan | None]:
@@ -163,10 +163,10 @@ class StampFilter:
         return [message], held
 
     def has_restarted(self, stamp: int, max_jump: float) -> bool:
-        """Whether `stamp` [ns] is over `max_jump` [s] before those of the last two scans; never for a stamp of 0."""
+        """Whether `stamp` [ns] is over `max_jump` [s] before those of the last two scans used; False for stamp 0."""
         return bool(stamp and self._used) and stamp < min(self._used) - max_jump * SECOND
 
     def restart(self) -> None:
-        """Accept any stamp next: the odometry was reset."""
+        """Accept any stamp of the next scan: the odometry was reset."""
         self._used.clear()
         self.held = None

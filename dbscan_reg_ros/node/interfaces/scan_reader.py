@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of LaserScan messages to scans, with warnings about them and without masked beams."""
+"""Conversion of LaserScan messages to scans without masked beams, and warnings about the messages."""
 import math
 
 import numpy as np
@@ -15,11 +15,11 @@ from ...robot.parameters import NodeParameters
 from ..throttled_log import ThrottledLog
 
 BEARING_TOLERANCE = 1e-6
-"""Rounding of bearings at the border of a sector [rad]."""
+"""Tolerance [rad] for rounded bearings at the border of a masked sector."""
 
 
 class ScanReader:
-    """Converts messages to `Scan`, and logs warnings about them.
+    """Converts LaserScan messages to `Scan`, and logs warnings about the messages.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class ScanReader:
         self._mask: tuple[object, NDArray[np.bool_]] | None = None
 
     def check(self, message: LaserScan) -> list[ScanWarning]:
-        """Return the warnings about a scan; each is logged once while it lasts."""
+        """Return the warnings about a scan; log each warning once while its cause lasts."""
         found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
@@ -47,7 +47,7 @@ class ScanReader:
         return found
 
     def restart(self) -> None:
-        """Accept any stamp next: the clock was reset."""
+        """Accept any stamp of the next scan: the clock was reset."""
         self._checks.restart()
 
     def read(self, message: LaserScan, mounting: Mounting, parameters: NodeParameters) -> Scan:
@@ -74,7 +74,7 @@ class ScanReader:
                     scan.frame_id)
 
     def _in_sectors(self, scan: Scan, mounting: Mounting, parameters: NodeParameters) -> NDArray[np.bool_]:
-        """Find the beams ``(N,)`` in a sector of ``input.mask``; cached until parameters or mounting change."""
+        """Return which beams ``(N,)`` lie in a sector of ``input.mask``; cached until parameters or mounting change."""
         key = parameters.input.mask, mounting
         if self._mask is None or self._mask[0] != key:
             sectors = np.reshape(parameters.input.mask, (-1, 2))
@@ -85,7 +85,7 @@ class ScanReader:
 
 
 def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Find the bearings that lie in a sector.
+    """Return which bearings lie in at least one of the sectors.
 
     Parameters
     ----------

@@ -22,22 +22,22 @@ from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 
 ROUNDING = 1e-9
-"""Least eigenvalue of a covariance, as a negative fraction of its largest element, that counts as zero."""
+"""A negative eigenvalue of a covariance counts as zero down to this fraction of its largest element."""
 
 
 class Services:
-    """``~/reset``, ``~/pause``, ``~/snapshot`` and ``set_pose``.
+    """Services ``~/reset``, ``~/pause`` and ``~/snapshot``, and subscription to the topic ``set_pose``.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        The node that offers them.
+        The node that offers the services.
     parameters : NodeParameters
         May be replaced at any time.
     log : ThrottledLog
         Log for poses that are refused.
     reset : callable
-        Resets the odometry; takes a reason and the `InitialPose`.
+        Function of a reason and an `InitialPose` that resets the odometry.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Services:
         subscription(node, PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
 
     def keep(self, update: OdometryUpdate, prior: Prior | None) -> None:
-        """Keep an update and the external prior of its scan for a snapshot."""
+        """Store the `OdometryUpdate` of a scan and its external prior for a later snapshot."""
         if self._updates.maxlen != self.parameters.snapshot.scans:
             self._updates = deque(self._updates, self.parameters.snapshot.scans)
         self._updates.append(SnapshotUpdate.of(update, prior))

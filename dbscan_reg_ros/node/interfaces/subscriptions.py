@@ -8,7 +8,7 @@ from rclpy.subscription import Subscription
 
 
 def taken(subscription: Subscription) -> Iterator[Any]:
-    """Take the messages that have arrived and are not handled yet, one after the other."""
+    """Yield the messages of a subscription that have arrived and are not handled yet, one after the other."""
     with subscription.handle:
         while message := subscription.handle.take_message(subscription.msg_type, False):
             yield message[0]
@@ -17,7 +17,8 @@ def taken(subscription: Subscription) -> Iterator[Any]:
 class WakingCallbackGroup(MutuallyExclusiveCallbackGroup):
     """Callback group whose entities wake the executor only under a condition; otherwise they are polled by `taken`.
 
-    Waking the executor for each message costs far more than taking it, and each entity that can wake it adds to that.
+    Waking the executor for each message takes far longer than reading the message, and the more entities can wake
+    the executor, the longer.
 
     Parameters
     ----------

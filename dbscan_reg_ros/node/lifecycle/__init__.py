@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start, spin and end of a node; the lifecycle node."""
+"""Process of a node from start to end, the spinning of its executor, and the lifecycle node."""

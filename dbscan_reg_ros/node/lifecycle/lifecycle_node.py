@@ -10,7 +10,7 @@ from ..node_core import NodeCore
 
 
 class ScanMatcherLifecycleNode(LifecycleNode):
-    """Creates a `NodeCore` on configure, subscribes to scans while active, and destroys it on cleanup."""
+    """Lifecycle node: `NodeCore` is created on configure, subscribed to scans while active, destroyed on cleanup."""
 
     def __init__(self) -> None:
         super().__init__('scan_matcher', automatically_declare_parameters_from_overrides=True)
@@ -29,7 +29,7 @@ class ScanMatcherLifecycleNode(LifecycleNode):
             return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Create publishers, services and timers."""
+        """Create the publishers, services and timers of the node."""
         entities = GraphEntities(self)
         try:
             self._core = NodeCore(self, self._live)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Split a command line into the arguments of the command and those of ROS."""
+"""Split a command line into the arguments of the command and the ROS arguments."""
 from collections.abc import Sequence
 
 
 def split_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the arguments of the command, and those from ``--ros-args`` to ``--``, both included."""
+    """Return the arguments of the command, and the ROS arguments from ``--ros-args`` to ``--`` inclusive."""
     own: list[str] = []
     ros: list[str] = []
     inside = False

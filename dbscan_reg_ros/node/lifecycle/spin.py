@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run a node from its command line to its exit status."""
+"""Run a node: parse its command line, spin it, and return its exit status."""
 from __future__ import annotations
 
 import argparse
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 BAD_INPUT = 2
 FAILED = 1
 IDLE = 1e-3
-"""An executor that has waited so long [s] for work is idle."""
+"""An executor that has waited this long [s] for a callback to execute is idle."""
 
 
 def run_node(name: str, description: str, make: Callable[[str], Node], argv: Sequence[str] | None = None) -> int:
@@ -37,7 +37,7 @@ def run_node(name: str, description: str, make: Callable[[str], Node], argv: Seq
     description : str
         Description in ``--help``.
     make : callable
-        Takes the name, returns the node; called when ROS is initialised.
+        Function of the name that creates the node; called when ROS is initialised.
     argv : list of str, optional
         Arguments; by default those of the process.
 
@@ -58,7 +58,7 @@ def run_node(name: str, description: str, make: Callable[[str], Node], argv: Seq
 
 
 def _parse(name: str, description: str, argv: list[str]) -> None:
-    """Handle ``--help``, ``--version`` and wrong arguments, each of which ends the process."""
+    """Parse the command line; ``--help``, ``--version`` and wrong arguments end the process."""
     parser = argparse.ArgumentParser(
         prog=name, description=description,
         usage=f'{name} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
@@ -67,7 +67,7 @@ def _parse(name: str, description: str, argv: list[str]) -> None:
 
 
 def _configure_libraries() -> None:
-    """Set the number of threads and the handling of freed memory; before numpy is imported."""
+    """Set the number of threads and how freed memory is returned; to be called before numpy is imported."""
     for library in ('OPENBLAS', 'OMP'):
         # The matrices are small: more threads only cost time.
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
@@ -105,9 +105,9 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
 def _spin_once(executor: SingleThreadedExecutor) -> None:
     """Execute the next callback.
 
-    After each callback rclpy's executor triggers its own guard condition, for other threads that wait, and checks every
-    entity of the node again. After an idle executor has executed a callback, the guard condition is taken without any
-    node, at a tenth of the cost; under load every entity that is ready is executed in its turn.
+    After each callback rclpy's executor triggers its own guard condition, for other waiting threads, and thus checks
+    every entity of the node again. If the executor was idle, this function clears the guard condition with no node in
+    the executor, at a tenth of the cost; under load every ready entity is executed in turn.
     """
     from rclpy.executors import TimeoutException
 
@@ -122,16 +122,16 @@ def _spin_once(executor: SingleThreadedExecutor) -> None:
 
 
 def _complain(name: str, problem: object, code: int = BAD_INPUT) -> int:
-    """Print a line on a problem; return the exit status."""
+    """Print one line that describes a problem; return the exit status."""
     print(f'{name}: {problem}', file=sys.stderr)
     return code
 
 
 class _StopSignals:
-    """Converts SIGINT and SIGTERM, also repeated ones, to one request to stop.
+    """Converts SIGINT and SIGTERM, even if repeated, to a single request to stop the node.
 
-    The signals are blocked in every thread and taken by a thread of their own: the node ends between two callbacks,
-    even while it starts. The signal handlers of rclpy would shut the context down during a callback.
+    The signals are blocked in every thread and handled by a separate thread, so that the node ends between two
+    callbacks, even during its start. The signal handlers of rclpy would shut the context down during a callback.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counters of the odometry, and level and message of the latest scan in /diagnostics (`Counters.grade`)."""
+"""Counters of the odometry, and the diagnostic level and message of the latest scan (`Counters.grade`)."""
 import math
 from collections import Counter, deque
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ TIMED_SCANS = 200
 
 
 class Grade(IntEnum):
-    """How well the odometry tracks, in the order of severity."""
+    """Quality of the tracking, in increasing order of severity."""
 
     TRACKING = 0
     LOW_CONFIDENCE = 1
@@ -29,23 +29,23 @@ class Grade(IntEnum):
 
 @dataclass
 class Counters:
-    """What has happened since the node started, and since the last report.
+    """Counts of scans since the node started, results of the latest scan, and warnings since the last report.
 
     Attributes
     ----------
     processed, skipped : int
-        Scans so far.
+        Number of scans processed and skipped so far.
     statuses : Counter
         Number of scans with each `Status`.
     too_fast : int
-        Scans rejected by `odometry.max_speed` or `odometry.max_turn_rate` so far.
+        Number of scans rejected so far because `odometry.max_speed` or `odometry.max_turn_rate` was exceeded.
     durations : deque of float
         Processing times of the last `TIMED_SCANS` scans [s].
     update : OdometryUpdate or None
         Result of the latest processed scan.
     degenerate_direction : float or None
-        Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None where there is
-        none.
+        Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None if it constrains
+        every direction.
     sensor_pose : SE2
         `Mounting.aligned_pose` of the latest scan.
     skip_reason : str
@@ -73,7 +73,7 @@ class Counters:
         update : OdometryUpdate
             Result of the scan.
         origin : SE2
-            Frame of the odometry's poses in `odom_frame`.
+            Pose, in `odom_frame`, of the frame in which `update` expresses poses.
         sensor_pose : SE2
             `Mounting.aligned_pose` of the scan, in the base frame.
         duration : float
@@ -94,7 +94,7 @@ class Counters:
 
     @property
     def wheel_correction(self) -> NDArray[np.float64] | None:
-        """Learned `OdometryUpdate.wheel_correction` ``(3, 3)``, in the base frame; None if there is none."""
+        """Estimated `OdometryUpdate.wheel_correction` ``(3, 3)`` in the base frame; None if nothing is estimated."""
         if not self.update or not self.update.wheel_correction.any():
             return None
         pose = self.sensor_pose
@@ -116,7 +116,7 @@ class Counters:
         return texts
 
     def grade(self) -> tuple[Grade, str]:
-        """Grade the latest scan, with a message; there must have been one."""
+        """Return grade and message of the latest scan; requires that a scan was processed or skipped."""
         if self.skip_reason or self.update is None:
             return Grade.LOST, self.skip_reason
         reason = self.update.registration.reason if self.update.registration else ''
@@ -130,7 +130,7 @@ class Counters:
         return Grade.TRACKING, 'tracking'
 
     def _along(self) -> str:
-        """Describe the degenerate direction; empty when the heading is degenerate instead."""
+        """Describe the degenerate direction in words; empty if the heading is degenerate instead of a direction."""
         if self.degenerate_direction is None:
             return ''
         degrees = math.degrees(math.remainder(self.degenerate_direction, math.pi))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publisher of ``/diagnostics``, once a second."""
+"""Publisher of the state of the odometry on ``/diagnostics``, once a second."""
 import math
 import statistics
 import time
@@ -19,18 +19,18 @@ from .counters import Counters, Grade
 
 PERIOD = 1.0
 STALE_AFTER = 2.0
-"""Level STALE after so long [s] without a scan."""
+"""The diagnostic level is STALE after this time [s] without a scan."""
 LOGGED_AFTER = 5.0
-"""Log a warning after so long [s] without any scan, and again after twice the time."""
+"""A warning is logged after this time [s] without any scan, and again whenever the time has doubled."""
 MIN_ELAPSED = 1e-3
-"""Least time [s] that a rate is computed over."""
+"""Shortest time [s] over which a rate is computed."""
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 LEVELS = {Grade.TRACKING: DiagnosticStatus.OK, Grade.LOW_CONFIDENCE: DiagnosticStatus.WARN,
           Grade.LOST: DiagnosticStatus.ERROR}
 
 
 class Diagnostics:
-    """Publishes level, message and values of the odometry.
+    """Publishes level, message and values of the odometry on ``/diagnostics``.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Diagnostics:
         self._begin()
 
     def watch(self, inboxes: Sequence[ScanInbox]) -> None:
-        """Report on the scans of the `inboxes` from now on; none while the node is not subscribed."""
+        """Report on the scans of these `inboxes` from now on; `inboxes` is empty while the node is not subscribed."""
         self._inboxes = inboxes
         self._begin()
 
@@ -74,7 +74,7 @@ class Diagnostics:
         self._patience = LOGGED_AFTER
 
     def publish(self) -> None:
-        """Publish what happened since the last call, one `PERIOD` ago."""
+        """Publish the state of the odometry, with rates and warnings since the last call, one `PERIOD` ago."""
         now = time.monotonic()
         counts = self._counts()
         last_time, last = self._last or (now - PERIOD, (0, 0, 0))
@@ -101,7 +101,7 @@ class Diagnostics:
         return received, self._counters.processed, dropped
 
     def _silent(self) -> list[str]:
-        """Why lidars are silent while others publish: a sentence for each."""
+        """Return a sentence for each lidar that is silent while other lidars publish, with the reason."""
         now = time.monotonic()
         for inbox in self._inboxes:
             if self._heard.get(inbox.topic, (0, now))[0] != inbox.received or inbox.topic not in self._heard:
@@ -110,7 +110,7 @@ class Diagnostics:
         return [] if len(silent) == len(self._inboxes) else [self._no_scans(inbox) for inbox in silent]
 
     def _level(self, silence: float, dropped: int) -> tuple[bytes, str]:
-        """Level and message of the report, after `silence` [s] without a scan."""
+        """Return level and message of the report when the last scan arrived `silence` [s] ago."""
         faults = self._graph_faults()
         conflict = self._sender.conflict
         level, message = self._odometry_level(silence)
@@ -124,7 +124,7 @@ class Diagnostics:
         return level, '; '.join(filter(None, [message, conflict, *warnings]))
 
     def _odometry_level(self, silence: float) -> tuple[bytes, str]:
-        """Level and message of the odometry itself."""
+        """Return level and message for the tracking of the odometry, without regard to the input."""
         if not self._inboxes or self._is_paused():
             return DiagnosticStatus.OK, 'paused' if self._inboxes else 'inactive'
         received = any(inbox.received for inbox in self._inboxes)
@@ -140,13 +140,13 @@ class Diagnostics:
         return LEVELS[grade], message
 
     def _no_scans(self, inbox: ScanInbox) -> str:
-        """Why no scan arrives."""
+        """Describe why no scan arrives on any topic."""
         names = named(self._node.get_publishers_info_by_topic(inbox.topic))
         publishers = f'published there by {names}' if names else f'no node publishes there{self._other_scan_topics()}'
         return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'
 
     def _other_scan_topics(self) -> str:
-        """Topics with scans, and how to subscribe to the first; empty when there are none."""
+        """Name other topics on which scans are published, and how to subscribe to the first; empty without any."""
         topics = sorted(name for name, types in self._node.get_topic_names_and_types()
                         if LASER_SCAN in types and self._node.count_publishers(name))
         if not topics:
@@ -154,7 +154,7 @@ class Diagnostics:
         return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}'
 
     def _graph_faults(self) -> list[str]:
-        """Find incompatible publishers on our topics and other publishers of our odometry; log each once."""
+        """Find incompatible publishers on our topics and other publishers of our odometry; log each finding once."""
         faults = [text for subscription in self._node.subscriptions
                   for text in incompatibilities(self._node, subscription)]
         if self._inboxes:
@@ -167,7 +167,7 @@ class Diagnostics:
         return faults
 
     def _rates(self, rate_in: float, rate_out: float) -> Iterator[tuple[str, str]]:
-        """Rates [Hz] of scans and of odometry, and processing times."""
+        """Yield the rates [Hz] of scans and of odometry, and the processing times [ms], as (name, text)."""
         durations = [1e3 * duration for duration in self._counters.durations]
         yield 'scan rate [Hz]', f'{rate_in:.1f}'
         yield 'odometry rate [Hz]', f'{rate_out:.1f}'
@@ -187,7 +187,7 @@ class Diagnostics:
                 yield f'{inbox.topic}: scans dropped', str(inbox.dropped)
 
     def _estimates(self) -> Iterator[tuple[str, str]]:
-        """Values of the latest registration, and the learned correction of the wheels."""
+        """Values of the latest registration, and the estimated correction of the wheel odometry."""
         update, direction = self._counters.update, self._counters.degenerate_direction
         yield 'backend', update.features.backend.name if update else '-'
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'

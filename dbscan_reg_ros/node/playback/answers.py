@@ -18,13 +18,13 @@ class Answers:
     stamps : list of int
         Stamps of all scans published [ns], in order.
     messages : list of nav_msgs.msg.Odometry or None
-        Odometry of each scan; None where none was received.
+        Odometry message for each scan; None if none was received.
     delays : list of float
-        Time from publishing each scan to receiving its odometry [s]; nan where none was received.
+        Time [s] from publishing each scan to receiving its odometry; nan if none was received.
     unexpected : int
-        Odometry messages whose stamp is that of no scan without odometry.
+        Number of odometry messages whose stamp does not match a scan that still lacks its odometry.
     passed : Counter
-        Topic -> number of messages published on it, except scans.
+        Topic -> number of messages published on this topic; scans are not counted.
     damaged : Counter
         Topic -> number of messages that could not be decoded.
     """
@@ -42,7 +42,7 @@ class Answers:
         return sum(message is None for message in self.messages)
 
     def poses(self) -> NDArray[np.float64]:
-        """Return the pose ``(N, 3)`` at each scan: x [m], y [m], yaw [rad]; nan where there is no odometry."""
+        """Return the pose ``(N, 3)`` at each scan: x [m], y [m], yaw [rad]; nan if the scan has no odometry."""
         poses = np.full((len(self.messages), 3), math.nan)
         for row, message in zip(poses, self.messages, strict=True):
             if message is not None:

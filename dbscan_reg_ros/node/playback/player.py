@@ -31,28 +31,28 @@ from .answers import Answers
 
 DEPTH = 100
 WINDOW = 3
-"""Scans without odometry at a time in lockstep: fewer than the depth of a subscription with sensor-data QoS."""
+"""Largest number of scans that await their odometry in lockstep: less than the queue depth of sensor-data QoS."""
 CLOCK_PERIOD = 0.025
-"""Interval of /clock [s]."""
+"""Interval [s] between messages on /clock."""
 POLL = 0.02
 """Interval [s] at which the ROS graph is checked."""
 RETRY = 1.0
-"""A call is repeated after this time [s]: the response is lost while the server has not discovered the client."""
+"""A service call is repeated after this time [s]: the response is lost until the server has discovered the client."""
 
 
 class PlayerError(DbscanRegError):
-    """There is no node to play to, or it does not respond."""
+    """No node subscribes to the scans of the player, or the node does not respond."""
 
 
 class _Pace:
-    """Playback at a constant rate: relates the time of a recording to the steady clock, `rate` times as fast."""
+    """Playback at a constant rate: the time of the recording runs `rate` times as fast as the steady clock."""
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
         self._start: tuple[int, float] | None = None
 
     def remaining(self, due: int) -> float:
-        """Return the time [s] until the recording time is `due` [ns]; the first one is due at once."""
+        """Return the time [s] until the recording time reaches `due` [ns]; 0 at the first call."""
         now = time.monotonic()
         self._start = self._start or (due, now)
         return self._start[1] + (due - self._start[0]) * 1e-9 / self.rate - now
@@ -66,7 +66,7 @@ class Player:
     arguments : list of str
         ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``.
     clock : bool
-        Publish ``/clock`` as well.
+        Whether to publish ``/clock`` as well.
 
     Attributes
     ----------
@@ -101,17 +101,17 @@ class Player:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the player."""
+        """Close the player at the end of the ``with`` block."""
         self.close()
 
     def close(self) -> None:
-        """Leave the ROS graph."""
+        """Destroy the ROS node of the player."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
     def announce(self, channels: Iterable[Channel]) -> list[str]:
-        """Create a publisher for each channel of a recording; return a line for each that cannot be published."""
+        """Create a publisher for each channel of a recording; return a warning for each that cannot be played."""
         problems = []
         for channel in channels:
             durability = DurabilityPolicy.TRANSIENT_LOCAL if channel.latched else DurabilityPolicy.VOLATILE
@@ -122,7 +122,7 @@ class Player:
             except (ImportError, AttributeError):
                 problems.append(f'{channel.recorded} is not played: its type {channel.kind} is not installed here')
             except InvalidTopicNameException:
-                problems.append(f'{channel.recorded} is not played: no ROS 2 topic has such a name')
+                problems.append(f'{channel.recorded} is not played: that is not a valid name of a ROS 2 topic')
             else:
                 self._channels[channel] = kind, publisher
         return problems
@@ -138,12 +138,12 @@ class Player:
         timeout : float
             Time to wait [s].
         answering : bool
-            Wait for a node that also publishes ``odom``, and not for any that subscribes to the scans.
+            Whether to wait for a node that subscribes to the scans and publishes ``odom``; else subscribing is enough.
 
         Raises
         ------
         PlayerError
-            When there is no such node in time, or it does not respond.
+            When no such node is found within `timeout`, or it does not respond.
         """
         deadline = time.monotonic() + timeout
         while not (nodes := self._subscribers(answering)):
@@ -156,14 +156,14 @@ class Player:
             self._wait_for_discovery(name, deadline, required=answering)
 
     def _subscribers(self, answering: bool) -> set[str]:
-        """Full names of the nodes to play to."""
+        """Full names of the nodes that subscribe to the scans of the player."""
         names = _node_names(self._node.get_subscriptions_info_by_topic(self._scans.topic_name))
         if answering:
             names &= _node_names(self._node.get_publishers_info_by_topic(self._odom.topic_name))
         return names
 
     def _wait_for_discovery(self, name: str, deadline: float, required: bool) -> None:
-        """Call a service of a node until it responds; when it does not in time, raise PlayerError if `required`."""
+        """Call a service of a node until it responds; if it does not in time and `required`, raise PlayerError."""
         client = self._node.create_client(GetParameters, f'{name}/get_parameters')
         try:
             while time.monotonic() < deadline:
@@ -182,7 +182,7 @@ class Player:
 
     def play(self, items: Iterable[Scan | Played], rate: float | None = None, window: int = WINDOW,
              patience: float = 2.0) -> Answers:
-        """Publish scans in their order, with their own stamps, and the messages of the announced channels between them.
+        """Publish scans in their order with their recorded stamps, interleaved with the messages of announced channels.
 
         Parameters
         ----------
@@ -192,9 +192,9 @@ class Player:
             Speed relative to the stamps; without it (lockstep) each scan is published as soon as the node has published
             the odometry of the earlier ones.
         window : int
-            Number of scans that may be without odometry in lockstep.
+            Number of scans that may await their odometry in lockstep.
         patience : float
-            Time [s] without odometry after which a scan is given up.
+            Time [s] to wait for the odometry of a scan; then playback goes on without this odometry.
 
         Raises
         ------
@@ -222,7 +222,7 @@ class Player:
             publisher.wait_for_all_acked(Duration(seconds=patience))
 
     def _publish(self, played: Played, due: int | None) -> None:
-        """Publish a scan or a message whose recording time is `due` [ns]."""
+        """Publish a scan or another message, recorded at the time `due` [ns]."""
         if played.channel:
             self._publish_message(played)
         else:
@@ -256,7 +256,7 @@ class Player:
         self._scans.publish(message)
 
     def _wait_for_answers(self, allowed: int, patience: float) -> None:
-        """Wait until no more than `allowed` scans are without odometry."""
+        """Wait until at most `allowed` scans await their odometry."""
         while len(self._waiting) > allowed:
             remaining = self._last_answer + patience - time.monotonic()
             if remaining <= 0.0:
@@ -270,14 +270,14 @@ class Player:
                 self._executor.spin_once(remaining)
 
     def _wait_until(self, pace: '_Pace', due: int) -> None:
-        """Wait until the recording time is `due` [ns]; publish /clock meanwhile."""
+        """Publish /clock until the time of the recording reaches `due` [ns]."""
         while (remaining := pace.remaining(due)) > 0.0:
             self._executor.spin_once(min(remaining, CLOCK_PERIOD) if self._clock else remaining)
             if self._clock:
                 self._tick(due - max(0, int(pace.remaining(due) * pace.rate * 1e9)))
 
     def _tick(self, now: int) -> None:
-        """Publish `now` [ns] on /clock, where that is wanted; the clock never goes back."""
+        """Publish the time `now` [ns] on /clock if the player publishes the clock; /clock never goes back."""
         if self._clock:
             self._now = max(self._now, now)
             self._clock.publish(Clock(clock=stamp_to_message(self._now)))
@@ -296,5 +296,5 @@ class Player:
 
 
 def _node_names(endpoints: Iterable[TopicEndpointInfo]) -> set[str]:
-    """Full names of the nodes of `endpoints`, without hidden ones."""
+    """Full names of the nodes of `endpoints`; hidden nodes are left out."""
     return {f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in endpoints if not e.node_name.startswith('_')}

@@ -36,25 +36,25 @@ from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 
 DEPTH = 20
 WAITING = 50
-"""Number of scans, and of poses, that may wait for the other with the same stamp."""
+"""Number of scans that may wait for the odometry with the same stamp, and of odometry messages for the scan."""
 PLANAR = np.array((0, 1, 5))
-"""Rows of x, y and yaw in the covariance of a message."""
+"""Rows of x, y and yaw in the 6x6 covariance of an odometry message."""
 NAMES = 'mounting', 'laser_pose', 'upside_down'
-"""Parameters of the node that give its mounting."""
+"""Parameters of the node that define the mounting of its lidar."""
 
 
 class WatchedScan(NamedTuple):
-    """One scan and the odometry for it.
+    """One scan with the odometry that the node published for this scan.
 
     Attributes
     ----------
     stamp : int [ns]
     points : (P, 2) float [m]
-        Returns in the frame of the sensor, an upright one.
+        Returns in the frame of the sensor, converted to that of an upright sensor if it is mounted upside down.
     pose : SE2
-        Of the sensor in the odometry frame.
+        Pose of the sensor in the odometry frame.
     covariance : (3, 3) float [m, m, rad]
-        Of the pose of the base, in the odometry frame.
+        Covariance of the pose (x, y, theta) of the base, in the odometry frame.
     speed : float [m/s]
     """
 
@@ -71,11 +71,11 @@ class Listener:
     Parameters
     ----------
     on_scan : callable
-        Called with each `WatchedScan`.
+        Function that is called with each `WatchedScan`.
     on_report : callable
-        Called with level, 0 to 3, and message of each report of the node.
+        Function that is called with level (0 to 3) and message of each diagnostics report of the node.
     on_node : callable
-        Called with the name of the node when another one, or the same after a restart, publishes the odometry.
+        Function that is called with the name of the node when another or a restarted node publishes the odometry.
     arguments : list of str
         ROS arguments.
     """
@@ -94,7 +94,7 @@ class Listener:
         self._begin()
 
     def _begin(self) -> None:
-        """Forget the node."""
+        """Clear the name of the node, its parameters, the transforms and the pending messages."""
         self._source: bytes | None = None
         self._name = ''
         self._scans: OrderedDict[int, LaserScan] = OrderedDict()
@@ -112,15 +112,15 @@ class Listener:
 
     @property
     def topics(self) -> list[str]:
-        """Full names of the topics that are subscribed to."""
+        """Full names of the topics that the listener subscribes to."""
         return [self._node.resolve_topic_name(name) for name in ('scan', 'odom', '/diagnostics')]
 
     def spin(self, timeout: float) -> None:
-        """Handle what arrives within `timeout` [s]."""
+        """Handle the messages that arrive within `timeout` [s]."""
         self._executor.spin_once(timeout)
 
     def subscribe(self) -> None:
-        """Subscribe, to the transforms as well, unless that is done."""
+        """Subscribe to scans, odometry, diagnostics and transforms, unless already subscribed."""
         if self._subscriptions:
             return
         self._begin()
@@ -141,7 +141,7 @@ class Listener:
         self._subscriptions = []
 
     def _look_for_node(self) -> None:
-        """If another node publishes the odometry now, forget the old node and request the new one's mounting."""
+        """If another node publishes the odometry now, clear the old data and request the mounting of its lidar."""
         if not self._subscriptions:
             return
         found = publishers(self._node, self._node.resolve_topic_name('odom'))
@@ -176,7 +176,7 @@ class Listener:
         self._keep(self._poses, stamp_from_message(message.header.stamp), message)
 
     def _keep(self, waiting: OrderedDict[int, Any], stamp: int, message: Any) -> None:
-        """Keep a message until its counterpart is there."""
+        """Store a scan or an odometry message until the message with the same stamp arrives."""
         waiting[stamp] = message
         while len(waiting) > WAITING:
             waiting.popitem(last=False)
@@ -184,7 +184,7 @@ class Listener:
             self._join(self._scans.pop(stamp), self._poses.pop(stamp))
 
     def _join(self, message: LaserScan, odometry: Odometry) -> None:
-        """Pass on a scan and its odometry; those whose mounting is unknown, and damaged ones, are left out."""
+        """Pass a scan with its odometry to `on_scan`; skip damaged scans, and scans whose mounting is unknown."""
         try:
             mounting = self._mounting(message.header.frame_id, odometry.child_frame_id)
             scan = Scan.from_message(message, upside_down=mounting.upside_down)
@@ -199,11 +199,11 @@ class Listener:
                                   math.hypot(velocity.x, velocity.y)))
 
     def _mounting(self, frame: str, base: str) -> Mounting:
-        """Return the mounting from the parameters of the node, or else from the transforms."""
+        """Return the mounting of the lidar from the parameters of the node, or else from the transforms."""
         if self._parameters is None:
             if self._client:
                 self._ask()
-            raise MountingError('the node has not said yet how its lidar is mounted')
+            raise MountingError('the node has not yet reported the mounting of its lidar')
         fixed = mounting_from_parameters(self._parameters)
         if fixed or frame == base:
             return fixed or Mounting()
