@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands: one module each, with ``main(argv=None) -> int``."""
+"""Commands of the command line: one module for each command, with ``main(argv=None) -> int``."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments, errors and exit statuses that all commands share."""
+"""Command-line arguments, errors and exit statuses shared by all commands."""
 import argparse
 import itertools
 import os
@@ -28,22 +28,22 @@ BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
 """Endings of the file names of bags and of CARMEN logs."""
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-"""Signals that ask a command to end."""
+"""Signals that request the end of a command."""
 
 
 class CommandError(DbscanRegError):
-    """An argument of a command makes no sense."""
+    """An argument of a command is invalid."""
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Options may stand between the positional arguments, and those that take a list before them."""
+    """Parser that accepts options between positional arguments, and options with a list before positional arguments."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
         self._lists = {}
 
     def end_list(self, option, belongs):
-        """End the values of `option` before the first word after the first for which ``belongs(word)`` is false."""
+        """End the list of `option` before the first word, except its first, for which ``belongs(word)`` is false."""
         self._lists[option] = belongs
 
     def parse_args(self, args=None, namespace=None):
@@ -52,7 +52,7 @@ class CommandParser(argparse.ArgumentParser):
         return self.parse_intermixed_args(self._ended_lists(args), namespace)
 
     def _ended_lists(self, args):
-        """Reorder the arguments: words that do not belong to a list go in front of its option."""
+        """Reorder the arguments: move words that do not belong to the list of an option in front of this option."""
         ordered = []
         while args:
             option = args.pop(0)
@@ -84,7 +84,7 @@ def add_recording(parser):
 
 
 def add_recordings(parser, **topic):
-    """Add the arguments that name recordings; `topic` overrides what ``--topic`` is."""
+    """Add the arguments that name recordings; `topic` overrides the argparse settings of ``--topic``."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
     parser.add_argument('--topic', **{'help': 'topic of the scans; required if there are several', **topic})
@@ -92,11 +92,11 @@ def add_recordings(parser, **topic):
 
 
 def add_workers(parser):
-    """Add the arguments that choose processes or a cluster."""
+    """Add the arguments that choose the number of local processes or a Dask cluster."""
     parser.add_argument('--processes', type=positive, metavar='N',
                         help='number of parallel processes (default: one per processor)')
-    parser.add_argument('--scheduler', metavar='ADDRESS', help='use the Dask cluster of this scheduler instead, '
-                        'for example tcp://10.0.0.1:8786; its workers must have access to the same files')
+    parser.add_argument('--scheduler', metavar='ADDRESS', help='run on the Dask cluster of this scheduler instead '
+                        'of local processes, e.g. tcp://10.0.0.1:8786; its workers must have access to the same files')
 
 
 def positive(text) -> int:
@@ -121,25 +121,25 @@ def seed(text) -> int:
 
 
 def shortened(problems) -> list:
-    """Return the first `MOST_SHOWN` lines, and one with the number of those left out."""
+    """Return the first `MOST_SHOWN` lines, followed by a line with the number of omitted lines."""
     more = len(problems) - MOST_SHOWN
     return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
 def note_unused(command, path, parameters, used):
-    """Print which parameters set in the file at `path` have no effect in `command`; `used` are those with an effect."""
+    """Print which parameters set in the file at `path` have no effect in `command`; `used` have an effect."""
     if names := parameters.unused(used):
         print(f'{command}: {path}: has no effect in {command}: {", ".join(names)}', file=sys.stderr)
 
 
 def note_warnings(command, recording, most=None):
-    """Print what was assumed to read a recording, and warnings about its scans, or its first `most` scans."""
+    """Print assumptions made to read a recording, and warnings about its scans (only the first `most`, if given)."""
     for line in [*recording.notes, *recording.look_through(most).lines()]:
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
 def open_all(command, paths, topic, most=None) -> list:
-    """Open the recordings at `paths`; print the warnings about their scans, or their first `most` scans."""
+    """Open the recordings at `paths`; print warnings about their scans (only the first `most` of each, if given)."""
     from ..recordings import open_recording
 
     recordings = [open_recording(path, topic) for path in paths]
@@ -160,8 +160,8 @@ def run(parser, work, argv=None) -> int:
     Returns
     -------
     int
-        What `work` returns, or 0; 2 for bad input, 130 after Ctrl-C, 1 for any other failure. `work` returns 3 if it
-        ran to its end and could not write all of its results.
+        Result of `work`, or 0 if it is None; 2 for bad input, 130 after Ctrl-C, 1 for any other failure.
+        `work` returns 3 if it ran to its end but could not write all of its results.
     """
     args = parser.parse_args(argv)
     keep_freed_memory()
@@ -182,7 +182,7 @@ def run(parser, work, argv=None) -> int:
 
 
 def asked_for(args):
-    """Yield the modules that only some arguments of a command need."""
+    """Yield the names of modules that a command needs only with certain arguments."""
     given = vars(args)
     if given.get('scheduler'):
         yield 'distributed'
@@ -213,16 +213,16 @@ def check_outputs(args):
         folder = given['out'] or 'results'
         check_writable(folder, CommandError)
         if os.path.isfile(folder):
-            raise CommandError(f'{folder}: expected a folder, and it is a file; choose another place')
+            raise CommandError(f'{folder}: expected a folder, but a file has this name; choose another folder')
     files = [given[name] for name in ('out', 'json', 'poses') if isinstance(given.get(name), Path)]
     for file in files:
         if file.is_dir() or not file.parent.is_dir():
-            raise CommandError(f'{file}: expected the name of a file in a folder that is there')
+            raise CommandError(f'{file}: expected the name of a file in an existing folder')
         check_writable(file, CommandError)
 
 
 def is_topic(word) -> bool:
-    """Whether the word of a command line is the name of a topic, and no path."""
+    """Whether a word of the command line is the name of a topic instead of a path."""
     path = Path(word)
     return word.startswith('/') and not path.exists() and (path.parent == Path('/') or not path.parent.exists())
 
@@ -240,9 +240,9 @@ def complain(command, error, verbose=False) -> int:
 def interruptible(*signals, once=False):
     """Turn `signals` that are not ignored into a KeyboardInterrupt.
 
-    An exception that follows a signal is raised as a KeyboardInterrupt too: rclpy replaces an exception that is raised
-    while it converts a message by one of its own. With `once`, signals after the first are ignored until the process
-    ends.
+    An exception that follows a signal is raised as a KeyboardInterrupt, too: rclpy replaces a KeyboardInterrupt that is
+    raised while it converts a message with an exception of its own. With `once`, all signals after the first are
+    ignored until the process ends.
     """
     came = []
 
@@ -267,7 +267,7 @@ def interruptible(*signals, once=False):
 
 @contextmanager
 def held(*signals):
-    """Delay the `signals` until the end of the block, so that it runs completely."""
+    """Delay the handling of `signals` until the end of the ``with`` block, so that the block is not interrupted."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -284,7 +284,7 @@ def held(*signals):
 
 
 def explain(error):
-    """Return exit status and one line for an error, without the name of its Python exception."""
+    """Return the exit status and a one-line message for an error, without the name of the Python exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, 'interrupted'
     if isinstance(error, MissingPackages):

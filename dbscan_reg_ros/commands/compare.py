@@ -22,7 +22,7 @@ from .competitors import Competitor, follow_all
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
-"""Names of the competitors in the table."""
+"""Letters that denote the competitors in the table."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,9 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
                         'parameter file or a parameter set; may be repeated')
     parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
-                        'the trajectory of another program in the form of TUM; NAME=FILE.tum@X,Y,DEG with the pose of '
-                        'the sensor on the body whose poses these are; NAME=FOLDER with a file RECORDING.tum for each '
-                        'recording; may be repeated')
+                        'the trajectory of another program in TUM format; NAME=FILE.tum@X,Y,DEG with the pose of the '
+                        'sensor on the body whose poses the file contains; NAME=FOLDER with a file RECORDING.tum for '
+                        'each recording; may be repeated')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, for one recording: TUM, or the '
                         'columns index,x,y,theta (default: those in or beside the recording)')
     parser.add_argument('--all', action='store_true', help='the exit status counts all competitors, not only B')
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def compare(args):
-    """Run all over every recording, print and write the comparison; return 1 if one that counts is worse than A."""
+    """Run all competitors over every recording; print and write the comparison; return the exit `status`."""
     from ..evaluation.comparison import known_motion
     from ..evaluation.known_motion import KnownMotion
     from ..recordings import find_recording
@@ -68,7 +68,8 @@ def compare(args):
     competitors = chosen(args)
     paths = [find_recording(file, args.data) for file in args.files]
     if args.truth and len(paths) > 1:
-        raise CommandError(f'--truth {args.truth}: expected one recording; put truth.tum beside each of several')
+        raise CommandError(f'--truth {args.truth}: expected a single recording; for several, put a '
+                           'file truth.tum beside each')
     recordings = open_all('compare', paths, args.topic)
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
@@ -93,7 +94,7 @@ def compare(args):
 
 
 def chosen(args) -> list:
-    """Return the competitors of the arguments, A first; print which of their parameters have no effect."""
+    """Return the competitors named by the arguments, A first; print which of their parameters have no effect."""
     from ..robot.parameters import METHOD
 
     competitors = [*map(Competitor.named, (args.a, args.b)), *map(Competitor.with_method, args.method),
@@ -105,7 +106,7 @@ def chosen(args) -> list:
 
 
 def unique(names):
-    """Make names distinct: append a number to each repetition."""
+    """Make names of competitors distinct: append a number to each repeated name."""
     return [name if names.index(name) == place else f'{name} ({names[:place + 1].count(name)})'
             for place, name in enumerate(names)]
 
@@ -118,9 +119,9 @@ def compared(followed, competitors, seed) -> list:
     followed : dict
         Name of a recording -> its `KnownMotion`, and the `Trajectory` of each competitor.
     competitors : list of Competitor
-        A first.
+        Competitors, beginning with A.
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
 
     Returns
     -------
@@ -145,7 +146,7 @@ def compared(followed, competitors, seed) -> list:
 
 
 def differences(pairs, seed):
-    """Name of the recording, or ``all`` -> `Difference` of translation and of rotation; empty without pairs."""
+    """Return recording name or ``all`` -> `Difference` of translation and of rotation; empty without pairs."""
     from ..evaluation.comparison import MEASURES, difference
 
     groups = {name: [pair] for name, pair in pairs.items()} | ({ALL: list(pairs.values())} if pairs else {})
@@ -153,14 +154,14 @@ def differences(pairs, seed):
 
 
 def status(comparisons) -> int:
-    """Return 1 if one of the compared is worse than A, else 3 if one has no verdict, else 0."""
+    """Return exit status 1 if a competitor is worse than A, else 3 if a competitor has no verdict, else 0."""
     if any(comparison.worse for comparison in comparisons):
         return FAILED
     return 0 if all(comparison.judged for comparison in comparisons) else INCOMPLETE
 
 
 def measures(folder, names, known, trajectories):
-    """Yield a table of the measures of evo, of all competitors; write the trajectories that they are computed from."""
+    """Yield a table of the evo measures of all competitors; write the trajectories from which they are computed."""
     from ..evaluation.evo_measures import ape_rmse, rpe_rmse
 
     lines = []
@@ -180,7 +181,7 @@ def measures(folder, names, known, trajectories):
 
 
 def written(folder, letter, trajectory, truth):
-    """Write a trajectory and the truth at its stamps in the form of TUM; return both as they are read again."""
+    """Write a trajectory, and the truth at its stamps, in TUM format; read both files again and return the contents."""
     import numpy as np
 
     from ..recordings import interpolate, read_tum, write_tum
@@ -195,7 +196,7 @@ def written(folder, letter, trajectory, truth):
 
 
 def write_comparison(folder, comparisons, text):
-    """Write table.txt, comparison.json, comparison.png (B against A) and a picture of each further competitor X."""
+    """Write table.txt, comparison.json, comparison.png (B against A) and a picture for each competitor after B."""
     import dataclasses
     import json
 
@@ -213,7 +214,7 @@ def write_comparison(folder, comparisons, text):
 
 
 def write_pages(folders, recordings, known, trajectories, comparisons):
-    """Write a page of each recording that shows all competitors into its folder, and the index of all."""
+    """Write a page with all competitors into the folder of each recording, and an index of all recordings."""
     from ..replays.page.entries import COMPARISON_COLUMNS, comparison_row, write_comparison_page
     from ..replays.page.index import write_index
 
@@ -232,7 +233,7 @@ def write_pages(folders, recordings, known, trajectories, comparisons):
 
 
 def _verdict(comparison, row):
-    """Return the verdict over a recording in words."""
+    """Return the verdict on one recording in words, separately for translation and rotation."""
     if not comparison.judged:
         return 'not judged'
     words = [f'{d.verdict} in {what}' for d, what in zip(row, ('translation', 'rotation'), strict=True) if d.verdict]

@@ -14,7 +14,7 @@ class Competitor:
     Attributes
     ----------
     name : str
-        As the user called it.
+        Name that the user gave.
     parameters : NodeParameters or None
     method : str
         Name of a method, or ``module:function``.
@@ -28,7 +28,7 @@ class Competitor:
 
     @classmethod
     def named(cls, name) -> 'Competitor':
-        """Return the competitor that an argument names: a trajectory, a method, a parameter set or a file of one."""
+        """Return the competitor that an argument names: a trajectory, a method, a parameter set or a parameter file."""
         from ..evaluation.methods import FACTORIES
         from ..robot.parameter_files import read_parameters
         from ..robot.parameters import NodeParameters
@@ -48,7 +48,7 @@ class Competitor:
 
     @classmethod
     def with_method(cls, name) -> 'Competitor':
-        """Return the method called `name`, or ``module:function``."""
+        """Return the competitor that uses the method called `name` or the function ``module:function``."""
         from ..evaluation.trackers import tracker
 
         tracker(name)
@@ -56,7 +56,7 @@ class Competitor:
 
     @classmethod
     def with_trajectory(cls, text) -> 'Competitor':
-        """Return the trajectory ``NAME=FILE[@X,Y,DEG]`` of another program."""
+        """Return the competitor ``NAME=FILE[@X,Y,DEG]``: the trajectory of another program."""
         from ..evaluation.given_trajectories import GivenTrajectory
 
         name, _, file = text.partition('=')
@@ -86,7 +86,7 @@ class Competitor:
 
     @staticmethod
     def _take(trajectory, stamps, poses):
-        """Fill a `Trajectory` with the poses ``(N, 3)`` that are numbers."""
+        """Fill a `Trajectory` with the poses ``(N, 3)`` that are finite."""
         from ..core.registration.records import Status
 
         for stamp, pose in zip(stamps, poses.tolist(), strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``convert SOURCE TARGET``: CARMEN logs, ROS 1 bags and ROS 2 bags into one another."""
+"""``convert SOURCE TARGET``: convert between CARMEN logs, ROS 1 bags and ROS 2 bags."""
 from collections.abc import Sequence
 
 from .command_line import add_data, is_topic, make_parser, run, shortened

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``demo [FILE]``: the whole chain, from scans over the real node to odometry, trajectory and map."""
+"""``demo [FILE]``: play scans to the real node, and write the trajectory and a map from its odometry."""
 import os
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from .command_line import ENDING, FAILED, CommandError, add_data, explain, inter
 
 OPENED = 'a browser is connected'
 STARTING = 30
-"""The node has to be up after this many seconds."""
+"""Longest time [s] to wait for the node to start."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def demo(args):
-    """Play the recording to a node of our own, write the results and print the summary."""
+    """Play the recording to a newly started node, write the results and print the summary."""
     from ..replays.faults import Faults
 
     with interruptible(*ENDING):
@@ -52,7 +52,7 @@ def _recording(args):
 
 
 def _play(recording, out, args):
-    """Start a node, and the page if it is asked for; play the recording and return its `Answers`."""
+    """Start a node, and the live page if requested; play the recording and return the `Answers` of the node."""
     from tqdm import tqdm
 
     from ..node.playback.player import Player
@@ -80,7 +80,7 @@ def _play(recording, out, args):
 
 @contextmanager
 def _page(out):
-    """Serve the live page; the block begins when a browser shows it."""
+    """Serve the live page; enter the ``with`` block when a browser shows the page."""
     from .processes import Process, package_command
 
     with Process(package_command('watch'), out / 'watch.log') as page:
@@ -94,7 +94,7 @@ def _page(out):
 
 
 def _wait_for(node, player):
-    """Until the node listens; an error as soon as it has ended."""
+    """Wait until the node subscribes to the scans; raise an error as soon as its process has ended."""
     from ..node.playback.player import PlayerError
 
     for seconds_left in reversed(range(STARTING)):
@@ -103,7 +103,7 @@ def _wait_for(node, player):
         except PlayerError as error:
             if not node.running():
                 said = node.output().strip().splitlines() or ['nothing']
-                raise PlayerError(f'the node ended at once; it said: {said[-1]}') from error
+                raise PlayerError(f'the node ended at once; its last output: {said[-1]}') from error
             if not seconds_left:
                 raise
 
@@ -130,7 +130,7 @@ def _report(recording, answers, out, faults):
     for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
         print(line)
     if answers.unexpected:
-        print(f'{answers.unexpected} odometry messages belong to no scan')
+        print(f'{answers.unexpected} odometry messages do not match the stamp of any scan')
     errors = faults.attempt('errors against the truth', _errors, recording, stamps, poses) or []
     for fault in faults.lines:
         print(f'demo: {fault}', file=sys.stderr)
@@ -139,7 +139,7 @@ def _report(recording, answers, out, faults):
 
 
 def _errors(recording, stamps, poses) -> list:
-    """Describe the known errors in words."""
+    """Describe the errors against truth or relations in words, as far as they are known."""
     from ..evaluation.known_motion import errors_of
 
     errors = errors_of(recording, stamps, poses)

@@ -61,14 +61,14 @@ def play(args, ros_arguments):
 
 
 def counted(items, bar):
-    """Yield the items; count the scans among them in the progress bar."""
+    """Yield the items; count the scans among the items in the progress bar."""
     for item in items:
         bar.update(item.channel is None)
         yield item
 
 
 def report(recording, answers, problems):
-    """Print what was played and what became of it."""
+    """Print the numbers of scans that were played, answered and skipped, and of damaged messages."""
     problems = [*problems, *(f'{topic}: {count} damaged messages skipped' for topic, count in answers.damaged.items())]
     for line in [*recording.notes, *problems, *shortened(recording.problems), *recording.watch.lines()]:
         print(line, file=sys.stderr)

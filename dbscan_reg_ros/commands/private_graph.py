@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph of its own for one process and its children."""
+"""Private ROS graph for one process and its children, separated by a ROS domain that no other caller uses."""
 import fcntl
 import os
 import tempfile
@@ -17,20 +17,20 @@ class NoFreeDomain(DbscanRegError):
 
 
 class ForeignFolder(DbscanRegError):
-    """The folder belongs to another user."""
+    """The folder with the domain locks belongs to another user."""
 
 
 @contextmanager
 def private_graph():
-    """Use a ROS domain on this machine alone that no other caller has, for this process and its children.
+    """Use a ROS domain that no other caller uses, restricted to this machine, for this process and its children.
 
-    A child process that gets the descriptors of `domain_locks` keeps the domain taken until it has ended, even if this
-    process is killed before.
+    A child process that inherits the file descriptors from `domain_locks` keeps the domain locked until the child has
+    ended, even if this process is killed before.
 
     Yields
     ------
     int
-        The domain's number; the environment is as before when the block ends.
+        Number of the ROS domain; the environment variables are restored at the end of the ``with`` block.
 
     Raises
     ------

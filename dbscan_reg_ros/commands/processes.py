@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of our own that always end."""
+"""Child processes that are always ended together with their own children."""
 import os
 import signal
 import subprocess
@@ -13,23 +13,23 @@ from .command_line import ENDING, held
 from .private_graph import domain_locks
 
 POLL = 0.05
-"""Time [s] between two looks at what a process has printed."""
+"""Interval [s] at which the output of a process is read."""
 
 
 class ProcessEnded(DbscanRegError):
-    """A process has ended that was to go on."""
+    """A process that should keep running has ended."""
 
 
 class Process:
-    """A child process with a session of its own, so that a Ctrl-C in the terminal does not reach it by itself.
+    """Child process in its own session, so that a Ctrl-C in the terminal sends no signal to it.
 
     Parameters
     ----------
     command : list of str
     log : path-like
-        File that takes its standard output and error.
+        File to which the standard output and error of the process are written.
     environment : dict, optional
-        Variables on top of this process' own.
+        Environment variables in addition to those of this process.
     """
 
     def __init__(self, command, log, environment=None):
@@ -47,12 +47,12 @@ class Process:
         return self._popen.poll() is None
 
     def output(self) -> str:
-        """Return what it has printed so far."""
+        """Return what the process has printed so far."""
         with open(self.log, encoding='utf-8', errors='replace') as log:
             return log.read()
 
     def lines(self, last):
-        """Yield each line as it is printed, up to one that is `last`; `ProcessEnded` if the process ends before."""
+        """Yield each line that the process prints, up to the line `last`; raise `ProcessEnded` if it ends before."""
         with open(self.log, encoding='utf-8', errors='replace') as log:
             line = part = ''
             while line != last:
@@ -66,20 +66,20 @@ class Process:
                     raise ProcessEnded(f'{" ".join(self.command)} has ended; its output is in {self.log}')
 
     def signal(self, number):
-        """Send it a signal, if it still runs."""
+        """Send a signal to the process if it is still running."""
         self._popen.send_signal(number)
 
     def wait(self, timeout) -> int:
-        """Its exit status; `subprocess.TimeoutExpired` after `timeout` seconds."""
+        """Wait for the exit status of the process; raise `subprocess.TimeoutExpired` after `timeout` seconds."""
         return self._popen.wait(timeout)
 
     def stop(self, patience=5.0) -> int:
-        """End it and all its children: politely at first, by force after `patience` seconds.
+        """End the process and all its children: with a signal first, and by killing them after `patience` seconds.
 
         Returns
         -------
         int
-            Its exit status; negative when a signal ended it.
+            Exit status of the process; negative if a signal ended it.
         """
         try:
             for number in (signal.SIGINT, signal.SIGTERM):
@@ -101,7 +101,7 @@ class Process:
 
 
 def _kill_group(popen):
-    """Kill the process and all in its session."""
+    """Kill the process and all processes in its session."""
     with suppress(ProcessLookupError):
         os.killpg(popen.pid, signal.SIGKILL)
     popen.wait()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: one scan onto another, in numbers and in figures."""
+"""``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: register two scans and draw each step."""
 import math
 from collections.abc import Sequence
 from itertools import islice
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class Pair(NamedTuple):
-    """Two scans to register; `registration` is their result where it is known already."""
+    """Two scans to register; `registration` is their result if it is already known."""
 
     name: str
     reference: object
@@ -121,7 +121,7 @@ def _motion(transform):
 
 
 def _moved(path, topic, numbers, parameters):
-    """Return the pair of a scan and its own points moved by the motion of the paper."""
+    """Return a `Pair` of a scan and the same scan moved by the motion of the example in the paper."""
     from ..core.parameters.tree import Parameters
     from ..evaluation.figure4 import moved
 
@@ -143,7 +143,7 @@ def _of_recording(path, topic, numbers, parameters):
 
 
 def _scans(path, topic, numbers):
-    """Return the name of a recording, and its scans with these numbers: number -> scan."""
+    """Return the name of a recording, and a dictionary number -> scan of its scans with the given numbers."""
     from ..recordings import open_recording
 
     recording = open_recording(path, topic)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``replay FILE...``: the odometry of recordings, offline, through the same `Odometry` as the node."""
+"""``replay FILE...``: run the same `Odometry` as the node over recordings, offline."""
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -54,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def replay(args):
     """Replay every recording and print its summary; return the exit status.
 
-    It is that of the first recording that failed, else `INCOMPLETE` if results of any could not be written, else 0.
+    The exit status is that of the first recording that failed, else `INCOMPLETE` if some results could not be written,
+    else 0.
     """
     from ..recordings import find_recording
     from ..replays.lidars import parse_mountings
@@ -108,7 +109,7 @@ class Job:
         Print the traceback of a fault.
     animation : bool
     mountings : dict
-        Topic -> `Mounting`, as far as they are given.
+        Topic -> `Mounting` of the lidar, for the mountings that the user gave.
     """
 
     path: Path
@@ -133,13 +134,13 @@ class Replayed:
     Attributes
     ----------
     lines : list of str
-        Summary.
+        Lines of the summary.
     faults : list of str
         One line for each part of the results that could not be written completely.
     code : int
         Exit status.
     entry : DriveEntry or None
-        For the index of several replays; None without a page.
+        Entry of this replay in the index of several replays; None if its page was not written.
     """
 
     lines: list
@@ -154,7 +155,7 @@ def replay_one(job) -> Replayed:
     Raises
     ------
     DbscanRegError
-        When it cannot be read, or fewer than two of its scans can be used.
+        When the recording cannot be read, or fewer than two of its scans can be used.
     """
     from ..recordings import open_recording, write_tum
     from ..replays.faults import Faults
@@ -207,7 +208,7 @@ def _mountings(job, recording):
 
 
 def _odometry(parameters, others, recording, mounting):
-    """Return the odometry of the first lidar, which takes the scans of the others besides."""
+    """Return the odometry of the first lidar, which also uses the scans of the other lidars."""
     from ..core.odometry.pipeline import Odometry
     from ..replays.lidars import OdometryWithOthers
 
@@ -216,7 +217,7 @@ def _odometry(parameters, others, recording, mounting):
 
 
 def _replayed(results, lines, broken) -> Replayed:
-    """Return the outcome of a replay with the summary `lines`; `broken` is the error that ended it early, or None."""
+    """Return the outcome of a replay with the summary `lines`; `broken`: error that ended the replay early, or None."""
     faults = results.faults.lines
     code = INCOMPLETE if faults else 0
     if not _writes_bags():
@@ -264,14 +265,14 @@ def _too_few(recording, trajectory):
 
     count = len(trajectory.used)
     if count == 1 and trajectory.poses:
-        return DbscanRegError(f'{recording.path}: holds one scan; expected at least two, between which there is a '
-                              'motion')
+        return DbscanRegError(f'{recording.path}: contains one scan; expected at least two, so that '
+                              'there is a motion between them')
     usable = 'only one' if trajectory.poses else 'not one'
     return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used',
                                      *trajectory.problems[:1], *recording.watch.lines()]))
 
 
 def register_command(folder, recording) -> str:
-    """Return the command line that registers a pair of the recording again, once its two numbers are appended."""
+    """Return the command line that registers two scans of the recording again if their numbers are appended."""
     parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
     return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)

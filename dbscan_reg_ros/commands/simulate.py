@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``simulate TARGET``: a seeded recording of any lidar with exact truth."""
+"""``simulate TARGET``: write a simulated recording of any lidar with exact truth, reproducible from a seed."""
 import argparse
 from collections.abc import Sequence
 
@@ -15,8 +15,8 @@ LIDAR = (
     ('--range-max', float, 'M', 'largest range of a return'),
     ('--rate', float, 'HZ', 'scans per second'),
     ('--duration', float, 'S', 'time from the first to the last beam; 0: all beams at once'),
-    ('--noise', float, 'M', 'smallest standard deviation of a range'),
-    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where that is larger'),
+    ('--noise', float, 'M', 'lower limit of the standard deviation of a measured range'),
+    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where larger than --noise'),
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
     ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),
@@ -32,10 +32,10 @@ LIMITS = {
 
 
 class LidarOption(argparse.Action):
-    """Keep the options of the lidars in their order: each belongs to the lidar that is named before it."""
+    """Store the options of the lidars in their order: each option belongs to the lidar named before it."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        """Add a value to the options of the last lidar; a second ``--lidar`` begins another one."""
+        """Add a value to the options of the last lidar; a second ``--lidar`` begins another lidar."""
         lidars = [dict(options) for options in namespace.lidars]
         if self.dest == 'lidar' and 'lidar' in lidars[-1]:
             lidars.append({})
@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def simulate(args):
-    """Simulate, write the recording and its picture, and print what is in it."""
+    """Simulate a drive, write the recording and its picture, and print the contents of the recording."""
     from pathlib import Path
 
     from ..figures.plots import plot_world
@@ -112,7 +112,7 @@ def simulate(args):
 
 
 def check_limits(args):
-    """Raise CommandError for the first number outside its limits."""
+    """Raise CommandError for the first numeric option outside its limits."""
     for options in (vars(args), *args.lidars):
         for name, (low, high) in LIMITS.items():
             value = options.get(name)
@@ -121,18 +121,18 @@ def check_limits(args):
 
 
 def chosen_lidars(lidars, target):
-    """Return the lidars with these options, with a frame each; raise CommandError for several lidars in a log."""
+    """Return the lidars that the options define, each with its own frame; raise CommandError for several in a log."""
     import dataclasses
 
     if len(lidars) > 1 and target.name.endswith(('.log', '.log.gz')):
-        raise CommandError(f'{target}: a CARMEN log has room for one lidar; expected the folder of a bag')
+        raise CommandError(f'{target}: a CARMEN log can contain only one lidar; expected the folder of a bag')
     first, *others = map(chosen_lidar, lidars)
     return [first, *(dataclasses.replace(other, frame_id=f'{other.frame_id}_{number}')
                      for number, other in enumerate(others, 2))]
 
 
 def chosen_lidar(options):
-    """Return the lidar model with the given changes; raise CommandError if its range limits are empty."""
+    """Return the lidar model with the given changes; raise CommandError if --range-min is too large."""
     import dataclasses
     import math
 

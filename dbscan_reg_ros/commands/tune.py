@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``tune FILE...``: search the parameters that suit recordings."""
+"""``tune FILE...``: search for parameter values that minimise the odometry error on recordings."""
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ from .command_line import (
 SEARCHED = ('advanced.refinement.map_scale', 'advanced.refinement.map_first_scale', 'advanced.refinement.damping',
             'advanced.density.max_distance', 'advanced.density.violation_weight',
             'advanced.selection.preselection_tolerance')
-"""Parameters searched by default."""
+"""Names of the parameters that are searched by default."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def is_parameter(word) -> bool:
-    """Whether a word of the command line names a parameter, possibly misspelt, and no file."""
+    """Whether a word of the command line names a parameter, possibly misspelt, instead of a file."""
     try:
         from ..robot.parameters import NodeParameters
     except ModuleNotFoundError:
@@ -120,19 +120,19 @@ def _set_live(node, values):
 
 
 def _recordings(args):
-    """Open the recordings to search on and those held out; print the warnings about their scans."""
+    """Open the recordings used in the search and the held-out recordings; print the warnings about their scans."""
     from ..recordings import find_recording
 
     paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
                        for files in (args.files, args.held_out))
     if both := set(paths) & set(held_out):
-        raise CommandError(f'{next(iter(both))}: is searched on, so it cannot be held out')
+        raise CommandError(f'{next(iter(both))}: is used in the search, so it cannot be held out')
     recordings = open_all('tune', (*paths, *held_out), args.topic, args.scans)
     return recordings[:len(paths)], recordings[len(paths):]
 
 
 def _settings(args, task, start, axes):
-    """Return the settings that the result of the search depends on, as `Study` takes them."""
+    """Return the settings that determine the result of the search, for `Study`."""
     from ..tuning.searches import has_optuna
 
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
@@ -143,14 +143,14 @@ def _settings(args, task, start, axes):
 
 
 def _changes(before, after):
-    """Return a line for each value, by name, that differs `before` and `after` the search."""
+    """Return a line for each parameter whose value differs between `before` and `after` the search."""
     changed = [f'{name}: {before[name]} -> {value}' for name, value in after.items() if value != before[name]]
     return changed or ['No other values were better: the best are those of the start.']
 
 
 @dataclass(frozen=True)
 class Task:
-    """Recordings to search on, as `cost_of` takes them: files, topic of the scans, objective, number of scans."""
+    """Arguments of `cost_of`: files of the recordings, topic of the scans, objective, number of scans."""
 
     paths: list
     topic: str | None
@@ -163,7 +163,7 @@ class Task:
 
 
 def evaluated(executor, trials, start, task):
-    """Yield (number, mean cost over the recordings) of the `trials` (number -> values) in the order they are done."""
+    """Yield (number, mean cost over the recordings) of the `trials` (number -> values) as they finish."""
     from ..tuning.objective import HOPELESS, cost_of
     from .workers import as_done
 
@@ -182,7 +182,7 @@ def evaluated(executor, trials, start, task):
 
 
 def candidate(start, values):
-    """Return the parameters `start` with some `values` changed, or None where these contradict each other."""
+    """Return the parameters `start` changed by `values` (name -> value), or None if these contradict each other."""
     try:
         return start.replace(values)
     except ParameterError:
@@ -214,7 +214,7 @@ def said_when_interrupted(study, total, folder):
 
 
 def gain(trajectories, known, seed):
-    """Describe the gain on held-out recordings; `trajectories` are (before, after) for each of the `known` motions."""
+    """Describe the gain on held-out recordings; `trajectories` are pairs (before, after) for the `known` motions."""
     from ..evaluation.comparison import difference, paired
 
     if not trajectories:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``watch``: the page of a running node, live in a browser."""
+"""``watch``: serve a page that shows a running node live in a browser."""
 import getpass
 import signal
 import socket
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def watch(args, ros_arguments):
-    """Serve the page until a signal."""
+    """Serve the page until a signal ends the command."""
     from ..node.watching.listener import Listener
     from ..replays.live.live_drive import LiveDrive
     from ..replays.live.server import PageServer, is_local
@@ -55,7 +55,7 @@ def watch(args, ros_arguments):
 
 
 def _follow(listener, drive):
-    """Listen while a browser is connected."""
+    """Subscribe to the topics of the node only while a browser is connected."""
     watched = False
     while True:
         if watched != (drive.browsers > 0):

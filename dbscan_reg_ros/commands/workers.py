@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work for several processes: local ones, or those of a Dask cluster, behind one `concurrent.futures.Executor`."""
+"""Parallel work in local processes or on a Dask cluster, through the interface `concurrent.futures.Executor`."""
 import multiprocessing
 import os
 import signal
@@ -14,28 +14,28 @@ from ..core.errors import DbscanRegError
 from .command_line import ENDING, held, interruptible
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-"""What limits the threads of numerical libraries: processes that each want all processors hinder each other."""
+"""Variables that limit the threads of numerical libraries, as parallel processes with many threads are slow."""
 EVERY = 20
-"""Items between two reports of progress."""
+"""Number of processed items between two reports of progress."""
 
 PATIENCE = 1.0
-"""After an interruption a worker may take this long [s] to write what it has; then it is killed."""
+"""Time [s] that a worker has after an interruption to write its partial results; then it is killed."""
 
 _worker = None
-"""The `_Worker` that this process is, if it is one."""
+"""The `_Worker` object of this process if it is a local worker."""
 
 
 class SchedulerError(DbscanRegError):
-    """There is no cluster at the address given."""
+    """No Dask scheduler responds at the given address."""
 
 
 @contextmanager
 def workers(processes, scheduler=None):
     """Provide an executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
 
-    One process is this one. What is submitted has to be importable by other processes. An interruption (Ctrl-C, SIGTERM
-    or SIGHUP) is passed on once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched`
-    gets it as a KeyboardInterrupt and may write what it has, other work ends where it is.
+    With one process, the work runs in this process. Submitted functions must be importable by other processes. An
+    interruption (Ctrl-C, SIGTERM or SIGHUP) is raised once all processes have ended, at most `PATIENCE` seconds later:
+    work that uses `watched` receives a KeyboardInterrupt and may write partial results; other work ends at once.
     """
     if scheduler:
         opened = _cluster(scheduler)
@@ -48,7 +48,7 @@ def workers(processes, scheduler=None):
 
 
 def as_done(executor, function, jobs):
-    """Yield (number of the job, result) of ``function(*job)`` for each of the `jobs`, as they are done.
+    """Yield (number of the job, result) of ``function(*job)`` for each of the `jobs`, in the order of completion.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def as_done(executor, function, jobs):
 
 
 def watched(items, title, total):
-    """Yield the `items` with a progress bar, wherever this process shows it; an interruption is raised in between."""
+    """Yield the `items` and report the progress to a progress bar; raise a pending interruption between two items."""
     if _worker is None:
         from tqdm import tqdm
         with _interruptions() as interrupted:
@@ -102,12 +102,12 @@ def _interruptions():
 
 
 def processors() -> int:
-    """How many processes can run at once on this machine."""
+    """Return how many processes can run at the same time on this machine."""
     return len(os.sched_getaffinity(0))
 
 
 class _Here(Executor):
-    """Does at once what is submitted, in this process; what is mapped when its result is asked for."""
+    """Executor in this process: runs submitted work at once, and mapped work when its result is requested."""
 
     def submit(self, function, /, *args, **kwargs):
         future = Future()
@@ -122,7 +122,7 @@ class _Here(Executor):
 
 
 class _Local(ProcessPoolExecutor):
-    """Local processes that no Ctrl-C in the terminal reaches: their parent ends them."""
+    """Executor of local processes that ignore Ctrl-C in the terminal: their parent process ends them."""
 
     def submit(self, function, /, *args, **kwargs):
         with held(*ENDING):
@@ -136,7 +136,7 @@ class _Local(ProcessPoolExecutor):
 
 @contextmanager
 def local_workers(processes):
-    """Provide an executor of local processes, even where it is one."""
+    """Provide an executor of local processes, even if it is a single process."""
     context = multiprocessing.get_context('spawn')
     reports, reporter = context.Pipe(duplex=False)
     over, end = context.Pipe(duplex=False)
@@ -165,7 +165,7 @@ def local_workers(processes):
 
 
 def _stop(processes):
-    """End the processes: politely at first, by force after `PATIENCE`, or at once at a second interruption."""
+    """Terminate the worker processes; kill them after `PATIENCE` seconds or at a second interruption."""
     deadline = time.monotonic() + PATIENCE
     try:
         for process in processes:
@@ -195,7 +195,7 @@ def _cluster(address):
 
 
 def _begin(reporter):
-    """Start of a local worker."""
+    """Initialise a local worker process."""
     global _worker
     keep_freed_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -216,30 +216,30 @@ def _work(function, args, kwargs):
 
 
 class _Worker:
-    """A local worker, as it is towards its parent, which sends SIGTERM when all has to end.
+    """Communication of a local worker with its parent process, which sends SIGTERM to interrupt all work.
 
-    No lock is shared with others: a process that is killed would hold it for ever. A report is written at once, since
-    it is shorter than what a pipe takes as one (PIPE_BUF).
+    Workers share no lock: a killed process would never release it. A report is written atomically, since it is shorter
+    than PIPE_BUF.
     """
 
     def __init__(self, reporter):
         self._stopped, self._reporter = False, reporter
 
     def end_at_once(self):
-        """From now on the parent's signal ends this process, and it has ended if the signal came before."""
+        """Let SIGTERM end this process from now on; end it now if SIGTERM was already received."""
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         if self._stopped:
             os._exit(1)
 
     def end_politely(self):
-        """From now on the parent's signal is only noted, for `heed`."""
+        """Let SIGTERM only be noted from now on; `heed` then raises a KeyboardInterrupt."""
         signal.signal(signal.SIGTERM, self._stop)
 
     def _stop(self, _number, _frame):
         self._stopped = True
 
     def heed(self):
-        """KeyboardInterrupt once all has to end."""
+        """Raise a KeyboardInterrupt if the parent process has sent SIGTERM."""
         if self._stopped:
             raise KeyboardInterrupt
 
@@ -249,7 +249,7 @@ class _Worker:
 
 
 def _show(reports, over):
-    """Show the bars of all workers, until something comes from `over`."""
+    """Show the progress bars of all workers until a message arrives on `over`."""
     from tqdm import tqdm
 
     bars = {}

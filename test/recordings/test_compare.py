@@ -138,5 +138,5 @@ def test_results_that_cannot_be_written_are_refused_before_any_work(hall_recordi
     (tmp_path / 'file').write_text('')
     assert main(['identity', 'identity', str(hall_recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
     printed = capsys.readouterr()
-    assert printed.out == '' and printed.err.endswith('file: expected a folder, and it is a file; choose another '
-                                                      'place\n')
+    assert printed.out == '' and printed.err.endswith('file: expected a folder, but a file has this name; choose '
+                                                      'another folder\n')

@@ -175,7 +175,7 @@ def test_an_odometry_that_breaks_off_leaves_what_it_found_until_then(replay, rot
 
 
 @pytest.mark.parametrize(('count', 'says'), [
-    (1, 'holds one scan; expected at least two, between which there is a motion')])
+    (1, 'contains one scan; expected at least two, so that there is a motion between them')])
 def test_fewer_than_two_scans_are_one_clear_line(replay, rotating, tmp_path, capsys, count, says):
     code, _ = replay(rotating[:count])
     assert code == 2
