@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The odometry of a recording, offline: the way it finds, and what is written of it."""
+"""Replay of recordings, offline: the estimated trajectory, and the result files that are written."""

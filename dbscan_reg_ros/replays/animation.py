@@ -13,23 +13,23 @@ from ..figures.plots import DensityMap
 from ..recordings.files import replacing
 
 LONGER, MARGIN = 600, 24
-"""Pixels of the map's longer side, and of the strip below it with the text."""
+"""Pixels of the longer side of the map, and height of the text strip below the map in pixels."""
 FRAMES, INTERVAL, LAST, CLOSED = 90, 100, 500, 2000
-"""Number of frames, and how long each of them, the last of them and the closed map are shown [ms]: 11.4 s."""
+"""Number of frames; display time [ms] of a frame, of the last frame and of the map after loop closing; total 11.4 s."""
 PALETTE = ('#ffffff', '#c8ccd0', '#a9aeb4', '#8b9097', '#6c7178', '#50555b', '#0b5fa5', '#a3126a', '#16191d')
-"""No return, then 1, 2, 4, 8 and 16 returns or more; the trajectory; the scan; the sensor and the text."""
+"""Colours: no return, then 1, 2, 4, 8 and 16 returns or more; the trajectory; the scan; the sensor and the text."""
 MOST_SEEN, TRAJECTORY, SCAN, SENSOR = 5, 6, 7, 8
 ARROW = np.array(((0.0, 0.0), (-1.0, 0.6), (-0.65, 0.0), (-1.0, -0.6))) * 14.0 + (6.0, 0.0)
 """Outline of the sensor [pixels], along its x axis."""
 
 
 class Track(NamedTuple):
-    """Poses of a drive and its map.
+    """Estimated poses of a drive, and the map drawn from them.
 
     Attributes
     ----------
     poses : (N, 3) float [m, m, rad]
-        Of the sensor.
+        Poses of the sensor.
     stamps : sequence of int (N,) [ns]
     density : DensityMap
     """
@@ -40,7 +40,7 @@ class Track(NamedTuple):
 
 
 class Canvas:
-    """Returns counted in the pixels of a map.
+    """Map that counts the returns in each of its pixels.
 
     Parameters
     ----------
@@ -55,16 +55,16 @@ class Canvas:
         self._counts = np.zeros((height, width), dtype=np.int64)
 
     def pixels(self, points):
-        """Return points ``(..., 2)`` [m] in pixels, from the upper left corner."""
+        """Convert points ``(..., 2)`` [m] to pixel coordinates, counted from the upper left corner."""
         return (points - self._corner) * (self.scale, -self.scale)
 
     def add(self, points):
-        """Count the returns ``(P, 2)`` [m]."""
+        """Add returns ``(P, 2)`` [m] to the counts of the pixels."""
         columns, rows = self._inside(points).T
         np.add.at(self._counts, (rows, columns), 1)
 
     def picture(self, points, poses, text):
-        """Return the map so far with the returns of the scan, the trajectory ``(N, 3)`` and a line of text."""
+        """Return a picture of the current map, the returns of a scan, the trajectory ``(N, 3)`` and a line of text."""
         levels = np.minimum(np.frexp(self._counts)[1], MOST_SEEN).astype(np.uint8)
         columns, rows = self._inside(points).T
         for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -72,7 +72,7 @@ class Canvas:
         return self._drawn(levels, poses, text)
 
     def closed_picture(self, closed):
-        """Return the map of a `Track` after loop closing."""
+        """Return a picture of the map of a `Track` after loop closing."""
         ink, (left, right, bottom, _) = closed.density
         cell = (right - left) / ink.shape[1]
         rows, columns = np.nonzero(ink)
@@ -84,7 +84,7 @@ class Canvas:
         return self._drawn(levels, closed.poses, 'after loop closing')
 
     def _drawn(self, levels, poses, text):
-        """Return a map of colour numbers with the trajectory ``(N, 3)`` and a line of text."""
+        """Return a picture from a map of colour numbers, the trajectory ``(N, 3)`` and a line of text."""
         from PIL import Image, ImageDraw, ImageFont
 
         image = Image.new('P', (max(levels.shape[1], 240), levels.shape[0] + MARGIN))
@@ -98,23 +98,23 @@ class Canvas:
         return image
 
     def _inside(self, points):
-        """Return column and row ``(P, 2)`` of the points on the map."""
+        """Return column and row ``(P, 2)`` of the points that lie on the map."""
         places = np.floor(self.pixels(points)).astype(int)
         return places[((places >= 0) & (places < self._counts.shape[::-1])).all(axis=1)]
 
 
 def write_animation(path, scans, track, closed=None):
-    """Write the moving picture of a drive as GIF, its last frame as PNG, and where ffmpeg is found as MP4 as well.
+    """Write the moving picture of a drive as GIF and, if ffmpeg is found, as MP4; write its last frame as PNG.
 
     Parameters
     ----------
     path : Path
-        Of the GIF; the others have the same name with another ending.
+        File name of the GIF; PNG and MP4 have the same name with another ending.
     scans : iterable of Scan
-        One for each pose of the track; taken one at a time.
+        One scan for each pose of the track; read one at a time.
     track : Track
     closed : Track, optional
-        The drive after loop closing. Its map is the first and the last frame.
+        The drive after loop closing, whose map becomes the first and the last frame.
     """
     extents = np.array([each.density.extent for each in (track, closed) if each])
     canvas = Canvas((extents[:, 0].min(), extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max()))
@@ -133,7 +133,7 @@ def write_animation(path, scans, track, closed=None):
 
 
 def _frames(canvas, scans, track):
-    """Yield the frames of the odometry."""
+    """Yield the frames that show the odometry before loop closing."""
     poses, stamps, distance = track.poses, track.stamps, path_lengths(track.poses)
     shown = set(np.linspace(0, len(poses) - 1, min(FRAMES, len(poses))).astype(int).tolist())
     for number, (scan, pose) in enumerate(zip(scans, poses, strict=False)):
@@ -145,7 +145,7 @@ def _frames(canvas, scans, track):
 
 
 def _write_mp4(program, path, frames, times):
-    """Write frames that are shown for `times` [ms] with the ffmpeg at `program`."""
+    """Write the frames as MP4 with the ffmpeg program at `program`; each is shown for its time in `times` [ms]."""
     stream = io.BytesIO()
     for frame, time in zip(frames, times, strict=True):
         for _ in range(time // INTERVAL):

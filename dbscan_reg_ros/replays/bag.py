@@ -10,25 +10,25 @@ TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
 
 AT_A_TIME = 50
-"""Scans that are written together."""
+"""Number of scans whose messages are written together."""
 
 
 @contextmanager
 def odometry_bag(path, parameters, mounting):
-    """Write a bag; provide the function that adds the messages of an `OdometryUpdate`.
+    """Open a bag for writing; provide a function that adds the messages of an `OdometryUpdate` to the bag.
 
-    The record times are the stamps, made to increase where they go back. When the writing is interrupted, what was
-    written until then is a valid bag. Some scans are written at a time: the odometry in between leaves nothing of what
-    writes them in the processor's caches, and of one by one most of the time would go by waiting for memory.
+    The record times are the stamps, made to increase where they go back. When the writing is interrupted, the
+    messages written until then form a valid bag. Messages of several scans are written together: written one by one,
+    they would take longer, since the odometry evicts the code of the writer from the processor's caches.
 
     Parameters
     ----------
     path : Path
-        Of the bag's folder, which is made.
+        Folder of the bag, which is created.
     parameters : NodeParameters
-        Name the frames.
+        Parameters that contain the names of the frames.
     mounting : Mounting
-        The laser's; the updates are those of a sensor at `mounting.aligned_pose`.
+        Mounting of the laser; each update belongs to a sensor at `mounting.aligned_pose`.
     """
     place = mounting.aligned_pose
     frames = parameters.odom_frame, parameters.base_frame

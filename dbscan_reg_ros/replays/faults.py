@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults while results are written: noted, so that the other results are still written."""
+"""Faults while results are written: collected, so that a fault of one result does not prevent the others."""
 import traceback
 from contextlib import contextmanager
 
 
 class Faults:
-    """Notes of what could not be written, with the reasons.
+    """Collects the results that could not be written, with the reasons.
 
     Parameters
     ----------
     explain : callable
-        Takes an exception, returns the reason in one line.
+        Function of an exception that returns the reason in one line.
     verbose : bool
-        Print the traceback of every fault.
+        Whether to print the traceback of every fault.
     """
 
     def __init__(self, explain, verbose=False):
@@ -21,12 +21,12 @@ class Faults:
 
     @property
     def lines(self) -> list:
-        """One line for each part that could not be written, with the first reason."""
+        """One line for each part of the results that could not be written, with the first reason."""
         return [f'{part} not written: {reason}' for part, reason in self._reasons.items()]
 
     @contextmanager
     def noted(self, part):
-        """Note an error in the block as a fault of `part`, and continue after the block."""
+        """Record an error in the ``with`` block as a fault of `part`, and continue after the block."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - any fault: the other parts are still written
@@ -35,7 +35,7 @@ class Faults:
             self._reasons.setdefault(part, self._explain(error))
 
     def attempt(self, part, function, *args):
-        """Return what `function(*args)` returns; None when it fails, which is noted, or when `part` failed before."""
+        """Return the result of `function(*args)`; None if it fails, which is recorded, or if `part` failed before."""
         if part in self._reasons:
             return None
         with self.noted(part):

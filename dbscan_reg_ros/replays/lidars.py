@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several lidars of one recording: the odometry follows the first, the others help."""
+"""Several lidars of one recording: the odometry estimates the poses of the first and uses the scans of all."""
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from ..recordings.recording import Recording
 from .sensor_mounting import turned
 
 UPSIDE_DOWN = 'upside_down'
-"""Fifth word of a mounting on the command line."""
+"""Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
 
 
 def parse_mountings(given) -> dict:
-    """Return topic -> `Mounting` of mountings on the command line: NAME X Y DEG [upside_down].
+    """Parse mountings from the command line, NAME X Y DEG [upside_down]; return topic -> `Mounting`.
 
     Raises
     ------
     MountingError
-        When one has another form.
+        When a mounting does not have this form.
     """
     mountings = {}
     for name, *words in given or ():
@@ -40,12 +40,12 @@ def parse_mountings(given) -> dict:
 
 
 def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
-    """Return the mounting of the lidar of a `recording`: the given one of its topic, else that on ``/tf_static``.
+    """Return the mounting of the lidar of a `recording`: the mounting given for its topic, else the recorded one.
 
     Raises
     ------
     MountingError
-        When it is neither given nor recorded.
+        When the mounting is neither given nor recorded on ``/tf_static``.
     """
     if recording.topic in mountings:
         return mountings[recording.topic]
@@ -59,12 +59,12 @@ def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
 
 @dataclass(frozen=True, eq=False)
 class FurtherLidar:
-    """A lidar besides the first.
+    """A lidar of a recording other than the first.
 
     Attributes
     ----------
     recording : Recording
-        Of its topic.
+        Recording with the topic of this lidar.
     mounting : Mounting
     """
 
@@ -72,12 +72,12 @@ class FurtherLidar:
     mounting: Mounting
 
     def sensor(self, first: Mounting) -> Sensor:
-        """Return the sensor of its scans, which are rotated by the yaw of its mounting, as those of the first lidar."""
+        """Return the `Sensor` of the scans of this lidar, which are rotated by the yaw of its mounting."""
         offset = first.aligned_pose.inverse() @ self.mounting.aligned_pose
         return Sensor(self.recording.topic, offset)
 
     def scans(self):
-        """Yield its scans, rotated to those of a lidar that looks along the base."""
+        """Yield the scans of this lidar, rotated to the axes of the base."""
         return turned(self.recording.scans(), self.mounting.pose.theta, self.mounting.upside_down)
 
 
@@ -89,7 +89,7 @@ def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
     RecordingError
         When a topic is given twice or holds no scans.
     MountingError
-        When the mounting of one is not known.
+        When the mounting of a lidar is not known.
     """
     if len({first.topic, *topics}) <= len(topics):
         raise RecordingError(f'{first.path}: expected each topic once: {", ".join((first.topic, *topics))}')
@@ -98,9 +98,9 @@ def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
 
 
 class OdometryWithOthers:
-    """An odometry that takes the scans of the other lidars before each scan of the first, by their stamps.
+    """Odometry that processes the scans of all lidars in the order of their stamps.
 
-    The updates are those of the scans of the first lidar, and are numbered as if there were no others.
+    Only scans of the first lidar return an update; updates are numbered as if there were no other lidars.
 
     Parameters
     ----------
@@ -109,14 +109,14 @@ class OdometryWithOthers:
     first : str
         Topic of the first lidar.
     mounting : Mounting
-        Of the first lidar.
+        Mounting of the first lidar.
 
     Attributes
     ----------
     used : dict
-        Topic -> number of scans that were used.
+        Topic of another lidar -> number of its scans that were used.
     problems : dict
-        Topic -> reason why the last scan that could not be used was left out.
+        Topic of another lidar -> reason why its last unusable scan could not be used.
     """
 
     def __init__(self, odometry, others, first, mounting):
@@ -128,14 +128,14 @@ class OdometryWithOthers:
         self._numbers: dict[int, int] = {}
 
     def lines(self) -> list:
-        """Return the lines of a summary about the lidars, as (name, text) pairs."""
+        """Return the summary of the scans used of each lidar, as (name, text) pairs."""
         used = ', '.join(f'{count} scans of {topic}' for topic, count in self.used.items())
         return [('lidars', f'poses are those of the lidar on {self._first.name}; {used} used besides'),
                 *(('warning', f'{topic}: the last scan that was left out: {problem}')
                   for topic, problem in self.problems.items())]
 
     def process(self, scan):
-        """Process a `scan` of the first lidar, after those of the others that are older; return its update."""
+        """Process the older scans of the other lidars, then a `scan` of the first lidar; return its update."""
         while self._take_older(scan.stamp):
             pass
         update = self._odometry.process(scan, None, self._first)
@@ -144,7 +144,7 @@ class OdometryWithOthers:
         return dataclasses.replace(update, number=number, reference_number=reference)
 
     def _take_older(self, stamp):
-        """Process the oldest waiting scan of the other lidars, if it is older than `stamp` [ns]; return whether."""
+        """Process the oldest waiting scan of the other lidars, if older than `stamp` [ns]; return whether it was."""
         waiting = [(scan.stamp, k) for k, scan in enumerate(self._next) if scan is not None]
         if not waiting or min(waiting)[0] >= stamp:
             return False
@@ -156,7 +156,7 @@ class OdometryWithOthers:
         return True
 
     def _process(self, scan, sensor):
-        """Process a scan of another `sensor`."""
+        """Process a scan of another lidar, described by `sensor`."""
         try:
             self._odometry.process(scan, None, sensor)
             self.used[sensor.name] += 1

@@ -24,24 +24,24 @@ NEAR, DRIFT = 1.0, 0.01
 TURNED = 0.35
 """A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
-"""Number of key frames, nearest first, that each key frame is registered to."""
+"""Largest number of earlier key frames, nearest first, to which each key frame is registered."""
 CONFIDENCE = 0.95
-"""Least confidence of the registration of a loop."""
+"""Lowest confidence at which the registration of a loop is accepted."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
 """Standard deviation of a motion between key frames [m, m, rad], in addition to the covariance of the registration."""
 UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
 """Standard deviation of a motion across a scan that was not registered."""
 ROBUST = 3.0
-"""Scale of the robust kernel in standard deviations."""
+"""Scale of the robust kernel of the pose graph, in standard deviations of a residual."""
 ROUNDS, CONVERGED = 20, 1e-6
-"""Most iterations of Gauss-Newton, and the step [m, rad] below which they end."""
+"""Largest number of Gauss-Newton iterations, and the step [m, rad] below which the iterations end."""
 
 
 class Stop(NamedTuple):
     """A key frame of the drive.
 
-    `number` is that of its scan among those used, `covariance` (3, 3) that of its motion since the last, in its own
-    frame.
+    `number` is the number of its scan among the scans used; `covariance` (3, 3) is that of the motion since the
+    previous key frame, in the frame of this key frame.
     """
 
     number: int
@@ -58,7 +58,7 @@ class Loops:
         self._known = True
 
     def add(self, update):
-        """Take the `OdometryUpdate` of the next scan."""
+        """Process the `OdometryUpdate` of the next scan: store its features if the scan is a key frame."""
         if self._frames and update.reference_number == self._frames[-1].number:
             self._frames[-1] = self._frames[-1]._replace(features=update.reference)
         self._known &= update.registration is not None and not update.restarted
@@ -74,16 +74,16 @@ class Loops:
         Parameters
         ----------
         poses : (N, 3) array
-            Of the sensor at every scan that was used [m, m, rad].
+            Poses of the sensor at every scan that was used [m, m, rad].
         parameters : Parameters
-            Of the registration.
+            Parameters of the registration.
         yaw : float
-            Rotation of the scans against the poses [rad], as by `sensor_mounting.turned`.
+            Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
 
         Returns
         -------
         poses : (N, 3) array
-            Corrected; the first is unchanged.
+            Corrected poses; the first pose is unchanged.
         loops : (L, 2) int array
             Numbers of the two scans of each loop.
         """
@@ -100,7 +100,7 @@ class Loops:
         return _carried(poses, numbers, after), numbers[pairs]
 
     def _loops(self, poses, way, parameters, yaw):
-        """Yield (pair of key frames, motion between them, its covariance) of each loop."""
+        """Yield (pair of key frames, motion between them, covariance of this motion) for each loop."""
         turn, places = SE2(theta=yaw), poses[[frame.number for frame in self._frames]]
         for late, frame in enumerate(self._frames):
             apart = np.hypot(*(places[:late, :2] - places[late, :2]).T)
@@ -128,9 +128,9 @@ def agree(poses, pairs, motions, covariances):
         Initial values; the first pose is fixed.
     pairs : (E, 2) int array
     motions : (E, 3) array
-        The second pose of each pair in the frame of the first.
+        Measured motion of each pair: the second pose in the frame of the first pose.
     covariances : (E, 3, 3) array
-        Of the motions, in the frame of the second pose.
+        Covariances of the motions, in the frame of the second pose.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def agree(poses, pairs, motions, covariances):
 
 
 def _carried(poses, numbers, after):
-    """Correct all poses: interpolate the corrections of the key frames before and after each."""
+    """Correct all poses: interpolate between the corrections of the previous and the next key frame."""
     each = np.arange(len(poses))
     last = np.clip(np.searchsorted(numbers, each, 'right') - 1, 0, len(numbers) - 1)
     following = np.minimum(last + 1, len(numbers) - 1)

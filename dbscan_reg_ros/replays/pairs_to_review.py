@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs of scans of a replay to review: low-confidence results, each with the scan that it was registered to."""
+"""Pairs of scans of a replay to review: low-confidence scans, each with its reference scan."""
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,20 +8,20 @@ from ..core.registration.records import Status
 
 MOST_BAD = 100
 LEAST_SURE = 12
-"""Number of OK scans with the least overlap that are added."""
+"""Number of OK scans with the lowest overlap that are added to the pairs to review."""
 BLOCK = 50
-"""At most one of the scans with least overlap is taken from each block of this many scans."""
+"""From each block of this many scans, at most one OK scan with low overlap is added."""
 MOST_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
 class PairToReview:
-    """A scan and its reference.
+    """Pair to review: a scan and the reference that it was registered to.
 
     Attributes
     ----------
     number, reference_number : int
-        Of the scan and of its reference among those used, from 0.
+        Numbers of the scan and of its reference among the scans used, from 0.
     status : Status
     overlap : float
         Fraction of the scan's returns on the reference's surfaces, 0..1.
@@ -29,7 +29,7 @@ class PairToReview:
     reference, current : (P, 2) float [m]
         Returns of the reference, and of the scan at its estimated pose, in the reference's frame.
     reference_lines, current_lines : (K, 2, 2) float [m]
-        Start and end of the segments that are matched, likewise.
+        Start and end of the matched segments, in the reference's frame.
     """
 
     number: int
@@ -44,13 +44,13 @@ class PairToReview:
 
 
 class PairsToReview:
-    """Collect the first scan of every section that is not ``OK``, and the OK scans with the least overlap."""
+    """Collect the first scan of every section that is not ``OK``, and the OK scans with the lowest overlap."""
 
     def __init__(self):
         self._bad, self._least_sure, self._last = [], {}, Status.OK
 
     def add(self, update):
-        """Take the `OdometryUpdate` of the next scan."""
+        """Process the `OdometryUpdate` of the next scan: store the scan if it needs a review."""
         changed, self._last = update.status is not self._last, update.status
         if update.registration is None or update.reference is None:
             return
@@ -63,7 +63,7 @@ class PairsToReview:
             self._least_sure[block] = _pair_to_review(update)
 
     def found(self) -> list:
-        """Every `PairToReview`, in the order of the scans."""
+        """All `PairToReview` objects found, in the order of the scans."""
         least = sorted(self._least_sure.values(), key=lambda pair: pair.overlap)[:LEAST_SURE]
         return sorted([*self._bad, *least], key=lambda pair: pair.number)
 

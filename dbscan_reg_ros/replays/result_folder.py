@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def new_folder(parent) -> Path:
-    """Return a new folder in `parent`, named after the time of day; two runs never get the same."""
+    """Create a new folder in `parent`, named by date and time, that no other run uses; return it."""
     parent = Path(parent)
     parent.mkdir(parents=True, exist_ok=True)
     name, number = time.strftime('%Y-%m-%d_%H-%M-%S'), 1
@@ -21,7 +21,7 @@ def new_folder(parent) -> Path:
 
 
 def point_latest(folder):
-    """Make ``latest`` beside `folder` a link to it."""
+    """Let the link ``latest`` beside `folder` point to `folder`."""
     link = folder.with_name(f'.latest-{folder.name}')
     os.symlink(folder.name, link)
     os.replace(link, folder.with_name('latest'))

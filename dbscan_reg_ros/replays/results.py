@@ -37,15 +37,15 @@ class Results:
     trajectory : Trajectory
     to_review : PairsToReview
     loops : Loops or None
-        None: loops are not closed.
+        Key frames for loop closing; None if loops are not closed.
     faults : Faults
         Collects the results that cannot be written, with the reasons.
     history : ScanHistory
-        What the page shows of each scan.
+        Data of each scan that the page shows.
     animation : bool
-        Write animation.gif as well.
+        Whether to write animation.gif as well.
     entry : DriveEntry or None
-        For the index of several replays, once the results are written.
+        Entry in the index of several replays, set when the results are written.
     """
 
     folder: Path
@@ -62,8 +62,8 @@ class Results:
     def write(self, register='', notes=()) -> list:
         """Write metrics, pictures and page; return the summary as (name, text) pairs.
 
-        `register` is the command that shows a pair of scans once their numbers are appended; `notes` are further such
-        pairs.
+        `register` is the command that shows a pair of scans if their numbers are appended; `notes` are further
+        (name, text) pairs of the summary.
         """
         stamps, poses, name = self.trajectory.stamps, self.trajectory.pose_array(), self.recording.name
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
@@ -91,7 +91,7 @@ class Results:
         return self.faults.attempt('errors against the truth', KnownMotion.of, self.recording) or NOTHING_KNOWN
 
     def _truth(self, known):
-        """Return true poses ``(N, 3)`` of the scans, not a number where unknown, or None."""
+        """Return the true poses ``(N, 3)`` of the scans, nan if unknown; None if the recording has no truth."""
         if known.truth is None:
             return None
         truth = interpolate(*known.truth, self.trajectory.stamps)
@@ -100,7 +100,7 @@ class Results:
         return truth
 
     def _close(self, known, measures):
-        """Close the loops and add their measures; return the corrected poses and the pairs of scans."""
+        """Close the loops and add measures of the result; return the corrected poses and the pairs of scans."""
         poses = self.trajectory.pose_array()
         closed, pairs = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
@@ -109,14 +109,14 @@ class Results:
         return closed, pairs
 
     def _draw_closed(self, closed, truth):
-        """Draw the map along the corrected poses; its `ClosedMap`, or None."""
+        """Draw the map from the corrected poses; return its `ClosedMap`, or None if this fails."""
         poses, pairs = closed
         title = f'{self.recording.name}: {len(poses)} scans, {len(pairs)} places seen again'
         density = self._draw('map_closed.png', poses, title, truth)
         return ClosedMap(poses, pairs, density) if density else None
 
     def _draw(self, file, poses, title, truth):
-        """Draw the map along the poses; its `DensityMap`, or None."""
+        """Draw the map from the poses; return its `DensityMap`, or None if this fails."""
         density = self.faults.attempt(file, density_map, self.trajectory.usable(self.recording.scans()), poses)
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
@@ -132,13 +132,13 @@ class Results:
 
 
 def _lines(poses, truth):
-    """Return kind, name and positions of the trajectories of the small map."""
+    """Return kind, name and positions of the trajectories that the small map in the index shows."""
     lines = [('trajectory', 'trajectory', poses[:, :2])]
     return lines if truth is None else [*lines, ('truth', 'truth', truth[:, :2])]
 
 
 def _aligned(truth, poses):
-    """Return the true poses moved as one onto the `poses`; None where fewer than two are known."""
+    """Return the true poses, rigidly aligned to the `poses`; None if fewer than two true poses are known."""
     if truth is None:
         return None
     there = np.isfinite(truth).all(axis=1)

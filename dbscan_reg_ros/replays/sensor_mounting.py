@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mounting of the laser in a replay, from the same parameters as in the node."""
+"""Mounting of the laser in a replay, read from the same parameters as in the node."""
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
 from ..core.scan_geometry import ScanGeometry
@@ -12,9 +12,9 @@ def mounting_of(parameters) -> Mounting:
 
 
 def turned(scans, yaw, upside_down=False):
-    """Yield `scans` of a laser with the mounting angle `yaw` [rad] as of one that looks along the base, one by one.
+    """Yield `scans` of a laser with the mounting angle `yaw` [rad], rotated so that their x axis is that of the base.
 
-    Scans of a laser that is mounted upside down become those of an upright one with the same x axis.
+    Scans of a laser that is mounted upside down are converted to those of an upright laser with the same x axis.
     """
     geometry, sign = None, -1.0 if upside_down else 1.0
     for scan in scans:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measures of a replay, as a file and in words."""
+"""Measures of a replay, written to metrics.json and summarised in words."""
 import json
 import math
 
@@ -10,8 +10,8 @@ from ..recordings.files import replacing
 def write_metrics(path, recording, measures):
     """Write ``metrics.json``.
 
-    It holds the recording's name and file, notes on how it was read, warnings about its scans, and every measure by its
-    name; null for one that is not finite.
+    The file contains name and file of the recording, notes on how it was read, warnings about its scans, and each
+    measure by its name; null for a measure that is not finite.
     """
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
                'notes': recording.notes, 'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
@@ -33,7 +33,7 @@ def summarise(measures) -> list:
 
 
 def _errors(measures):
-    """Yield the errors against relations and truth."""
+    """Yield the errors of the odometry against relations and truth, as (name, text) pairs."""
     for name, words in (('neighbour', 'neighbours'), ('loop', 'loops'), ('all', 'relations')):
         if f'relations_{name}_mean_m' in measures:
             yield (words, f'mean {measures[f"relations_{name}_mean_m"]:.3f} m '
@@ -48,7 +48,7 @@ def _errors(measures):
 
 
 def _closed(measures):
-    """Yield the errors after loop closing."""
+    """Yield the errors after loop closing, as (name, text) pairs."""
     if 'loops' in measures:
         closed = [f'{measures["loops"]} places seen again']
         if 'closed_relations_all_mean_m' in measures:

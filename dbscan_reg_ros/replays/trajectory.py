@@ -21,17 +21,17 @@ class Trajectory:
     Attributes
     ----------
     yaw : float
-        The scans are rotated by this angle [rad] before the odometry, as by `sensor_mounting.turned`.
+        Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
     upside_down : bool
-        The scans of the recording are of a laser that is mounted upside down.
+        Whether the laser of the recording is mounted upside down.
     stamps : list of int [ns]
     poses : list of (x, y, theta) [m, m, rad]
-        Of the sensor, in the frame of the first scan.
+        Poses of the sensor, in the frame of the first scan.
     statuses : list of Status
     milliseconds : list of float
-        Time spent on each.
+        Processing time of each scan [ms].
     used : list of bool
-        For every scan of the recording.
+        Whether each scan of the recording was used.
     restarts : int
         How often tracking restarted at the last pose.
     problems : list of str
@@ -49,7 +49,7 @@ class Trajectory:
     restarts: int = 0
 
     def follow(self, scans, odometry):
-        """Feed `scans` to `odometry`, an `Odometry` or what has a ``process`` like it, and yield each answer."""
+        """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""
         turn = SE2(theta=self.yaw)
         for number, scan in enumerate(scans):
             begin = perf_counter()
@@ -69,20 +69,20 @@ class Trajectory:
             yield update
 
     def usable(self, scans):
-        """Those of the recording's `scans` that were used, as far as it was followed; as of an upright laser."""
+        """Yield the `scans` of the recording that the odometry used, converted to those of an upright laser."""
         upright = turned(scans, 0.0, self.upside_down)
         return (scan for used, scan in zip(self.used, upright, strict=False) if used)
 
     def pose_array(self):
-        """Poses of the used scans ``(N, 3)`` [m, m, rad], in the frame of the first."""
+        """Poses of the used scans ``(N, 3)`` [m, m, rad], in the frame of the first used scan."""
         return np.array(self.poses, dtype=float).reshape(-1, 3)
 
     def measures(self, jump) -> dict:
         """Count the scans by outcome; measure the time per scan and the distance driven.
 
-        ``skipped`` scans could not be used, ``failed`` ones could not be registered. ``duration_s`` is the time of the
-        stamps without their ``stamp_jumps``, steps of more than `jump` [s]. ``end_m`` and ``end_deg`` are the distance
-        and rotation from the first to the last pose.
+        ``skipped`` counts scans that could not be used, ``failed`` scans that were not registered. ``duration_s`` is
+        the sum of the steps of the stamps, except ``stamp_jumps`` steps of more than `jump` [s]. ``end_m`` and
+        ``end_deg`` are the distance and rotation from the first to the last pose.
         """
         counts = Counter(self.statuses)
         measures: dict[str, float] = {'scans': len(self.used), 'skipped': self.used.count(False)}

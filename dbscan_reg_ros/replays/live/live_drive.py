@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive of a running node as events for the browsers that show it, in bounded memory."""
+"""Events of a drive of a running node for the browsers that show the drive, in bounded memory."""
 from __future__ import annotations
 
 import json
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 MOST_EVENTS = 3000
 MOST_BYTES = 8_000_000
-"""Events that are kept for browsers that connect later: at most this many, of this size together."""
+"""Largest number and total size of the events that are kept for browsers that connect later."""
 MOST_RETURNS = 720
-"""Of a scan with more returns every n-th is shown."""
+"""Largest number of returns shown of a scan; of a scan with more returns every n-th is shown."""
 SHARE = 20
-"""The map is drawn at most one part in this of the time,"""
+"""Drawing the map takes at most one part in this of the computing time,"""
 PERIOD = 1.0
-"""and at most once in this time [s]."""
+"""and the map is drawn at most once in this time [s]."""
 
 
 class LiveDrive:
@@ -61,17 +61,17 @@ class LiveDrive:
         return self._browsers
 
     def restart(self, source: str) -> None:
-        """Begin a new drive of the node `source`; browsers forget the one before."""
+        """Begin a new drive of the node `source`; browsers remove the previous drive."""
         with self._changed:
             self._restart(source)
             self._changed.notify_all()
 
     def report(self, level: int, message: str) -> None:
-        """Store level (0 to 3) and message of the latest diagnostics; scans added later are shown with them."""
+        """Store level (0 to 3) and message of the latest diagnostics, to be shown with the scans added later."""
         self._report = level, message
 
     def add(self, scan: WatchedScan) -> None:
-        """Take the next scan."""
+        """Add the next scan to the map and to the events of the drive."""
         points = scan.points[::-(-len(scan.points) // MOST_RETURNS) or 1]
         event = _event('scan', self._fields(scan, points))
         with self._changed:
@@ -120,21 +120,21 @@ class LiveDrive:
             self._changed.notify_all()
 
     def __enter__(self) -> LiveDrive:
-        """Count a browser."""
+        """Add one to the number of connected browsers."""
         with self._changed:
             self._browsers += 1
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Count a browser less."""
+        """Subtract one from the number of connected browsers."""
         with self._changed:
             self._browsers -= 1
 
     def events(self, patience: float):
-        """Yield what a browser is sent, from what is kept of the drive on.
+        """Yield the events to send to a browser, beginning with the stored events of the drive.
 
-        A browser that falls behind what is kept starts again. Nothing new within `patience` [s]: a comment, by which a
-        browser that has gone is noticed.
+        A browser that falls behind the stored events restarts from the first of them. If no event occurs within
+        `patience` [s], a comment is sent, which detects a disconnected browser.
         """
         sent = _Sent()
         while True:
@@ -146,11 +146,11 @@ class LiveDrive:
             yield part or b': nothing new\n\n'
 
     def _is_new_to(self, sent: _Sent) -> bool:
-        """Whether a browser lacks something."""
+        """Whether there are events or a map that a browser has not been sent."""
         return self._drive != sent.drive or self._next > sent.after + 1 or self._drawn is not sent.drawn
 
     def _new_to(self, sent: _Sent) -> bytes:
-        """Return what a browser lacks, and note that it is sent."""
+        """Return the events that a browser has not been sent, and mark them as sent."""
         oldest = self._events[0][0] if self._events else self._next
         parts = []
         if self._drive != sent.drive or sent.after + 1 < oldest:
@@ -167,7 +167,7 @@ class LiveDrive:
 
 @dataclass
 class _Sent:
-    """What a browser has been sent: the number of the drive, the last event and the map."""
+    """State of a browser: the number of the drive, of the last event and of the map that it was sent."""
 
     drive: int = 0
     after: int = -1

@@ -8,21 +8,21 @@ CELL = 0.05
 """Length of a cell of a small map [m]; it doubles whenever the map has more than `MOST_CELLS`."""
 MOST_CELLS = 1500 * 1500
 MARGIN = 2.0
-"""The map grows by this more than needed [m], so that it seldom grows."""
+"""Margin [m] that is added whenever the map is enlarged, so that it is enlarged seldom."""
 LARGEST = 65535
 FARTHEST = 1e5
 """Returns farther from the origin than this [m] are left out."""
 
 
 class LiveMap:
-    """Returns counted in cells.
+    """Grid map that counts the returns in each cell.
 
     Attributes
     ----------
     cell : float
         Length of a cell [m].
     version : int
-        Number of changes.
+        Number of changes of the map so far.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class LiveMap:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the cells."""
+        """Memory of the cells [bytes]."""
         return self._counts.nbytes
 
     def add(self, points) -> None:
@@ -49,7 +49,7 @@ class LiveMap:
         self.version += 1
 
     def density(self) -> DensityMap:
-        """Return the map so far."""
+        """Return the current map as a `DensityMap`."""
         if not self._counts.size:
             return DensityMap(np.zeros((1, 1)), (-1.0, 1.0, -1.0, 1.0))
         seen = self._counts[self._counts > 0]
@@ -60,7 +60,7 @@ class LiveMap:
         return DensityMap(ink[self._counts], (left, left + width * self.cell, bottom, bottom + height * self.cell))
 
     def _cover(self, low, high) -> None:
-        """Make the map contain the points `low` and `high` [m], with larger cells where they would be too many."""
+        """Enlarge the map to contain the points `low` and `high` [m]; enlarge the cells if there would be too many."""
         while True:
             first, last = (np.floor(point / self.cell).astype(int) for point in (low, high))
             shape = np.array(self._counts.shape[::-1])
@@ -79,7 +79,7 @@ class LiveMap:
         self._corner, self._counts = first, counts
 
     def _coarsen(self) -> None:
-        """Join four cells into one."""
+        """Merge each square of four cells into one cell."""
         self.cell *= 2.0
         corner = self._corner // 2
         height, width = self._counts.shape

@@ -14,20 +14,20 @@ from ..page.live import live_page
 from .live_drive import LiveDrive
 
 PORTS = 20
-"""So many ports are tried, from the one that is asked for on."""
+"""Number of ports that are tried, beginning with the requested port."""
 PATIENCE = 5.0
 """A comment is sent after this time [s] without an event."""
 STALLED = 20.0
-"""After this time [s] without taking anything a browser is disconnected; it connects again by itself."""
+"""Time [s] after which a browser that accepts no data is disconnected; the browser reconnects by itself."""
 MOST_BROWSERS = 32
 SENT_AHEAD = 1 << 17
-"""Bytes that wait in the socket of a browser at most."""
+"""Largest number of bytes that wait in the socket of a browser."""
 POLICY = ("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
           "connect-src 'self'; frame-ancestors 'none'")
 
 
 class NoFreePort(DbscanRegError):
-    """No address for the page can be used."""
+    """No address and port for the page can be used."""
 
 
 class PageServer:
@@ -37,9 +37,9 @@ class PageServer:
     ----------
     drive : LiveDrive
     host : str
-        Address of this computer. If it is not of this computer alone, the address of the page contains a token.
+        Address to listen at. If other computers can reach it, the address of the page contains a token.
     port : int
-        The next free one is taken if it is busy.
+        Port to listen at; if it is busy, the next free port is used.
     title : str
 
     Attributes
@@ -47,7 +47,7 @@ class PageServer:
     host : str
     port : int
     token : str
-        Empty if none is needed.
+        Token in the address of the page; empty if none is needed.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """Address of the page."""
+        """URL of the page."""
         host = f'[{self.host}]' if ':' in self.host else self.host
         return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
 
@@ -97,7 +97,7 @@ class _Server(ThreadingHTTPServer):
     request_queue_size = MOST_BROWSERS
 
     def handle_error(self, request, client_address):
-        """Say nothing: the browser has gone."""
+        """Log nothing: the browser has disconnected."""
 
 
 def _bound(host, port, handler):
@@ -114,7 +114,7 @@ def _bound(host, port, handler):
 
 
 def is_local(host: str) -> bool:
-    """Whether an address or name is that of this computer for itself alone."""
+    """Whether only this computer itself can reach an address or host name."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -122,7 +122,7 @@ def is_local(host: str) -> bool:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one request; the class attributes are set by `PageServer`."""
+    """Handler of one HTTP request; `PageServer` sets the class attributes."""
 
     drive: LiveDrive
     page: bytes
@@ -130,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = STALLED
 
     def do_GET(self):
-        """Send the page or its events."""
+        """Send the page or its events to a browser."""
         place = urlsplit(self.path)
         if not self._is_own_host():
             self.send_error(421, explain='The page is not served under this name.')
@@ -145,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404)
 
     def _is_own_host(self):
-        """Whether the request names this computer: pages of others whose names lead here are refused."""
+        """Whether the Host header of a request names this computer; other host names are refused (DNS rebinding)."""
         name = urlsplit(f'//{self.headers.get("Host", "")}').hostname or ''
         if is_local(name) or name == self.host.lower():
             return True

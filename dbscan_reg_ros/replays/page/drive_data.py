@@ -12,22 +12,22 @@ from .encoding import packed, rounded
 from .scan_history import RESOLUTION, packed_scans
 
 DRIVE = 1.0
-"""Below this distance [m] the plots have the scan number on their axis instead of the distance."""
+"""If the distance driven is shorter than this [m], the axis of the plots is the scan number instead."""
 METRES = 1.0
-"""Errors are those of the motion over this distance."""
+"""Distance [m] of the motion whose errors are plotted."""
 LONGEST_STEP = 1.0
-"""Steps of the stamps [s] that are longer, or negative, count as this long, or not at all, when the drive is played."""
+"""When the drive is played, steps of the stamps longer than this [s] are shortened to it, and negative steps to 0."""
 MOST_POSES = 20_000
-"""Number of key frames and of loops that are drawn."""
+"""Largest number of key frames, and of loops, that are drawn."""
 KINDS = 5
-"""Number of colours of competitors."""
+"""Number of different colours for competitors."""
 LEVELS = [status.value for status in Status]
 
 
 def drive_data(report) -> dict:
-    """Return what the page shows at each scan that is kept of the drive; arrays are packed texts.
+    """Return the data that the page shows for each stored scan of the drive; arrays are packed as texts.
 
-    Where scans are dropped, errors and times are the largest since the kept scan before the next one.
+    If scans are dropped, errors and times are the largest from a stored scan up to the next stored scan.
     """
     trajectory, records = report.trajectory, report.history.records()
     records = [record for record in records if record.number < len(trajectory.poses)]
@@ -63,7 +63,7 @@ def drive_data(report) -> dict:
 
 
 def _dropped(history, used, kept):
-    """Say which scans and beams the page leaves out; empty if none."""
+    """Describe which scans and beams the page leaves out; empty if it shows all."""
     parts = [f'every {step}. scan with status {name}' for step, name in
              ((history.scan_step, 'OK'), (history.not_ok_step, 'other than OK')) if step > 1]
     if history.scan_step > 1 and history.not_ok_step == 1:
@@ -80,7 +80,7 @@ def _playing_time(stamps):
 
 
 def _ellipses(records):
-    """Return semi-axes [m], direction of the longer one [rad] and deviation of theta [rad] of each pose, ``(K, 4)``."""
+    """Return ellipses ``(K, 4)``: semi-axes [m], direction of the longer one [rad], deviation of theta [rad]."""
     if not records:
         return np.zeros((0, 4))
     covariances = np.array([record.covariance for record in records])
@@ -91,7 +91,7 @@ def _ellipses(records):
 
 
 def _others(known, stamps, poses):
-    """Yield kind, name and positions ``(N, 2)`` of known trajectories, moved into the frame of the odometry's."""
+    """Yield kind, name and positions ``(N, 2)`` of known trajectories, aligned with the odometry."""
     for kind, name, other in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
         if other is None:
             continue
@@ -109,7 +109,7 @@ def _others(known, stamps, poses):
 
 
 def competitor_poses(trajectory, other):
-    """Return the poses ``(N, 3)`` of another trajectory at the scans of the first, not a number where it has none."""
+    """Return the poses ``(N, 3)`` of a competitor at the scans of the first trajectory; nan if it lacks a pose."""
     poses = np.full((len(trajectory.used), 3), np.nan)
     poses[np.flatnonzero(other.used)] = other.pose_array()
     return poses[np.flatnonzero(trajectory.used)]
@@ -129,7 +129,7 @@ def _competitors(report):
 
 
 def _competitor_plots(report, kept):
-    """Yield the errors along the drive of each competitor."""
+    """Yield the plots of the errors of each competitor along the drive."""
     for place, (name, trajectory) in enumerate(report.competitors):
         poses = competitor_poses(report.trajectory, trajectory)
         there = np.isfinite(poses).all(axis=1)
@@ -147,13 +147,13 @@ def _thinned(rows):
 
 
 def _key_frames(records, poses, closed):
-    """Return positions of the key frames that are kept, before and after loops are closed."""
+    """Return the positions of the stored key frames, before and after loop closing."""
     numbers = _thinned(np.array([record.number for record in records if record.key_frame], dtype=int))
     return {'open': packed(poses[numbers, :2]), 'closed': packed(closed.poses[numbers, :2]) if closed else ''}
 
 
 def _closed(closed, poses, kept):
-    """Return poses after loop closing, and both ends of each loop before and after."""
+    """Return the poses after loop closing, and the two scan positions of each loop before and after loop closing."""
     if not closed:
         return None
     pairs = _thinned(np.asarray(closed.pairs, dtype=int).reshape(-1, 2))
@@ -168,7 +168,7 @@ def _error_plots(known, stamps, poses, kept):
 
 
 def _errors(known, stamps, poses):
-    """Yield plots and errors ``(N,)``: by the truth, else by relations, else as the difference from the wheels."""
+    """Yield plots and errors ``(N,)`` against the truth, or else the relations, or else the wheel odometry."""
     found = None
     if known.truth:
         found = 'Error over the next metre', 'against the truth', _over_a_metre(known.truth, stamps, poses)
@@ -197,7 +197,7 @@ def _over_a_metre(trajectory, stamps, poses):
 
 
 def _of_scans(count, scans, values):
-    """Return the largest value of each scan ``(2, count)``, not a number for those without."""
+    """Return the largest value of each scan ``(2, count)``; nan for a scan without a value."""
     rows = np.full((2, count), np.nan)
     for row, each in zip(rows, values, strict=True):
         np.fmax.at(row, scans, each)
@@ -205,12 +205,12 @@ def _of_scans(count, scans, values):
 
 
 def _largest(values, kept):
-    """Return the largest of the `values` ``(N,)`` from each kept scan to the next."""
+    """Return the largest of the `values` ``(N,)`` from each stored scan up to the next stored scan."""
     return np.fmax.reduceat(values, kept) if len(kept) else np.zeros(0)
 
 
 def _time_plot(milliseconds, kept):
-    """Yield the processing times along the drive."""
+    """Yield the plot of the processing times along the drive."""
     if len(kept) and len(milliseconds):
         times = np.array(milliseconds)
         median, p95 = np.percentile(times, (50, 95))

@@ -18,9 +18,9 @@ def rounded(values, digits=3) -> list:
 
 
 def picture(ink) -> str:
-    """Return the ink of each cell ``(rows, columns)``, 0..1, lowest row first, as the data URL of a PNG.
+    """Convert the density of each cell ``(rows, columns)``, 0..1, lowest row first, to the data URL of a PNG.
 
-    Its pixels are black, and transparent where there is no ink.
+    The pixels of the PNG are black, and transparent if the density is 0.
     """
     from PIL import Image
 

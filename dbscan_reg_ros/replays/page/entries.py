@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the index of several drives: of replays, and of recordings that competitors are compared on."""
+"""Entries of the index of several drives: one for each replay, or for each recording of a comparison."""
 from pathlib import Path
 
 from ...core.registration.records import Status
@@ -15,20 +15,20 @@ REPLAY_COLUMNS = ['distance [m]', 'time [s]', 'scans', 'not OK', 'drift over 5 m
 COMPARISON_COLUMNS = ['competitor', 'distance [m]', 'scans', 'not OK', 'error over 1 m [m]', 'error over 1 m [deg]',
                       'verdict']
 DRIFT = 5.0
-"""Distance [m] over which the drift is measured."""
+"""Distance [m] of the motion over which the drift is measured."""
 
 
 def replay_entry(name, folder, measures, density, lines) -> DriveEntry:
-    """Return the entry of a replay.
+    """Return the entry of a replay in the index of several replays.
 
     Parameters
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     folder : Path
-        Of the results.
+        Folder of the results.
     measures : dict
-        As in ``metrics.json``.
+        Measures of the replay, named as in ``metrics.json``.
     density : DensityMap
     lines : list of (str, str, (N, 2) float [m])
         Kind, name and positions of the trajectories.
@@ -57,9 +57,9 @@ def write_comparison_page(path, recording, known, trajectories, names) -> DriveE
     recording : Recording
     known : KnownMotion
     trajectories : list of Trajectory
-        The first is that of A, on whose poses the scans are drawn.
+        Trajectories of the competitors; the scans are drawn at the poses of the first, A.
     names : list of str
-        Of the competitors.
+        Names of the competitors.
     """
     ours, history = trajectories[0], ScanHistory()
 
@@ -81,7 +81,7 @@ def write_comparison_page(path, recording, known, trajectories, names) -> DriveE
 
 
 def comparison_row(name, trajectory, errors, verdict) -> list:
-    """Return the row of a competitor: `errors` are the mean ones over 1 m, translation [m] and rotation [deg]."""
+    """Return the table row of a competitor; `errors`: mean errors over 1 m of translation [m] and rotation [deg]."""
     driven = path_lengths(trajectory.pose_array())[-1] if trajectory.poses else None
     not_ok = sum(status is not Status.OK for status in trajectory.statuses) + trajectory.used.count(False)
     metres, degrees = errors or (None, None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Index of several drives: a table of all, and a small map of each with a link to its page."""
+"""Index of several drives: a table of all drives, and for each drive a small map with a link to its page."""
 from html import escape
 from typing import NamedTuple
 from urllib.parse import quote
@@ -11,20 +11,20 @@ from .encoding import picture
 from .report import page_parts
 
 CELLS = 300
-"""Cells of the longer side of a small map."""
+"""Number of cells along the longer side of a small map."""
 MOST_POSES = 400
 DASHES = {'truth': '7 4', 'other0': '12 4', 'other1': '3 3', 'other2': '12 3 3 3', 'other3': '5 2',
           'other4': '1 5'}
-"""Dashes of the trajectories by their kind, as on the page of a drive."""
+"""Kind of trajectory -> dash pattern of its line, the same as on the page of a drive."""
 
 
 class SmallMap(NamedTuple):
-    """A map for the index.
+    """Small map of a drive in the index.
 
     Attributes
     ----------
     image : str
-        Data URL.
+        Picture of the map as a data URL.
     extent : (left, right, bottom, top) [m]
     lines : list of (str, str, (N, 2) float [m])
         Kind, name and positions of each trajectory.
@@ -36,15 +36,15 @@ class SmallMap(NamedTuple):
 
 
 class DriveEntry(NamedTuple):
-    """A drive of the index.
+    """Entry of a drive in the index.
 
     Attributes
     ----------
     name : str
     link : str
-        Address of its page, relative to the index; empty without a page.
+        Address of the page of the drive, relative to the index; empty without a page.
     rows : list of list of str
-        Its rows of the table, without the name.
+        Table rows of the drive, without the column of the name.
     map : SmallMap
     """
 
@@ -70,14 +70,14 @@ def small_map(density, lines) -> SmallMap:
 
 
 def write_index(path, title, columns, entries):
-    """Write the index.
+    """Write the index of several drives as an HTML page.
 
     Parameters
     ----------
     path : Path
     title : str
     columns : list of str
-        Heads of the table, without that of the name.
+        Column headings of the table, without that of the name.
     entries : list of DriveEntry
     """
     head = ''.join(f'<th scope="col" class="number">{escape(column)}</th>' for column in columns)
@@ -117,5 +117,5 @@ def _points(positions):
 
 
 def _stroke(kind):
-    """Return the style of a trajectory; competitors differ in their dashes as well."""
+    """Return the line style of a trajectory; competitors differ in colour and in dash pattern."""
     return f'stroke: var(--{kind}); stroke-dasharray: {DASHES.get(kind, "none")}'

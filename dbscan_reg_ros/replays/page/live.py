@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page of a running node: that of a replay without a drive, which events fill."""
+"""Page of a running node: the page of a replay without data, to which events from the server add the drive."""
 from ...evaluation.known_motion import KnownMotion
 from ...figures.plots import density_map
 from ..trajectory import Trajectory
@@ -12,7 +12,7 @@ SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page
 
 
 def live_page(title: str) -> bytes:
-    """Return the page."""
+    """Return the HTML text of the page of a running node."""
     report = Report(title, [], KnownMotion(None, None, None), Trajectory(), density_map([], []), [], None)
     data, scans = page_data(report, live=True)
     data['drive']['statusNames'] = LEVELS

@@ -17,7 +17,7 @@ from .encoding import picture, rounded, script_json
 from .scan_history import ScanHistory
 
 SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js', 'start.js'
-"""Parts of the script of the page, in their order."""
+"""Files with the parts of the script of the page, in their order."""
 
 
 class ClosedMap(NamedTuple):
@@ -54,15 +54,15 @@ class Report:
         Map along the trajectory.
     pairs : list of PairToReview
     parameters : Parameters or None
-        None if they are not those of our odometry.
+        Parameters of the odometry; None if another method made the trajectory.
     register : str
         Command that shows a pair of scans once their numbers are appended.
     history : ScanHistory
-        What is shown of each scan.
+        Returns, segments, covariance and status of each scan.
     closed : ClosedMap or None
-        None if loops were not closed.
+        Result of loop closing; None if loops were not closed.
     competitors : list of (str, Trajectory)
-        Name and trajectory of others over the same recording.
+        Names and trajectories of the competitors over the same recording.
     """
 
     title: str
@@ -87,7 +87,7 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def page_parts(contents, template='report.html', scripts=SCRIPTS):
-    """Yield a page with its style, its script and the `contents`, name -> text, at their places in the template."""
+    """Yield the parts of a page: the template with style, script and `contents` (name -> text) inserted."""
     folder = resources.files(__package__)
     contents = contents | {'style': folder.joinpath('style.css').read_text(encoding='utf-8'),
                            'script': ''.join(folder.joinpath(name).read_text(encoding='utf-8') for name in scripts)}
@@ -100,7 +100,7 @@ def page_parts(contents, template='report.html', scripts=SCRIPTS):
 
 
 def page_data(report, live=False):
-    """Return what the script of the page reads, as plain numbers and texts, and the packed scans."""
+    """Return the data that the script of the page reads, as numbers and texts, and the packed scans."""
     drive = drive_data(report)
     packed_scans = drive.pop('scans')
     scans = np.flatnonzero(report.trajectory.used)
@@ -120,7 +120,7 @@ def _map(density):
 
 
 def _pair_data(pair, scans):
-    """Return the page's entry of a `PairToReview`; ``scans[n]`` is the number in the recording of used scan n."""
+    """Return the data of a `PairToReview` for the page; ``scans[n]``: number in the recording of the n-th used scan."""
     return {'number': pair.number, 'scan': int(scans[pair.number]), 'on': int(scans[pair.reference_number]),
             'status': pair.status.value, 'reason': pair.reason, 'overlap': round(float(pair.overlap), 3),
             'reference': rounded(pair.reference.T), 'current': rounded(pair.current.T),
@@ -128,7 +128,7 @@ def _pair_data(pair, scans):
 
 
 def _nothing(known):
-    """Say why the page shows no errors."""
+    """Explain in a sentence why the page shows no errors."""
     if known.truth or known.relations or known.wheels:
         return 'No part of the trajectory is long enough for a comparison with the known motion.'
     return 'The true motion is unknown.'

@@ -13,20 +13,20 @@ RESOLUTION = 0.005
 """Resolution of the stored coordinates [m]: with 16 bits they reach 163 m."""
 LARGEST = 32767
 MOST_SCANS = 20_000
-"""Number of scans that are kept of those with status OK,"""
+"""Largest number of scans with status OK that are kept,"""
 MOST_NOT_OK = 60_000
-"""and of the others."""
+"""and of scans with another status."""
 MOST_POINTS = 2_500_000
-"""Number of returns, and of ends of segments, that are kept of all scans together."""
+"""Largest number of points (returns and segment ends) that are kept of all scans together."""
 
 
 class ScanRecord(NamedTuple):
-    """What the page shows of one scan.
+    """Data of one scan that the page shows.
 
     Attributes
     ----------
     number, reference_number : int
-        Of the scan and of its reference among those used, from 0; a reference of -1: none.
+        Numbers of the scan and of its reference among the scans used, from 0; -1: no reference.
     status : Status
     reason : str
         Why the status is not ``OK``, or why tracking restarted.
@@ -34,11 +34,11 @@ class ScanRecord(NamedTuple):
         Fraction of the returns on the reference's surfaces, 0..1; 0 if not registered.
     key_frame : bool
     covariance : (3, 3) float
-        Of the pose for (x, y, theta) in the frame of the trajectory [m, m, rad].
+        Covariance of the pose (x, y, theta) in the frame of the trajectory [m, m, rad].
     points : (P, 2) int16
         Returns in the frame of the sensor, in units of `RESOLUTION`.
     segments : (K, 4) int16
-        Start and end of each segment, likewise.
+        Start and end of each segment, in the same frame and units as `points`.
     """
 
     number: int
@@ -53,19 +53,19 @@ class ScanRecord(NamedTuple):
 
 
 class ScanHistory:
-    """Collect a `ScanRecord` of each scan; of long drives every n-th scan and beam, and all scans that are not OK.
+    """Collect a `ScanRecord` of each scan; of long drives only every n-th scan and beam.
 
     Parameters
     ----------
     yaw : float
-        The scans are rotated by this angle [rad] before the odometry, as by `sensor_mounting.turned`.
+        Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
     most_scans, most_points : int
-        Number of OK scans and of returns that are kept. Whenever there are more, every other one is dropped.
+        Largest number of OK scans and of returns that are kept; if there are more, every second one is dropped.
 
     Attributes
     ----------
     scan_step, not_ok_step, beam_step : int
-        Every how many OK scans, other scans and beams are kept; powers of two.
+        Every n-th OK scan, scan with another status, and beam is kept; these are the n, powers of two.
     """
 
     def __init__(self, yaw=0.0, most_scans=MOST_SCANS, most_points=MOST_POINTS):
@@ -80,26 +80,26 @@ class ScanHistory:
 
     @property
     def scan_step(self) -> int:
-        """One in this many OK scans is kept."""
+        """Every n-th scan with status OK is kept, where n is this value."""
         return self._steps[True]
 
     @property
     def not_ok_step(self) -> int:
-        """Every how many scans with another status one is kept."""
+        """Every n-th scan with a status other than OK is kept, where n is this value."""
         return self._steps[False]
 
     def add(self, update):
-        """Take the `OdometryUpdate` of the next scan."""
+        """Store the `OdometryUpdate` of the next scan for the page."""
         self._take(update.status, update.number, lambda: self._record(update))
 
     def add_scan(self, number, scan, status=Status.OK):
-        """Take the next scan, of which no more is known than its status."""
+        """Store the next scan without a registration: of its estimate only the status is known."""
         self._take(status, number, lambda: ScanRecord(
             number, -1, status, '', 0.0, False, np.zeros((3, 3)), _stored(scan.points[scan.valid])[::self.beam_step],
             np.empty((0, 4), dtype=np.int16)))
 
     def _take(self, status, number, make_record):
-        """Keep the record of a scan, unless it is to be dropped."""
+        """Store the record of a scan, unless `scan_step` or `not_ok_step` skips the scan."""
         ok = status is Status.OK
         place = self._seen[ok]
         self._seen[ok] += 1
@@ -115,7 +115,7 @@ class ScanHistory:
             self._drop_beams()
 
     def records(self) -> list:
-        """Every `ScanRecord` that is kept, in the order of the scans."""
+        """All stored `ScanRecord` objects, in the order of the scans."""
         return [record for _, record in self._records]
 
     def _record(self, update):
@@ -131,7 +131,7 @@ class ScanHistory:
             turned(update.covariance, self._back.theta), _stored(points)[::self.beam_step], _stored(ends))
 
     def _drop_scans(self, ok):
-        """Keep every other scan of those that are OK, or of those that are not."""
+        """Drop every second scan of the scans with status OK, or of all other scans."""
         self._steps[ok] *= 2
         self._records = [(place, record) for place, record in self._records if (record.status is Status.OK) is not ok
                          or place % self._steps[ok] == 0 or record.number == 0]
@@ -139,28 +139,28 @@ class ScanHistory:
         self._points = sum(_size(record) for _, record in self._records)
 
     def _drop_beams(self):
-        """Keep every other return of all scans."""
+        """Drop every second return of all scans."""
         self.beam_step *= 2
         self._records = [(place, record._replace(points=record.points[::2].copy())) for place, record in self._records]
         self._points = sum(_size(record) for _, record in self._records)
 
 
 def _size(record):
-    """Return the number of positions in a record."""
+    """Return the number of points in a record: returns and segment ends."""
     return len(record.points) + 2 * len(record.segments)
 
 
 def _stored(coordinates):
-    """Return coordinates ``(..., D)`` [m] in units of `RESOLUTION`, without the rows that are out of reach."""
+    """Return coordinates ``(..., D)`` [m] in units of `RESOLUTION`, without rows that exceed int16."""
     units = np.rint(coordinates / RESOLUTION)
     return units[(np.abs(units) <= LARGEST).all(axis=-1)].astype(np.int16)
 
 
 def packed_scans(records) -> str:
-    """Return returns and segments of all scans, compressed, as the base64 text of one series of int16.
+    """Return returns and segments of all scans, compressed, as the base64 text of an int16 array.
 
-    First the coordinates of all returns, each as the difference from the last one, which compresses better; then all
-    segments, start and end.
+    The array contains the coordinates of all returns, each as the difference from the previous one, which compresses
+    better, and then start and end of all segments.
     """
     points = np.concatenate([np.empty((0, 2), dtype=np.int16), *(record.points for record in records)])
     steps = np.diff(points, axis=0, prepend=np.zeros((1, 2), dtype=np.int16))
