@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is clustered: angle differences (Figure 6) and translations (Figure 8)."""
+"""Draw the clustered samples of the registration: angle differences (Figure 6) and translations (Figure 8)."""
 import numpy as np
 
 from .style import CLUSTERS, REST, RESULT, grid, legend, panels, plane
 
 CLOSE_ANGLE = 8.0
-"""Half the width of the close look at the angle differences [deg]."""
+"""Half the width [deg] of the enlarged plot of the angle differences."""
 CLOSE = 0.4
-"""Half the side of the close look at the translations [m]."""
+"""Half the side [m] of the enlarged plot of the translations."""
 
 
 def draw_rotation(figure, steps):
@@ -40,7 +40,7 @@ def _k_distances(axes, steps):
 
 
 def draw_translation(figure, steps):
-    """Draw the translations that pairs of matched lines and ends ask for, at the rotation nearest to the result."""
+    """Draw the translation samples from pairs of matched lines and ends, for the rotation nearest to the result."""
     samples, result = steps.translations, steps.registration.transform
     axes = panels(figure, ['all', 'close'])
     own = samples.rotation == steps.rotation
@@ -60,7 +60,7 @@ def draw_translation(figure, steps):
 
 
 def _clusters(labels, ranked):
-    """(name, which samples, style) of the rest and of the heaviest clusters, whose numbers `ranked` begins with."""
+    """Yield (name, mask of samples, style) of the heaviest clusters, listed first in `ranked`, and of the rest."""
     leading = list(ranked)[:len(CLUSTERS)]
     yield 'lighter clusters', (labels >= -1) & ~np.isin(labels, leading), REST
     for rank, (number, style) in enumerate(zip(leading, CLUSTERS), 1):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The densities of x and y, before and after, and how far apart they are (Figures 9 to 12)."""
+"""Draw the densities of x and y before and after the registration, with their divergences (Figures 9 to 12)."""
 import numpy as np
 
 from ..core.geometry.se2 import SE2
@@ -11,7 +11,7 @@ PLACES = 400
 
 
 def draw_densities(figure, steps):
-    """Kernel densities of both scans' coordinates without any motion and with the result's."""
+    """Draw the kernel densities of the coordinates of both scans, before and after the registration."""
     axes = panels(figure, ['before x', 'after x'], ['before y', 'after y'])
     parameters = steps.parameters.divergence
     for state, motion in (('before', SE2()), ('after', steps.registration.transform)):

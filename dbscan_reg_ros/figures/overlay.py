@@ -43,7 +43,7 @@ def draw_overlay(figure, steps):
 
 
 def _draw_rival(axes, steps):
-    """Draw the points of the current scan as the best rival places them, if there is one."""
+    """Draw the points of the current scan moved by the best rival hypothesis, if there is one."""
     for rival in steps.registration.rivals[:1]:
         points = rival.transform.apply(dict(steps.scans)['current'].features.points)
         axes.plot(*points.T, label=f'best rival, score {rival.score:.2f}', **RIVAL_POINTS)
@@ -65,7 +65,7 @@ def _draw_scans(axes, steps, moved, matched):
 
 
 def _draw_ellipse(axes, registration):
-    """Where the sensor is with 95 % confidence, about the result, along the reference's axes."""
+    """Draw the 95 % confidence ellipse of the position of the sensor around the result, in the reference frame."""
     covariance, transform = registration.covariance, registration.transform
     turn = transform.rotation()
     edge = ellipse(turn @ covariance[:2, :2] @ turn.T)
@@ -78,7 +78,7 @@ def _draw_ellipse(axes, registration):
 
 
 def ellipse(covariance):
-    """Return points ``(N, 2)`` on the confidence ellipse of a centred normal of `covariance` ``(2, 2)``."""
+    """Return points ``(N, 2)`` on the confidence ellipse of a normal distribution with mean 0 and this `covariance`."""
     variance, axes = np.linalg.eigh(covariance)
     angle = np.linspace(0.0, 2.0 * math.pi, 121)
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1) * math.sqrt(-2.0 * math.log(1.0 - CONFIDENCE))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures: metres on both axes to the same scale, legible without colour."""
+"""Pictures of maps and comparisons, legible without colour; maps have the same scale on both axes."""
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ from ..recordings.files import replacing
 MOST_POINTS = 3_000_000
 """Larger maps are thinned to about this many points."""
 CELLS = 1500
-"""Cells of the map's longer side: one for each pixel of the picture, so that it is not resampled."""
+"""Cells of the longer side of the map: one cell for each pixel, so that the picture is not resampled."""
 
 
 class DensityMap(NamedTuple):
-    """How many returns lie where.
+    """Density of the returns on a map.
 
     Attributes
     ----------
@@ -29,28 +29,28 @@ class DensityMap(NamedTuple):
 
 
 def density_map(scans, poses) -> DensityMap:
-    """Return the returns of `scans`, an iterable with one for each of the `poses` ``(N, 3)``, laid out along these."""
+    """Return the density of the returns of `scans`, an iterable with one scan for each of the `poses` ``(N, 3)``."""
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
     return _density(_laid_out(scans, poses), poses)
 
 
 def save(figure, path, dpi, **options):
-    """Write a matplotlib `figure`, whole or not at all; the ending of `path` chooses the format."""
+    """Write a matplotlib `figure` completely or not at all; the ending of `path` selects the format."""
     with replacing(path, binary=True) as file:
         figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
 
 
 def plot_map(path, scans, poses, title='', truth=None):
-    """Draw scans laid out along their poses, as a density of returns, with the trajectory over it.
+    """Draw the density of the returns of scans at their poses, and the trajectory over it.
 
     Parameters
     ----------
     path : str or Path
         The picture to write; its ending chooses the format.
     scans : iterable of Scan
-        One for each pose; taken one at a time.
+        One scan for each pose; read one at a time.
     poses : (N, 3)
-        Where the sensor was: x, y [m], theta [rad].
+        Poses of the sensor: x, y [m], theta [rad].
     truth : (M, 3), optional
         The true trajectory in the same frame.
     """
@@ -58,7 +58,7 @@ def plot_map(path, scans, poses, title='', truth=None):
 
 
 def draw_map(path, density, poses, title='', truth=None):
-    """Draw a `DensityMap` as `plot_map` does."""
+    """Draw a `DensityMap` and the trajectory, with the parameters of `plot_map`."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
@@ -101,7 +101,7 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
         Centre and radius of each column.
     way : (N, 2) [m]
     routes : sequence of (K, 2) [m]
-        Where people walk.
+        Routes on which people walk.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
@@ -127,16 +127,16 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
 
 
 def plot_differences(path, table, a, b):
-    """Draw by how much B's errors differ from A's, in per cent of the latter, with their intervals.
+    """Draw the differences of the errors of B and A, in per cent of the errors of A, with confidence intervals.
 
     Parameters
     ----------
     path : str or Path
         The picture to write.
     table : dict
-        Name -> one `Difference` for translation and one for rotation.
+        Name of the recording -> a `Difference` for translation and one for rotation.
     a, b : str
-        What A and B are called.
+        Names of the competitors A and B.
     """
     from matplotlib.figure import Figure
 
@@ -171,7 +171,7 @@ def _legend(axes):
 
 
 def _laid_out(scans, poses):
-    """``(P, 2)`` returns of all scans in the frame of the poses."""
+    """Return the returns ``(P, 2)`` of all scans in the frame of the poses."""
     each = max(1, MOST_POINTS // max(len(poses), 1))
     laid = [np.empty(0, dtype=np.complex64)]
     for scan, place, turn in zip(scans, as_complex(poses[:, :2]), np.exp(1j * poses[:, 2]), strict=True):
@@ -182,7 +182,7 @@ def _laid_out(scans, poses):
 
 
 def _density(points, poses):
-    """Return the `DensityMap` of points ``(P, 2)`` that shows the poses ``(N, 3)`` as well."""
+    """Return the `DensityMap` of points ``(P, 2)`` whose extent includes the poses ``(N, 3)``."""
     seen = np.concatenate((np.quantile(points, (0.001, 0.999), axis=0) if len(points) else np.zeros((0, 2)),
                            poses[:, :2], np.zeros((0 if len(poses) else 1, 2))))
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan is made of: its points (Figure 2), its segments, breakpoints and ends (Figures 3 and 5)."""
+"""Draw the points of the scans (Figure 2), and their segments, breakpoints and ends (Figures 3 and 5)."""
 import numpy as np
 
 from ..core.features.records import EndKind
@@ -21,7 +21,7 @@ OPEN = {'linestyle': 'none', 'markersize': 7.0, 'markerfacecolor': 'none', 'mark
 
 
 def draw_points(figure, steps):
-    """Both scans as measured, with what the ring band filter made of each point, and as filtered."""
+    """Draw both scans as measured, each point marked with its outcome in the ring band filter, and as filtered."""
     axes = panels(figure, [f'{name} {state}' for name, _ in steps.scans for state in ('measured', 'filtered')])
     for name, scan in steps.scans:
         before, after = axes[f'{name} measured'], axes[f'{name} filtered']
@@ -38,7 +38,7 @@ def draw_points(figure, steps):
 
 
 def draw_scan_segments(figure, steps):
-    """Draw the segments of both scans, the breakpoints between surfaces, and what ends each segment."""
+    """Draw the segments of both scans, the breakpoints between surfaces, and the kind of each segment end."""
     axes = panels(figure, [name for name, _ in steps.scans])
     for name, scan in steps.scans:
         panel, segments, points = axes[name], scan.features.segments, scan.features.points

@@ -11,7 +11,7 @@ from .scans import draw_points, draw_scan_segments
 
 
 class Drawing(NamedTuple):
-    """One of the figures.
+    """One figure of a pair of scans.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Drawing(NamedTuple):
     draw : callable
         ``draw(figure, steps)``.
     caption : str
-        What to see in it.
+        Text that explains what the figure should show.
     """
 
     title: str
@@ -49,14 +49,14 @@ FIGURES = {
         'Thick segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
         'The ellipse contains the sensor with a probability of 95 %.'),
 }
-"""Name -> figure."""
+"""Name of each figure, without ending -> `Drawing`."""
 SIZE = 12.0, 7.0
 """[inch]"""
 DPI = 100
 SHEET_DPI = 70
 LAYOUT = [['overlay', 'overlay', 'points'], ['overlay', 'overlay', 'segments'],
           ['rotation', 'translation', 'densities']]
-"""Place of each figure on the sheet."""
+"""Position of each figure on the sheet."""
 
 
 def draw_figures(folder, steps, title):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The registration of two scans, step by step, with what each step hands on."""
+"""Registration of two scans step by step, with the result of each step."""
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,19 +21,19 @@ from ..core.scan import Scan
 
 @dataclass(frozen=True, eq=False)
 class ScanSteps:
-    """What became of one scan.
+    """Results of the steps that process one scan.
 
     Attributes
     ----------
     features : Features
     measured, filtered : (N, 2) float [m]
-        Points before and after the ring band filter; not finite without a return or when removed.
+        Points before and after the ring band filter; not finite if the beam has no return or its point was removed.
     outcome : (N,) int
         What the filter did with each beam, an `Outcome`.
     breaks : (P - 1,) bool
-        Between which of the features' points a breakpoint lies.
+        Whether a breakpoint lies between a point of `features` and the next point.
     landmarks : (L, 2) float [m]
-        Those that the method knows.
+        Positions of the landmarks in `features`.
     """
 
     features: Features
@@ -45,7 +45,7 @@ class ScanSteps:
 
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
-        """Run the steps; raise ScanError when the scan has too few returns."""
+        """Run the steps on a scan; raise ScanError if the scan has too few returns."""
         returns = admitted_returns(scan, parameters.scan)
         features = extract_from_returns(returns, parameters)
         filtered, outcome = ring_band_filter(returns.points, returns.noise, parameters.filter)
@@ -56,7 +56,7 @@ class ScanSteps:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """What became of a pair of scans.
+    """Results of the steps that register a pair of scans.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Steps:
     @classmethod
     def of(cls, reference: Scan, current: Scan, parameters: Parameters,
            registration: Registration | None = None) -> 'Steps':
-        """Return the steps that lead from two scans to their `registration`; without one they are registered.
+        """Return the steps from two scans to their `registration`; without a `registration`, register the scans.
 
         Raises
         ------
@@ -95,16 +95,16 @@ class Steps:
 
     @property
     def scans(self) -> tuple:
-        """(name, `ScanSteps`) of both."""
+        """(name, `ScanSteps`) of the reference and of the current scan."""
         return ('reference', self.reference), ('current', self.current)
 
     @property
     def rotation(self) -> int | None:
-        """The rotation hypothesis nearest to the result; None where there is none."""
+        """Index of the rotation hypothesis nearest to the result; None if there are no rotation hypotheses."""
         off = np.abs(wrap(self.rotations.phi - self.registration.transform.theta))
         return int(np.argmin(off)) if len(off) else None
 
     def rotation_distances(self):
-        """Return the k-dist graph of the angle differences [rad], and its k."""
+        """Return the sorted distances [rad] of the angle differences to their k-th neighbour (k-dist graph), and k."""
         k = max(self.parameters.rotation.min_samples - 1, 1)
         return k_distances(self.rotations.difference.ravel(), k), k

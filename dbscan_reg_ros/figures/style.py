@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all figures share. Things differ in marker or line style, never in colour alone."""
+"""Style shared by all figures: items differ in marker or line style, never in colour alone."""
 import math
 
 import numpy as np
@@ -9,7 +9,7 @@ from ..core.geometry.se2 import SE2
 GREY, BLUE = '#999999', '#0b3d66'
 REFERENCE = {'color': GREY, 'linewidth': 5.0, 'alpha': 0.6, 'solid_capstyle': 'butt'}
 CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
-"""Lines of the two scans: the second lies visibly on the first."""
+"""Line styles of the two scans, chosen so that both remain visible if the second lies on the first."""
 REFERENCE_POINTS = {'color': GREY, 'marker': 'o', 'markersize': 3.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
 RIVAL_POINTS = {'color': '#d55e00', 'marker': 'x', 'markersize': 2.5, 'markeredgewidth': 0.5, 'linestyle': 'none'}
@@ -18,27 +18,27 @@ CURRENT_LANDMARKS = {'color': BLUE, 'marker': 'D', 'markersize': 9.0, 'markerfac
 POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
 CLUSTERS = tuple({'color': color, 'marker': marker, 'markersize': 6.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
                  for color, marker in (('#d55e00', 'o'), (BLUE, 's'), ('#007a5a', '^'), ('#8a3d7a', 'D')))
-"""The heaviest clusters, in this order."""
+"""Marker styles of the heaviest clusters, in the order of their weight."""
 REST = {'color': '#777777', 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
 SENSOR = {'color': 'black', 'markeredgecolor': 'white', 'markersize': 11.0, 'linestyle': 'none'}
 RESULT = {'color': 'black', 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
 
 
 def panels(figure, *rows, widths=None) -> dict:
-    """Axes by name, laid out in `rows` of names, and below them a strip called ``legend``."""
+    """Return axes by name, laid out in `rows` of names, and below them a strip of axes named ``legend``."""
     heights = [1.0] * len(rows) + [0.1 * len(rows)]
     return figure.subplot_mosaic([*map(list, rows), ['legend'] * len(rows[0])],
                                  gridspec_kw={'height_ratios': heights, 'width_ratios': widths})
 
 
 def legend(axes, source, columns):
-    """Return the legend of the axes `source`, in a strip of its own."""
+    """Draw the legend of the axes `source` into the separate `axes`."""
     axes.axis('off')
     axes.legend(*source.get_legend_handles_labels(), loc='center', ncol=columns, frameon=False)
 
 
 def plane(axes, title, low=None, high=None):
-    """Make `axes` a plan to scale, of all that is drawn or from the corner `low` to the corner `high` [m]."""
+    """Give both axes of a plan the same scale, with limits around all that is drawn or from `low` to `high` [m]."""
     axes.set(title=title, xlabel='x [m]', ylabel='y [m]')
     if low is None:
         axes.set_aspect('equal', adjustable='datalim')
@@ -49,7 +49,7 @@ def plane(axes, title, low=None, high=None):
 
 
 def alike(*axes):
-    """Let all of the plans show what one of them does."""
+    """Give all plans the same limits, so that each shows what any of them shows."""
     corners = np.concatenate([each.dataLim.get_points() for each in axes])
     for each in axes:
         each.update_datalim(corners[np.isfinite(corners).all(axis=1)])
@@ -57,7 +57,7 @@ def alike(*axes):
 
 
 def draw_sensor(axes, pose=SE2(), label='sensor', **style):
-    """Draw a triangle at the `pose` of a sensor that points along its x axis."""
+    """Draw a triangle at the `pose` of a sensor; its tip points along the x axis of the sensor."""
     axes.plot(pose.x, pose.y, marker=(3, 0, math.degrees(pose.theta) - 90.0), label=label, zorder=4.0, **SENSOR | style)
 
 
@@ -71,14 +71,14 @@ def drawn(*axes):
 
 
 def grid(axes):
-    """Thin lines at round numbers."""
+    """Draw thin grid lines at the ticks of the axes."""
     axes.grid(linewidth=0.3, alpha=0.6)
     axes.locator_params(steps=(1, 2, 5, 10))
     axes.locator_params(axis='x', nbins=5)
 
 
 def draw_segments(axes, segments, style, label, chosen=slice(None), moved=SE2()):
-    """Draw the `chosen` line segments, moved by the motion `moved`, as one entry of the legend."""
+    """Draw the `chosen` line segments, transformed by the motion `moved`, with one entry in the legend."""
     start, end = segments.start[chosen], segments.end[chosen]
     ends = moved.apply(np.stack((start, end, np.full_like(end, np.nan)), axis=1))
     axes.plot(*ends.reshape(-1, 2).T, label=label, **style)
