@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search for parameters that suit given recordings."""
+"""Search for the parameter values that minimise a cost on given recordings."""

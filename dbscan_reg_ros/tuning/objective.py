@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of a set of parameters on a recording: less is better."""
+"""Cost of a parameter set on a recording; lower is better."""
 import dataclasses
 import itertools
 import math
@@ -20,17 +20,18 @@ from ..replays.trajectory import Trajectory, trajectory_of
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
 HOPELESS = 1e3
-"""Cost [m] of parameters that cannot be judged: hardly a scan is used, or nothing moves."""
+"""Cost [m] of parameters that cannot be evaluated: almost no scan is used, or the sensor does not move."""
 LOOPS = 30
 LOOP_METRES, LOOP_NEAR = 10.0, 1.0
-"""A loop closes where the distance driven since an earlier scan is at least this, and that scan is within this."""
+"""A loop is closed with an earlier scan if the distance driven since [m] is at least the first value and the distance
+between the scans [m] at most the second."""
 
 
 def cost_of(path, topic, parameters, objective='auto', limit=None):
-    """Mean error [m] of the motion over 1 m on the first `limit` scans of the recording at `path`.
+    """Return the cost [m] of parameters: the mean error over 1 m on the first `limit` scans of the recording at `path`.
 
-    By the truth or relations where there are any (``truth``), else by ``consistency``: what the forward and the
-    backward pass disagree on, and by how much closed loops do not close.
+    With objective ``truth``, the error against the truth or the relations of the recording. With ``consistency``, the
+    disagreement of a forward and a backward pass plus the gaps at loops. With ``auto``, ``truth`` if it is known.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
 
 @lru_cache
 def _known(path, topic):
-    """Read once, not for every trial."""
+    """Return the known motion of a recording, read once and cached for all trials."""
     return KnownMotion.of(open_recording(path, topic))
 
 
@@ -69,7 +70,7 @@ def _inconsistency(scans, parameters):
 
 
 def _backward(scans):
-    """Return the same scans as time runs back, within each scan too."""
+    """Return the scans in reversed time: reversed order, mirrored stamps, negated time increments."""
     ends = scans[0].stamp + scans[-1].stamp
     return [dataclasses.replace(scan, stamp=ends - scan.stamp, time_increment=-scan.time_increment)
             for scan in reversed(scans)]

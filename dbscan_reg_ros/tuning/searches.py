@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search strategies: ``ask(count)`` gives values to try, ``tell(costs)`` takes their costs in the same order."""
+"""Search strategies: ``ask(count)`` returns values to try, ``tell(costs)`` passes their costs on in the same order."""
 import numpy as np
 
 
 class RandomSearch:
-    """Values drawn from a uniform distribution, independently of the results of others."""
+    """Random search: draws values from a uniform distribution, independently of the costs of earlier trials."""
 
     def __init__(self, axes, seed):
         self._axes, self._seed, self._asked = axes, seed, 0
@@ -22,7 +22,7 @@ class RandomSearch:
 
 
 class OptunaSearch:
-    """Optuna's tree of Parzen estimators."""
+    """Search with Optuna's tree-structured Parzen estimator."""
 
     def __init__(self, axes, seed):
         import optuna

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search space: parameters and the values that they may take."""
+"""Search space: the parameters that are searched, and their possible values."""
 import math
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ LOG_RATIO = 3.0
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter.
+    """One parameter of the search space.
 
     Attributes
     ----------
     name : str
-        Full name.
+        Full name of the parameter.
     kind : type
         float, int, bool or str.
     low, high : float
@@ -40,7 +40,7 @@ class Axis:
         return self.low > 0.0 and self.high / self.low > LOG_RATIO
 
     def at(self, share):
-        """Return the value at the fraction `share`, 0..1, of the range."""
+        """Return the value at the fraction `share` (0..1) of the range of this parameter."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         value = self.low * (self.high / self.low) ** share if self.is_log else self.low + share * (self.high - self.low)
@@ -53,7 +53,7 @@ def read_axis(text, parameters) -> Axis:
     Raises
     ------
     ParameterError
-        When the name is unknown, no single value can be searched, or the range makes no sense.
+        When the name is unknown, the parameter cannot be searched, or the range is invalid.
     """
     name, _, given = text.partition('=')
     d = _searchable(name, parameters)

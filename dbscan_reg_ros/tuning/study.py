@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A search that can be killed at any time and goes on where it was."""
+"""Parameter search whose trials are stored, so that it can be killed at any time and continued."""
 import json
 import os
 from operator import itemgetter
@@ -8,25 +8,25 @@ from ..core.errors import ParameterError
 from .searches import OptunaSearch, RandomSearch
 
 BATCH = 8
-"""Number of trials that are chosen at once, for any number of processes: the search does not depend on it."""
+"""Number of trials chosen at a time; fixed, so that the result does not depend on the number of processes."""
 SEARCHES = {'random': RandomSearch, 'optuna': OptunaSearch}
 
 
 class Study:
-    """Trials kept in a folder: settings.json, and trials.jsonl with a line for each.
+    """Trials of a search, stored in a folder: settings.json, and trials.jsonl with a line for each trial.
 
     Parameters
     ----------
     folder : Path
-        Made when it does not exist; gone on with when it holds trials of the same settings.
+        Folder of the search: created if it does not exist, continued if it contains trials with the same settings.
     settings : dict
-        All that the result depends on: ``search``, ``seed``, ``start`` (name -> value of the first trial) and others.
+        Settings that determine the result: ``search``, ``seed``, ``start`` (name -> value of the first trial), others.
     axes : list of Axis
 
     Raises
     ------
     ParameterError
-        When the folder holds trials of other settings.
+        When the folder contains trials with other settings.
     """
 
     def __init__(self, folder, settings, axes):
@@ -42,15 +42,15 @@ class Study:
         self.cost_of_start = None
 
     def run(self, trials, evaluate, watch):
-        """Return the best (cost, values) of a number of trials.
+        """Run trials until a given number is stored; return (cost, values) of the best trial.
 
         Parameters
         ----------
         trials : int
         evaluate : callable
-            Takes a dictionary of number -> values, gives (number, cost) as each is done.
+            Function of a dictionary trial number -> values that yields (number, cost) as each trial finishes.
         watch : callable
-            ``watch(done, best cost)`` after each trial.
+            ``watch(done, best cost)``, called after each trial.
         """
         search = SEARCHES[self._settings['search']](self._axes, self._settings['seed'])
         best, done = None, 0
@@ -73,23 +73,23 @@ class Study:
         return best
 
     def _evaluated(self, trials, evaluate):
-        """Yield the cost of each of the `trials`, number -> values, once it is kept."""
+        """Yield the cost of each of the `trials` (number -> values) once it is stored."""
         for number, cost in evaluate(trials) if trials else ():
             self._known[number] = cost
             self._append(number, trials[number], cost)
             yield cost
 
     def _costs(self, numbers):
-        """Return the costs of the trials with these `numbers` that are kept, in their order."""
+        """Return the costs of the stored trials among these `numbers`, in the order of `numbers`."""
         return [self._known[number] for number in numbers if number in self._known]
 
     @property
     def known(self) -> int:
-        """Trials that are kept."""
+        """Number of stored trials."""
         return len(self._known)
 
     def _read(self):
-        """Return number -> cost; a last line that was cut off by a kill is dropped."""
+        """Read the stored trials, number -> cost; drop an incomplete last line of a killed search."""
         known, whole = {}, 0
         for line in self._file.read_text().splitlines(keepends=True) if self._file.exists() else ():
             if not line.endswith('\n'):
