@@ -23,7 +23,7 @@ def check_file(path, error_type):
         return
     for is_other, name in _OTHERS:
         if is_other(mode):
-            advice = '' if name == 'a folder' else '; save what it gives to a file and name that'
+            advice = '' if name == 'a folder' else '; save its output to a file and name that file'
             raise error_type(f'{path}: expected a file, and it is {name}{advice}')
 
 

@@ -142,7 +142,7 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     true = _true_motions(known, stamps, poses[0])
     count = len(true.first)
     if count < FEWEST_BLOCKS:
-        raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}, from a longer drive '
+        raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}: compare a longer drive, '
                        'or more of its scans')
     a, b = (np.array(errors(relative(found[true.first], found[true.second]), true.motions)) for found in poses)
     block = int(np.ceil(BLOCK_METRES * count / max(true.length, BLOCK_METRES)))

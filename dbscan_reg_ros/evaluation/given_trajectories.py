@@ -49,7 +49,7 @@ class GivenTrajectory:
         except ValueError:
             raise RecordingError(f'{text}: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]') from None
         if not Path(path).exists():
-            raise RecordingError(f'{path}: no such trajectory; expected a file in the form of TUM, or a folder of them')
+            raise RecordingError(f'{path}: no such trajectory; expected a file in TUM format, or a folder of these')
         return cls(Path(path), (x, y, math.radians(degrees)))
 
     def file(self, recording) -> Path:

@@ -151,7 +151,7 @@ def _timed(records, start, end):
 
 
 def _nothing(start, end, length):
-    return RecordingError(f'from {start:g} to {end:g} s: no message to keep; the recording goes on for {length:.3f} s')
+    return RecordingError(f'from {start:g} to {end:g} s: no message to keep; the recording lasts {length:.3f} s')
 
 
 def write_log(target: Path, records: Iterable[Record]) -> Counter[str]:

@@ -195,7 +195,7 @@ def test_of_several_scanners_the_front_one_is_taken_and_the_others_are_named(tmp
                     flaser(2.0))
     recording = open_recording(log)
     assert recording.topic == 'FLASER' and recording.count == 2
-    assert recording.notes == ['scans are taken from the FLASER lines; there are others: RAWLASER1, RLASER']
+    assert recording.notes == ['scans are taken from the FLASER lines; other lines with scans: RAWLASER1, RLASER']
     assert open_recording(log, 'RLASER').count == 1 and open_recording(log, 'RLASER').notes == []
 
 

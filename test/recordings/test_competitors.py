@@ -118,7 +118,7 @@ def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path
 
 
 @pytest.mark.parametrize(('words', 'says'), [
-    (('x=absent.tum',), 'absent.tum: no such trajectory; expected a file in the form of TUM, or a folder of them'),
+    (('x=absent.tum',), 'absent.tum: no such trajectory; expected a file in TUM format, or a folder of these'),
     (('x=absent.tum@1,2',), 'absent.tum@1,2: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]'),
     (('=a.tum',), '=a.tum: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER'),
     (('absent:align',), "method absent:align: No module named 'absent'; expected MODULE:FUNCTION, in the current "

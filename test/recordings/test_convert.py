@@ -216,7 +216,7 @@ def break_off(patch, count, error):
      'from 50 to 10 s: expected a start of 0 s or later, and an end'),
     ('lms511/static', 'b', {'end': math.nan}, 'from 0 to nan s: expected'),
     *((source, target, {'start': start},
-       f'from {start:g} to inf s: no message to keep; the recording goes on for {length}')
+       f'from {start:g} to inf s: no message to keep; the recording lasts {length}')
       for source, length in (('aces/aces.log.gz', 1318), ('lms511/static', 6))
       for target in ('b', 'b.bag', 'b.log', 'b.log.gz') for start in (1e5, math.inf)),
     ('intel/absent.log', 'b', {}, 'cannot be read'),

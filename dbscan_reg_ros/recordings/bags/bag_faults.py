@@ -103,7 +103,7 @@ def _of_named_file(file, metadata):
     if packed := _by_start(PACKED, start):
         if compression == packed[0]:
             return None
-        says = f'that it is compressed with {compression}' if compression else 'nothing of that'
+        says = f'that it is compressed with {compression}' if compression else 'that it is not compressed'
         return f'{name} is compressed with {packed[0]}, metadata.yaml says {says}; unpack it: ' \
                f'{packed[1]} {_quoted(file)}'
     kind = kind_of(start)

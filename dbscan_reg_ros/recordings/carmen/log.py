@@ -43,7 +43,7 @@ class CarmenLog(Recording):
         self._choose(front if front and topic is None else counts, topic)
         if topic is None and len(front) not in (0, len(counts)):
             rest = ', '.join(sorted(counts.keys() - front.keys()))
-            self._note(f'scans are taken from the {self.topic} lines; there are others: {rest}')
+            self._note(f'scans are taken from the {self.topic} lines; other lines with scans: {rest}')
         self._found = surveys[self.topic].findings('NEFF' in others)
         for note in self._found.notes:
             self._note(note)
