@@ -133,7 +133,7 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     Raises
     ------
     RecordingError
-        When the true motion is unknown; `TooShort` when it is known for too few scans.
+        When the true motion is unknown; `TooShort` when the true motion is known for too few scans.
     """
     both = np.array(trajectory_a.used) & np.array(trajectory_b.used)
     rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]

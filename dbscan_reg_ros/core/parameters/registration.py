@@ -44,8 +44,8 @@ class RotationParameters(ParameterGroup):
              'difference.')
     max_width: float = parameter(
         0.1, unit='rad', bounds=(0.0, 6.4),
-        help='A rotation cluster wider than this is clustered again with half the neighbourhood. Larger values accept '
-             'wider clusters; smaller values split more; 0 never clusters again.')
+        help='A rotation cluster wider than this is clustered again with half the neighbourhood radius. Larger values '
+             'accept wider clusters; smaller values split more; 0 never clusters again.')
     median_scale: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
         help='Distance from the median of a rotation cluster at which a sample keeps half its weight in the mean. '
@@ -97,8 +97,8 @@ class TranslationParameters(ParameterGroup):
              'translation.')
     max_width: float = parameter(
         0.15, unit='m', bounds=(0.0, 100.0),
-        help='A translation cluster with a larger spread than this is clustered again with half the neighbourhood. '
-             'Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
+        help='A translation cluster with a larger spread than this is clustered again with half the neighbourhood '
+             'radius. Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
     shortest_rotations: int = parameter(
         2, bounds=(0, 1000),
         help='Number of rotations, those with the largest weight first, that also get a hypothesis with the shortest '
@@ -172,8 +172,8 @@ class SelectionParameters(ParameterGroup):
              'longer; smaller values are faster.')
     min_support_ratio: float = parameter(
         0.6, bounds=(0.0, 1.0),
-        help='Without a prior, hypotheses with less than this fraction of the best support are dropped before the '
-             'refinement. Larger values drop more and are faster; smaller values drop fewer.')
+        help='Without a prior, hypotheses whose support is below this fraction of the best support are dropped before '
+             'the refinement. Larger values drop more hypotheses and are faster; smaller values drop fewer.')
     wide_search_score: float = parameter(
         0.5, bounds=(-1.0, 1.0),
         help='Score below which the wide search with more hypotheses follows; without a prior it also follows every '

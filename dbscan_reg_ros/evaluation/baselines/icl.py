@@ -14,7 +14,7 @@ MAX_DISTANCE = 2.0
 
 
 def prepare(scan):
-    """Return the scan's `Segments`; None where it has none."""
+    """Return the `Segments` of a scan; None if it has no segments."""
     try:
         segments = extract_features(scan).segments
     except ScanError:
