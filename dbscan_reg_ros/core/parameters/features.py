@@ -43,8 +43,9 @@ class RingBandParameters(ParameterGroup):
 
     test: str = parameter(
         'consensus', choices=('anchor', 'consensus', 'off'),
-        help='Outlier test of the ring band filter: consensus (outliers lie on no line through two other beams of '
-             'their ring), anchor (slopes from the beam before the ring, as in the paper) or off (no filter).')
+        help='Outlier test of the ring band filter: consensus, anchor (as in the paper) or off (no filter). With '
+             'consensus, an outlier lies on no line through two other beams of its ring. With anchor, the slope of an '
+             'outlier, seen from the beam before the ring, differs from the median slope.')
     inner_threshold: int = parameter(
         2, unit='beams', bounds=(1, 4),
         help='Threshold T1 of Eq. 4: an outlier is removed when the inner ring of three beams holds at least this many '
