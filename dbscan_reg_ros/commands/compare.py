@@ -30,8 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
                          'worse. Prints and draws the paired differences of the errors over 1 m with confidence '
                          'intervals (95 % for translation and rotation together), and the measures of evo where the '
-                         'truth is known. More competitors are compared with A and reported. Exit status 0: B is not '
-                         'worse; 1: B is worse; 3: no verdict, as B lacks more than 10 % of the scans.')
+                         'truth is known. More competitors are compared with A and reported. Exit status 0: B is '
+                         'not worse; 1: B is worse (with --all: any is); 2: an argument or a recording cannot be used; '
+                         '3: no verdict, as B lacks more than 10 % of the scans.')
     for name in 'ab':
         parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or a parameter set: defaults, '
                             f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults), '

@@ -88,25 +88,31 @@ def describe(registration) -> list:
              'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
              *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
              f'overlap     {registration.overlap:.3f}',
-             f'confidence  {registration.confidence:.3f}',
              *_describe_evidence(registration)]
     if registration.degenerate_direction is not None:
         lines.append(f'free        along {math.degrees(registration.degenerate_direction):.1f} deg of the reference')
     if registration.rotation_unobservable:
         lines.append('free        the rotation')
     lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
-    lines += [f'            score {h.score:.3f}  log-odds {h.log_odds:6.2f}  {_motion(h.transform)}'
+    lines += [f'            score {h.score:.3f}  {_log_odds(h)}{_motion(h.transform)}'
               f'{"  rival" if h in registration.rivals else ""}' for h in registration.hypotheses]
     return lines
 
 
+def _log_odds(hypothesis) -> str:
+    return f'log-odds {hypothesis.log_odds:6.2f}  ' if math.isfinite(hypothesis.log_odds) else ''
+
+
 def _describe_evidence(registration) -> list:
-    """Describe the evidence for a motion in lines of text."""
+    """Describe the confidence in a motion and the evidence for it in lines of text."""
     evidence, margin = registration.evidence, registration.margin
-    if evidence is None:
+    if not registration.hypotheses:
         return []
+    if evidence is None:
+        return ['confidence  not computed: selection.method divergence does not judge its result']
     rival = f'the log-odds of the best rival are {margin:.2f} less' if registration.rivals else 'no rival'
-    return [f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',
+    return [f'confidence  {registration.confidence:.3f}',
+            f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',
             f'            in free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
             f'current scan, {100 * evidence.conflicts_reference:.1f} % of the reference',
             f'            corners and free ends: {evidence.matched_ends} match, {evidence.unmatched_ends} that the '

@@ -14,9 +14,10 @@ LIDAR = (
     ('--range-min', float, 'M', 'smallest range of a return'),
     ('--range-max', float, 'M', 'largest range of a return'),
     ('--rate', float, 'HZ', 'scans per second'),
-    ('--duration', float, 'S', 'time from the first to the last beam; 0: all beams at once'),
-    ('--noise', float, 'M', 'lower limit of the standard deviation of a measured range'),
-    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where larger than --noise'),
+    ('--duration', float, 'S', 'time of one scan, from its first to its last beam (not of the drive); 0: all beams at '
+     'once'),
+    ('--noise', float, 'M', 'smallest standard deviation of a range'),
+    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where that is larger'),
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
     ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),

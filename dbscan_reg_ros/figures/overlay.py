@@ -35,7 +35,8 @@ def draw_overlay(figure, steps):
     _draw_rival(axes['after'], steps)
     low, high = drawn(axes['before'], axes['after'])
     plane(axes['before'], 'before', low, high)
-    title = (f'after, confidence {registration.confidence:.2f}: {100.0 * registration.overlap:.0f} % of the points '
+    confidence = f', confidence {registration.confidence:.2f}' if registration.evidence else ''
+    title = (f'after{confidence}: {100.0 * registration.overlap:.0f} % of the points '
              f'fit, {len(matched)} pairs of segments fit (thick)')
     plane(axes['after'], title, low, high)
     _draw_ellipse(axes['ellipse'], registration)

@@ -62,4 +62,4 @@ def _closed(measures):
 def _driven(measures):
     without = f' (jumps of the stamps left out: {measures["stamp_jumps"]})' if measures['stamp_jumps'] else ''
     return (f'{measures["driven_m"]:.2f} m in {measures["duration_s"]:.1f} s{without}, the end is '
-            f'{measures["end_m"]:.3f} m {measures["end_deg"]:.1f} deg from the start')
+            f'{measures["end_m"]:.3f} m and {measures["end_deg"]:.1f} deg from the start')

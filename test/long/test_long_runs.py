@@ -32,7 +32,7 @@ def test_three_runs_are_equal_to_the_last_bit(soaked):
 
 def test_the_node_says_the_same_to_the_last_bit(soaked, size):
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-    count = size(1000, 150_000)
+    count = size(2000, 150_000)
     figures = soak.drive_node(count, soaked[1])
     assert (figures['scans_count'], figures['lost_count'], figures['differ_count']) == (count, 0, 0)
     assert figures['growth_mb'] < 5.0

@@ -197,7 +197,7 @@ def test_without_truth_distance_time_and_end_points_are_reported(replay, drive, 
     metrics = whole(folder, 59)
     assert code == 0
     driven, seconds, metres, degrees = map(float, re.search(
-        r'^driven +([\d.]+) m in ([\d.]+) s, the end is ([\d.]+) m ([\d.]+) deg from the start$',
+        r'^driven +([\d.]+) m in ([\d.]+) s, the end is ([\d.]+) m and ([\d.]+) deg from the start$',
         capsys.readouterr().out, re.MULTILINE).groups())
     assert driven == pytest.approx(path_lengths(drive.truth[15:75])[-1], rel=0.02) and seconds == 5.9
     _, poses = read_tum(folder / 'trajectory.tum')
