@@ -45,8 +45,10 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
                        in zip(fine.candidates.tolist(), fine.score.tolist(), odds, strict=True))
     transform = hypotheses[0].transform
+    if certainty < p.min_confidence:
+        covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
     return Registration(
-        transform, covariance + rival_covariance(fine.candidates, np.array(odds), rivals), status,
+        transform, covariance, status,
         overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
         find_matches=partial(match_segments, reference.segments, current.segments, transform), reason=reason,
