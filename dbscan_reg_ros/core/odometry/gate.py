@@ -222,18 +222,17 @@ class Gate:
         change = self.predictions.best.pose.inverse() @ pose
         return math.hypot(change.x, change.y) > self._time_since_found
 
-    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict,
-                caveat: Reason | None = None) -> Registration:
+    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
         """Return the registration, no longer ``OK`` where the pose or the motion is not known in every direction.
 
         A match is tentative where few points constrain a motion that was not predicted well, where the result is a
-        correction, and where there is a `caveat`: the scans since a loss are not found in the map before it, or
-        movable objects alone constrain a direction.
+        correction, and, if `chained`, while the scans since a loss are not found in the map before it.
         """
         registration = demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
-        if registration.status is not Status.OK or not (caveat or self.is_correction(pose, verdict)):
+        if registration.status is not Status.OK or not (chained or self.is_correction(pose, verdict)):
             return registration
-        return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=(caveat or verdict.reason).value)
+        reason = Reason.SCAN_BEFORE if chained else verdict.reason
+        return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
     def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
         """Whether `pose` is within the gate of the best prediction or of the motion model.

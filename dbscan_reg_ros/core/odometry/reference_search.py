@@ -9,7 +9,7 @@ from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
 from .gate import Gate
-from .mapping.dynamic_points import Movable, without_dynamic_points
+from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
 from .models.motion import displacement_covariance
@@ -46,7 +46,6 @@ class ReferenceSearch:
         self._features, self._state, self._gate = features, state, gate
         self._parameters, self._search_parameters = parameters, search_parameters
         self._search_near, self._sensor = state.tracking.search_near, gate.sensor.name
-        self._by_movable = False
 
     def run(self) -> Outcome:
         """Register to the map; a scan that it does not know to the scan before; after a loss also to the lost map."""
@@ -58,13 +57,11 @@ class ReferenceSearch:
     def _search_map(self) -> Outcome:
         """Register to the local map, and unless its match is final to `fallback_references`."""
         window, best = self._state.key_frames, self._gate.predictions.best
-        static = self._static(Movable.LIGHT if self._state.tracking.constrained else Movable.UNCONFIRMED)
+        static = self._features
+        if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
+            static = without_dynamic_points(static, best.pose, window, self._parameters)
         latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
         match = self._match(latest, static, None)
-        if self._needs_movable(match, static):
-            static = self._static(Movable.STATIC)
-            self._by_movable = True
-            match = self._match(latest, static, None)
         outcome = Outcome(None, match.registration).joined(match)
         if not self._is_final(match):
             for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
@@ -74,21 +71,6 @@ class ReferenceSearch:
                 if self._is_final(match):
                     break
         return outcome
-
-    def _static(self, movable: Movable) -> Features:
-        """Return the scan without its dynamic points, as far as the prediction is good enough to tell them."""
-        best, p = self._gate.predictions.best, self._parameters
-        if best.prior.translation_sigma >= p.odometry.dynamic_margin:
-            return self._features
-        return without_dynamic_points(self._features, best.pose, self._state.key_frames, p, movable)
-
-    def _needs_movable(self, match: Match, static: Features) -> bool:
-        """Whether movable objects have to count as static: nothing else constrained one direction since the start.
-
-        There is no measured velocity that they could contradict. Without them the robot would be assumed to be at rest.
-        """
-        return (not self._state.tracking.constrained and match.degenerate_direction is not None
-                and not match.registration.rotation_unobservable and static.weights is not None)
 
     def _match_scan_before(self, tentative: Match | None) -> Match:
         """Register to the scan before, found or not, without a prediction; a `tentative` match is the alternative.
@@ -159,7 +141,7 @@ class ReferenceSearch:
                 direction = unresolved_direction(frame, registration, direction)
         verdict = self._gate.check(pose, registration, tentative is not None)
         return Match(key_frame=frame, pose=pose, unresolved_direction=direction, registration=registration,
-                     features=features, verdict=verdict, by_movable=self._by_movable)
+                     features=features, verdict=verdict)
 
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
         """Register the `static` points; also return the features that were used.

@@ -37,8 +37,6 @@ class Match:
     features : Features
         The scan without its dynamic points.
     verdict : Verdict
-    by_movable : bool
-        Whether movable objects had to count as static, as nothing else constrained a direction since the start.
     """
 
     key_frame: KeyFrame
@@ -47,12 +45,6 @@ class Match:
     registration: Registration
     features: Features
     verdict: Verdict
-    by_movable: bool = False
-
-    @property
-    def constrained(self) -> bool:
-        """Whether static points constrain the translation in every direction."""
-        return self.registration.degenerate_direction is None and not self.by_movable
 
     @property
     def degenerate_direction(self) -> float | None:

@@ -80,8 +80,6 @@ class Tracking:
         pose.
     lost : LostMap or None
         The map that scans were lost from, until one is found in it again, or for `odometry.restart_time`.
-    constrained : bool
-        Whether static points have constrained the translation in every direction, in one scan since the start.
     """
 
     mode: Mode = Mode.STARTING
@@ -93,7 +91,6 @@ class Tracking:
     found: SE2 | None = None
     last_scans: tuple[KeyFrame, ...] = ()
     lost: LostMap | None = None
-    constrained: bool = False
 
     def last_scan_of(self, sensor: str) -> KeyFrame | None:
         """Return the one of `last_scans` that is of a `sensor`."""

@@ -72,7 +72,8 @@ def join(state: TrackState, features: Features, predictions: Predictions, sensor
     state.pose = best.pose
     state.motion.join(best.pose, interval.middle_offset, sensor.name)
     frame = KeyFrame(features, sensor.pose_at(best.pose), number=state.output.number, sensor=sensor)
-    state.window = state.key_frames.with_frame(frame, p.odometry.window_size)
+    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+    state.window = state.key_frames.with_frame(frame, size)
     return report(state, features, ReportedStep(
         pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor, joined=True))
 
@@ -186,7 +187,8 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
         correction = found.pose @ chained.pose.inverse()
         state.motion.move(correction)
         frames += tuple(dataclasses.replace(frame, pose=correction @ frame.pose) for frame in state.key_frames.frames)
-    state.window = KeyFrameWindow(latest_frames(frames, p.odometry.window_size))
+    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+    state.window = KeyFrameWindow(latest_frames(frames, size))
     state.pose, state.covariance = lost.pose, lost.covariance
     state.covariance.reset_twist()
     state.tracking = dataclasses.replace(state.tracking, lost_time=0.0, lost=None, found=lost.pose)
@@ -208,10 +210,9 @@ class _FoundScan:
 
     def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
         self._state, self._match, self._gate, self._parameters, self._sensor = state, match, gate, p, gate.sensor
-        lost, caveat = state.tracking.lost, Reason.MOVABLE if match.by_movable else None
-        if lost is not None and lost.window is not state.window:
-            caveat = Reason.SCAN_BEFORE
-        self._registration = gate.demoted(match.pose, match.registration, match.verdict, caveat)
+        lost = state.tracking.lost
+        chained = lost is not None and lost.window is not state.window
+        self._registration = gate.demoted(match.pose, match.registration, match.verdict, chained)
 
     def update(self) -> OdometryUpdate:
         """Align the scan with the map, update the state, and report."""
@@ -260,7 +261,8 @@ class _FoundScan:
         constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
         frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number, self._sensor)
         if added:
-            state.window = state.key_frames.with_frame(frame, p.odometry.window_size, latest=due)
+            size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
+            state.window = state.key_frames.with_frame(frame, size, latest=due)
         last_scans = state.tracking.scans_with(self._sensor.name, None if added else frame)
         state.tracking = dataclasses.replace(state.tracking, last_scans=last_scans)
         if added and registration.status is Status.OK and p.manhattan.heading_drift:
@@ -291,8 +293,7 @@ class _FoundScan:
                 state.wheels = WheelCalibration()
         state.tracking = dataclasses.replace(
             state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability,
-            score=self._match.registration.score, found=state.pose,
-            constrained=state.tracking.constrained or self._match.constrained)
+            score=self._match.registration.score, found=state.pose)
 
 
 _MIN_CONSTRAINED = 0.2

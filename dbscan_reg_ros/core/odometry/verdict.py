@@ -27,7 +27,6 @@ class Reason(Enum):
     UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
     UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
     CONFIRMED = 'outside every gate, but the scan before was found at the same place'
-    MOVABLE = 'movable objects alone constrain a direction'
     GUESS = 'not reliable, but more likely than a weak prediction'
     SCAN_BEFORE = 'registered to the scan before, without a prediction'
     REJOINED = 'found again in the map before the loss, which corrects the pose'

@@ -149,11 +149,6 @@ class OdometryParameters(ParameterGroup):
         True, help='If true, points are corrected for the motion of the sensor during a scan, provided that the scan '
                    'states its time_increment.')
 
-    @property
-    def window_size(self) -> int:
-        """Largest number of key frames of each sensor in the window."""
-        return self.key_frames if self.reference == 'window' else 1
-
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):

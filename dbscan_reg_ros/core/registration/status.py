@@ -111,6 +111,8 @@ def judge(score: float, evidence: Evidence, observed: Observability, certainty: 
     if observed.rotation < parameters.min_information:
         return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
                                    f'expected at least {parameters.min_information}')
+    if score < parameters.min_score:
+        return Status.AMBIGUOUS, f'score {score:.2f}; expected at least {parameters.min_score}'
     if certainty < parameters.min_confidence:
         return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}'
     return Status.OK, ''

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dynamic points, which lie in the free space of key frames (people, doors, robots), and movable objects."""
 import math
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +14,7 @@ from .key_frame_window import KeyFrameWindow
 from .stacked_lookup import FreeSpaceStack
 
 
-class Movable(Enum):
-    """How much movable objects count."""
-
-    LIGHT = 'light'
-    """Little, until a key frame that saw them from elsewhere confirms them."""
-    UNCONFIRMED = 'unconfirmed'
-    """Little: they are not confirmed, as the distance between the key frames would follow from them alone."""
-    STATIC = 'static'
-    """As much as static points."""
-
-
-def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters,
-                           count: Movable = Movable.LIGHT) -> Features:
+def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters) -> Features:
     """Remove the dynamic points of a scan, and reduce the weights of movable objects.
 
     Movable objects and poles keep their weight where a key frame saw them in the same position from elsewhere.
@@ -39,7 +26,6 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
         Pose of the scan in the odometry frame.
     window : KeyFrameWindow
     parameters : Parameters
-    count : Movable
     """
     p = parameters.odometry
     features, candidates = _remove_dynamic(features, pose, window, parameters)
@@ -49,14 +35,12 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
         movable = movable[:0]
     if features.poles:
         movable = np.concatenate((movable, np.arange(len(walls), len(features.oriented_points))))
-    if not len(movable) or count is Movable.STATIC:
+    if not len(movable):
         return features
     points = features.oriented_points.select(movable)
-    weights = movable_weights(points, p.movable_size, p.dynamic_margin, p.movable_weight)
-    if count is Movable.UNCONFIRMED:
-        return features.downweighted(movable, weights)
     confirmed = window.confirmed(
         pose, points, p.static_baseline, parameters.refinement.score_scale, parameters.density.min_normal_cosine)
+    weights = movable_weights(points, p.movable_size, p.dynamic_margin, p.movable_weight)
     return features.downweighted(movable, np.maximum(confirmed, weights))
 
 

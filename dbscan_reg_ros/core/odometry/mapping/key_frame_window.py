@@ -84,10 +84,11 @@ class KeyFrameWindow:
 
     def free_space(self, frames: int) -> FreeSpaceStack:
         """Return the free-space profiles of the latest key frames, as many `frames` for each sensor."""
-        if frames not in self._free_space:
-            profiles = [frame.features.free_space for frame in latest_frames(self.frames, frames)]
-            self._free_space = {frames: FreeSpaceStack(profiles, *(part[-len(profiles):] for part in self.poses))}
-        return self._free_space[frames]
+        count = frames * len(self.sensors)
+        if count not in self._free_space:
+            profiles = [frame.features.free_space for frame in self.frames[-count:]]
+            self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self.poses))}
+        return self._free_space[count]
 
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
         """Look up correspondences, as `look_up_correspondences`."""
