@@ -122,7 +122,7 @@ def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
 def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
     """Return the fields of a MarkerArray of the segments of reference and scan; matched ones have stronger colours.
 
-    The array always has the same four markers. Each adds its lines, or is deleted if it has none.
+    The array always has the same four markers. The action of a marker is ADD if it has lines, otherwise DELETE.
 
     Parameters
     ----------

@@ -84,8 +84,9 @@ class SegmentParameters(ParameterGroup):
              'surfaces. Larger values join surfaces across gaps; smaller values cut walls seen at a grazing angle.')
     breakpoint_noise: float = parameter(
         5.0, bounds=(0.0, 100.0),
-        help='Multiple of the range noise that is added to the threshold of Eq. 5. Larger values keep noisy surfaces '
-             'in one piece; smaller values cut them more often.')
+        help='Multiple of the range noise that is added to the distance beyond which two neighbouring points lie on '
+             'different surfaces (Eq. 5). Larger values keep noisy surfaces in one piece; smaller values cut them more '
+             'often.')
     max_gap: int = parameter(
         8, unit='beams', bounds=(1, 1000),
         help='Two neighbouring points that are more than this many beams apart lie on different surfaces. Larger '

@@ -272,8 +272,8 @@ class RefinementParameters(ParameterGroup):
     map_scale: float = parameter(
         0.01, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last iteration against the key-frame window, and standard deviation of a point '
-             'there relative to the prediction; at least the range noise. Larger values use more points and give the '
-             'prediction more weight; smaller values resist outliers more.')
+             'when points are weighed against the prediction; the range noise where that is larger. Larger values use '
+             'more points and give the prediction more weight; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '

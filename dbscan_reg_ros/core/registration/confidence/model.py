@@ -63,8 +63,9 @@ def probability(odds: float) -> float:
 def prior_gain(prior: Prior, candidate: FloatArray) -> float:
     """Return what a prior adds to the log-odds of a motion (Bayes' rule).
 
-    It is the logarithm of the density at the motion over that of the motions which the model was fitted to. The density
-    is a normal distribution by the prior, or with some probability, as priors may be wrong, that of any motion.
+    It is the logarithm of the density at the motion over that of the motions which the model was fitted to. The
+    density is a mixture: the normal distribution of the prior and, with a small weight because a prior may be wrong,
+    the density of any motion.
     """
     squared = float(squared_mahalanobis(candidate[None], prior)[0])
     normaliser = math.sqrt((2.0 * math.pi) ** len(candidate) * float(np.linalg.det(prior.covariance)))
