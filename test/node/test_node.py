@@ -323,8 +323,8 @@ def test_a_least_value_is_never_set_above_the_greatest_whatever_the_order(node, 
     parameters = Parameters(peer)
     [least, greatest] = parameters.set(scan__noise_min=0.06, scan__noise_max=0.1)
     assert (least.successful, greatest.successful) == (False, True)
-    assert ('scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or first'
-            in least.reason)
+    assert ('scan.noise_min = 0.06: expected at most scan.noise_max, which is 0.05; set both at once, or '
+            'change the other limit first' in least.reason)
     assert parameters.get('scan.noise_min', 'scan.noise_max') == [0.004, 0.1]
     assert parameters.set(scan__noise_min=0.06)[0].successful
     assert not parameters.set(scan__noise_max=0.01)[0].successful
