@@ -34,11 +34,32 @@ def demo(args):
     from ..replays.faults import Faults
 
     with interruptible(*ENDING):
+        words = _node_words(args.params_file)
         recording = _recording(args)
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)
-        answers = _play(recording, out, args)
+        answers = _play(recording, out, words, args)
         return _report(recording, answers, out, Faults(lambda error: explain(error)[1], args.verbose))
+
+
+def _node_words(path) -> list:
+    """Return the arguments of the node: the parameter file at `path`, if any, with the mounting none instead of tf.
+
+    Raises
+    ------
+    CommandError
+        When the file names several lidars.
+    """
+    from ..robot.parameter_files import read_parameters
+
+    if not path:
+        return ['--ros-args', '-p', 'mounting:=none']
+    parameters = read_parameters(path)
+    if len(parameters.scan_topics) > 1:
+        raise CommandError(f'{path} names {len(parameters.scan_topics)} scan_topics, but demo takes one '
+                           'lidar: use replay --topic A --topic B')
+    mounting = ['-p', 'mounting:=none'] if parameters.mounting == 'tf' else []
+    return ['--ros-args', '--params-file', path, *mounting]
 
 
 def _recording(args):
@@ -51,23 +72,15 @@ def _recording(args):
     return SimulatedRecording('building', simulated_building())
 
 
-def _play(recording, out, args):
+def _play(recording, out, words, args):
     """Start a node, and the live page if requested; play the recording and return the `Answers` of the node."""
     from tqdm import tqdm
 
     from ..node.playback.player import Player
-    from ..robot.parameter_files import read_parameters
     from .private_graph import private_graph
     from .processes import Process, package_command
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
-    words = ['--ros-args', '--params-file', args.params_file] if args.params_file else ['--ros-args']
-    parameters = read_parameters(args.params_file) if args.params_file else None
-    if parameters and len(parameters.scan_topics) > 1:
-        raise CommandError(f'{args.params_file} names {len(parameters.scan_topics)} scan_topics, but demo takes one '
-                           'lidar: use replay --topic A --topic B')
-    if not parameters or parameters.mounting == 'tf':
-        words += ['-p', 'mounting:=none']
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
           Player() as player):
