@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Alignment of a scan that was found with the map, and whether it becomes a key frame."""
-import math
+"""Alignment of a scan that was found with the map."""
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration
 from .mapping.correspondences import Correspondences, PosePrior
 from .mapping.key_frame_window import KeyFrameWindow
-from .mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty, sees_new_surface
+from .mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty
 from .models.motion import MotionConstraints
 from .prediction import Predictions
 from .references import Match
@@ -78,33 +77,3 @@ def align_scan(window: KeyFrameWindow, match: Match, prior: PosePrior, predictio
         window, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
     covariance, observed = step(alignment_uncertainty)(match.features, pose, correspondences, initial, p)
     return Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)
-
-
-def is_due(match: Match, aligned: Aligned, overlap: float, window: KeyFrameWindow, sensor: str, p: Parameters) -> bool:
-    """Whether a scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it.
-
-    Parameters
-    ----------
-    match : Match
-    aligned : Aligned
-    overlap : float
-        `Registration.overlap` of the scan.
-    window : KeyFrameWindow
-    sensor : str
-        Name of the sensor of the scan.
-    p : Parameters
-    """
-    frame = match.key_frame
-    motion = frame.pose.inverse() @ aligned.pose
-    return (p.odometry.reference == 'previous' or sensor not in window.sensors
-            or frame is not window.frames_of(sensor)[-1]
-            or math.hypot(motion.x, motion.y) > p.odometry.key_frame_distance
-            or abs(motion.theta) > p.odometry.key_frame_angle or overlap < p.odometry.key_frame_overlap)
-
-
-def completes_map(match: Match, aligned: Aligned, p: Parameters) -> bool:
-    """Whether a scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
-    direction, correspondences = match.degenerate_direction, aligned.correspondences
-    if direction is None or correspondences is None:
-        return False
-    return sees_new_surface(match.features, aligned.pose, correspondences, direction, p)

@@ -18,8 +18,8 @@ from ..registration.pipeline import load_strategies
 from ..registration.records import Prior
 from ..scan import Scan
 from . import update
-from .deskew import deskew
 from .gate import Gate
+from .models.deskew import deskew
 from .models.stamps import Jump, ScanInterval, middle_offset
 from .prediction import Predictions, predict
 from .records import OdometryUpdate

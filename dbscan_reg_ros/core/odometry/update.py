@@ -22,8 +22,9 @@ from ..geometry.symmetric_matrix import inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
-from .alignment import Aligned, align_scan, completes_map, is_due
+from .alignment import Aligned, align_scan
 from .gate import Gate
+from .key_frame_decision import completes_map, is_due
 from .mapping.correspondences import PosePrior
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow, latest_frames
@@ -72,8 +73,7 @@ def join(state: TrackState, features: Features, predictions: Predictions, sensor
     state.pose = best.pose
     state.motion.join(best.pose, interval.middle_offset, sensor.name)
     frame = KeyFrame(features, sensor.pose_at(best.pose), number=state.output.number, sensor=sensor)
-    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-    state.window = state.key_frames.with_frame(frame, size)
+    state.window = state.key_frames.with_frame(frame, p.odometry.window_size)
     return report(state, features, ReportedStep(
         pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor, joined=True))
 
@@ -187,8 +187,7 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
         correction = found.pose @ chained.pose.inverse()
         state.motion.move(correction)
         frames += tuple(dataclasses.replace(frame, pose=correction @ frame.pose) for frame in state.key_frames.frames)
-    size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-    state.window = KeyFrameWindow(latest_frames(frames, size))
+    state.window = KeyFrameWindow(latest_frames(frames, p.odometry.window_size))
     state.pose, state.covariance = lost.pose, lost.covariance
     state.covariance.reset_twist()
     state.tracking = dataclasses.replace(state.tracking, lost_time=0.0, lost=None, found=lost.pose)
@@ -261,8 +260,7 @@ class _FoundScan:
         constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
         frame = KeyFrame(match.features, aligned.pose, constrained, state.output.number, self._sensor)
         if added:
-            size = p.odometry.key_frames if p.odometry.reference == 'window' else 1
-            state.window = state.key_frames.with_frame(frame, size, latest=due)
+            state.window = state.key_frames.with_frame(frame, p.odometry.window_size, latest=due)
         last_scans = state.tracking.scans_with(self._sensor.name, None if added else frame)
         state.tracking = dataclasses.replace(state.tracking, last_scans=last_scans)
         if added and registration.status is Status.OK and p.manhattan.heading_drift:

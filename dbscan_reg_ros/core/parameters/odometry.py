@@ -149,6 +149,11 @@ class OdometryParameters(ParameterGroup):
         True, help='If true, points are corrected for the motion of the sensor during a scan, provided that the scan '
                    'states its time_increment.')
 
+    @property
+    def window_size(self) -> int:
+        """Number of key frames that are kept for each sensor."""
+        return self.key_frames if self.reference == 'window' else 1
+
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scan import Scan
+from ...scan import Scan
 
 
 def deskew(scan: Scan, twist: NDArray[np.float64] | Sequence[float]) -> Scan:

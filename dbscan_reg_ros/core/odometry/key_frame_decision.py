@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Key-frame decision: whether a scan becomes a key frame.
+
+A scan becomes the latest key frame when it `is_due`. One that is not, but `completes_map`, joins the window before the
+latest one.
+"""
+import math
+
+from ..parameters.tree import Parameters
+from .alignment import Aligned
+from .mapping.key_frame_window import KeyFrameWindow
+from .mapping.scan_to_map import sees_new_surface
+from .references import Match
+
+
+def is_due(match: Match, aligned: Aligned, overlap: float, window: KeyFrameWindow, sensor: str, p: Parameters) -> bool:
+    """Whether a scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it.
+
+    Parameters
+    ----------
+    match : Match
+    aligned : Aligned
+    overlap : float
+        `Registration.overlap` of the scan.
+    window : KeyFrameWindow
+    sensor : str
+        Name of the sensor of the scan.
+    p : Parameters
+    """
+    frame = match.key_frame
+    motion = frame.pose.inverse() @ aligned.pose
+    return (p.odometry.reference == 'previous' or sensor not in window.sensors
+            or frame is not window.frames_of(sensor)[-1]
+            or math.hypot(motion.x, motion.y) > p.odometry.key_frame_distance
+            or abs(motion.theta) > p.odometry.key_frame_angle or overlap < p.odometry.key_frame_overlap)
+
+
+def completes_map(match: Match, aligned: Aligned, p: Parameters) -> bool:
+    """Whether a scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
+    direction, correspondences = match.degenerate_direction, aligned.correspondences
+    if direction is None or correspondences is None:
+        return False
+    return sees_new_surface(match.features, aligned.pose, correspondences, direction, p)
