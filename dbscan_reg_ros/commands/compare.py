@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``compare A B FILE...``: two parameter sets or methods on the same recordings."""
+import itertools
 import string
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,11 +29,12 @@ LETTERS = string.ascii_uppercase
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
-                         'worse. Prints and draws the paired differences of the errors over 1 m with confidence '
-                         'intervals (95 % for translation and rotation together), and the measures of evo where the '
-                         'truth is known. More competitors are compared with A and reported. Exit status 0: B is '
-                         'not worse; 1: B is worse (with --all: any is); 2: an argument or a recording cannot be used; '
-                         '3: no verdict, as B lacks more than 10 % of the scans.')
+                         'worse. Prints one table of all competitors with their errors over 1 m, and APE and RPE as '
+                         'evo computes them where true poses are known; then the paired differences of the errors over '
+                         '1 m with confidence intervals (95 % for translation and rotation together). More competitors '
+                         'are compared with A and reported. Exit status 0: B is not worse; 1: B is worse (with --all: '
+                         'any is); 2: an argument or a recording cannot be used; 3: no verdict, as B lacks more than '
+                         '10 % of the scans.')
     for name in 'ab':
         parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or a parameter set: defaults, '
                             f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults), '
@@ -60,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def compare(args):
     """Run all competitors over every recording; print and write the comparison; return the exit `status`."""
     from ..evaluation.comparison import known_motion
+    from ..evaluation.competitor_results import describe as describe_results
+    from ..evaluation.competitor_results import results_of
     from ..evaluation.known_motion import KnownMotion
     from ..recordings import find_recording
     from ..recordings.truth import read_truth
@@ -83,12 +87,15 @@ def compare(args):
     names = unique([path.name for path in paths])
     comparisons = compared(dict(zip(names, zip(known, trajectories, strict=True), strict=True)), competitors, args.seed)
     folder = new_folder(Path(args.out) / 'compare')
-    folders = unique([recording.name for recording in recordings])
-    lines = measures(folder, folders, known, trajectories)
-    text = '\n'.join([*map(describe, comparisons), *lines])
+    folders = [folder / name for name in unique([recording.name for recording in recordings])]
+    results = []
+    for each in zip(names, folders, known, trajectories, strict=True):
+        each[1].mkdir()
+        results.append(results_of(*each, comparisons))
+    text = '\n\n'.join(['\n'.join(describe_results([*itertools.chain(*results)])), *map(describe, comparisons)])
     print(text, flush=True)
-    write_comparison(folder, comparisons, text)
-    write_pages([folder / name for name in folders], recordings, known, trajectories, comparisons)
+    write_comparison(folder, comparisons, results, text)
+    write_pages(folders, recordings, known, trajectories, results)
     point_latest(folder)
     print(f'results  {folder}')
     return status([*comparisons] if args.all else comparisons[:1])
@@ -161,42 +168,7 @@ def status(comparisons) -> int:
     return 0 if all(comparison.judged for comparison in comparisons) else INCOMPLETE
 
 
-def measures(folder, names, known, trajectories):
-    """Yield a table of the evo measures of all competitors; write the trajectories from which they are computed."""
-    from ..evaluation.evo_measures import ape_rmse, rpe_rmse
-
-    lines = []
-    for name, motion, row in zip(names, known, trajectories, strict=True):
-        if motion.truth is None:
-            continue
-        below = folder / name
-        below.mkdir(exist_ok=True)
-        for letter, trajectory in zip(LETTERS, row, strict=False):
-            poses, reference = written(below, letter, trajectory, motion.truth)
-            if len(poses) > 1:
-                metres, degrees = rpe_rmse(poses, reference)
-                lines.append(f'{name:20}  {letter} {ape_rmse(poses, reference):12.6f} {metres:14.6f} {degrees:16.6f}')
-    if lines:
-        yield f'{"recording":20}    {"APE rmse [m]":>12} {"RPE rmse [m]":>14} {"RPE rmse [deg]":>16}    as by evo'
-        yield from lines
-
-
-def written(folder, letter, trajectory, truth):
-    """Write a trajectory, and the truth at its stamps, in TUM format; read both files again and return the contents."""
-    import numpy as np
-
-    from ..recordings import interpolate, read_tum, write_tum
-    stamps, poses = np.array(trajectory.stamps, dtype=np.int64), trajectory.pose_array()
-    stamps, first = np.unique(stamps, return_index=True)
-    reference = interpolate(*truth, stamps)
-    there = np.isfinite(reference).all(axis=1)
-    files = folder / f'{letter}.tum', folder / f'truth_of_{letter}.tum'
-    for file, content in zip(files, (poses[first], reference), strict=True):
-        write_tum(file, stamps[there], content[there])
-    return tuple(read_tum(file)[1] for file in files)
-
-
-def write_comparison(folder, comparisons, text):
+def write_comparison(folder, comparisons, results, text):
     """Write table.txt, comparison.json, comparison.png (B against A) and a picture for each competitor after B."""
     import dataclasses
     import json
@@ -206,7 +178,8 @@ def write_comparison(folder, comparisons, text):
     (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
     contents = [{'b': c.b, 'judged': c.judged, 'coverage': c.coverage, 'differences': {
         name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in c.table.items()}} for c in comparisons]
-    content = {'a': comparisons[0].a, **contents[0], 'others': contents[1:]}
+    content = {'table': [each.as_json() for each in itertools.chain(*results)], 'a': comparisons[0].a, **contents[0],
+               'others': contents[1:]}
     (folder / 'comparison.json').write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
     for c in comparisons:
         if c.table:
@@ -214,31 +187,17 @@ def write_comparison(folder, comparisons, text):
             plot_differences(folder / file, c.table, Path(c.a).name, Path(c.b).name)
 
 
-def write_pages(folders, recordings, known, trajectories, comparisons):
+def write_pages(folders, recordings, known, trajectories, results):
     """Write a page with all competitors into the folder of each recording, and an index of all recordings."""
-    from ..replays.page.entries import COMPARISON_COLUMNS, comparison_row, write_comparison_page
+    from ..replays.page.entries import COMPARISON_COLUMNS, comparison_entry, write_comparison_page
     from ..replays.page.index import write_index
 
-    names = [f'A: {comparisons[0].a}', *(f'{c.letter}: {c.b}' for c in comparisons)]
     entries = []
-    for place, (folder, recording, row) in enumerate(zip(folders, recordings, trajectories, strict=True)):
-        folder.mkdir(exist_ok=True)
-        entry = write_comparison_page(folder / 'report.html', recording, known[place], row, names)
-        tables = [list(c.table.values())[place] if len(c.table) > len(folders) else [] for c in comparisons]
-        found = [([d.a for d in tables[0]], ''), *(([d.b for d in table], _verdict(c, table))
-                                                   for c, table in zip(comparisons, tables, strict=True))]
-        entries.append(entry._replace(rows=[comparison_row(name, trajectory, *each) for name, trajectory, each in
-                                            zip(names, row, found, strict=True)]))
-    title = f'Comparison of {len(names)} competitors'
+    for folder, *each, rows in zip(folders, recordings, known, trajectories, results, strict=True):
+        drawn = write_comparison_page(folder / 'report.html', *each, [f'{row.letter}: {row.name}' for row in rows])
+        entries.append(comparison_entry(f'{folder.name}/report.html', drawn, rows))
+    title = f'Comparison of {len(results[0])} competitors'
     write_index(folders[0].parent / 'index.html', title, COMPARISON_COLUMNS, entries)
-
-
-def _verdict(comparison, row):
-    """Return the verdict on one recording in words, separately for translation and rotation."""
-    if not comparison.judged:
-        return 'not judged'
-    words = [f'{d.verdict} in {what}' for d, what in zip(row, ('translation', 'rotation'), strict=True) if d.verdict]
-    return ', '.join(words) or 'neither better nor worse'
 
 
 def describe(comparison) -> str:
@@ -260,6 +219,4 @@ def describe(comparison) -> str:
 def _conclusion(comparison):
     if not comparison.judged:
         return f'is not judged: it has less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
-    verdicts = [f'{d.verdict} in {what}'
-                for d, what in zip(comparison.table[ALL], ('translation', 'rotation'), strict=True) if d.verdict]
-    return f'is {" and ".join(verdicts) or "neither better nor worse"}'
+    return f'is {comparison.verdict(ALL)}'

@@ -85,11 +85,12 @@ class Competitor:
         return Odometry(self.parameters.for_odometry()) if self.parameters else tracker(self.method)
 
     @staticmethod
-    def _take(trajectory, stamps, poses):
-        """Fill a `Trajectory` with the poses ``(N, 3)`` that are finite."""
+    def _take(trajectory, stamps, matched):
+        """Fill a `Trajectory` with the poses that a trajectory file has at the `stamps` ``(N,)`` [ns]."""
         from ..core.registration.records import Status
 
-        for stamp, pose in zip(stamps, poses.tolist(), strict=True):
+        trajectory.explanation = matched.explanation
+        for stamp, pose in zip(stamps, matched.poses.tolist(), strict=True):
             there = pose[0] == pose[0]
             trajectory.used.append(there)
             if there:

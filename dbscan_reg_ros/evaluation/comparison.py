@@ -9,6 +9,7 @@ from ..core.errors import RecordingError
 from ..recordings import interpolate
 from ..recordings.poses import relative
 from .known_motion import KnownMotion
+from .matching import outside
 from .metrics import apart, errors, path_lengths, related
 
 METRES = 1.0
@@ -111,6 +112,14 @@ class Comparison:
         """Whether the competitor is worse than A with confidence."""
         return self.judged and any(d.worse for d in self.table['all'])
 
+    def verdict(self, recording) -> str:
+        """Return in words whether the competitor is better or worse than A on a recording, or on ``all``."""
+        if not self.judged:
+            return 'not judged'
+        words = [f'{d.verdict} in {what}'
+                 for d, what in zip(self.table[recording], ('translation', 'rotation'), strict=True) if d.verdict]
+        return ' and '.join(words) or 'neither better nor worse'
+
 
 def coverage(trajectory_a, trajectory_b) -> float:
     """Return the fraction of the scans with a pose in trajectory A that also have a pose in trajectory B."""
@@ -141,6 +150,9 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
     true = _true_motions(known, stamps, poses[0])
     count = len(true.first)
+    if not count and known.truth and (times := outside(known.truth[0], stamps)):
+        raise TooShort(f'too few scans lie within the time of the truth, which has {times}: expected the stamps of the '
+                       'scans in it, in seconds')
     if count < FEWEST_BLOCKS:
         raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}: compare a longer drive, '
                        'or more of its scans')

@@ -3,6 +3,8 @@
 
 evo has the GPL licence: nothing of it is imported or copied. A test compares the results with those of its commands.
 """
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..recordings.poses import relative
@@ -14,11 +16,46 @@ TOLERANCE = 0.1
 """Pairs whose path differs from `DELTA` by more than this fraction are left out."""
 
 
-def ape_rmse(poses, reference) -> float:
+@dataclass(frozen=True)
+class EvoMeasures:
+    """Measures of a trajectory; a measure is None if it cannot be computed.
+
+    Attributes
+    ----------
+    ape_m : float or None
+        Root mean square of the absolute position error after alignment [m].
+    rpe_m, rpe_deg : float or None
+        Root mean squares of the relative pose errors over `DELTA`: translation [m], rotation [deg].
+    reasons : list of str
+        Why measures are missing.
+    """
+
+    ape_m: float | None
+    rpe_m: float | None
+    rpe_deg: float | None
+    reasons: list
+
+
+def evo_measures(poses, reference) -> EvoMeasures:
+    """Return the measures that can be computed for `poses` and a `reference` at the same stamps, both ``(N, 3)``."""
+    if len(poses) <= 1:
+        return EvoMeasures(None, None, None, [
+            f'no APE and no RPE: {len(poses) or "none"} of its poses lies within the time of the truth'])
+    ape, rpe, reasons = ape_rmse(poses, reference), rpe_rmse(poses, reference), []
+    if ape is None:
+        reasons.append('no APE: its poses, or the true ones, lie at one place or on one straight line, and evo does '
+                       'not align these')
+    if rpe is None:
+        reasons.append(f'no RPE: the true path has no two of its poses about {DELTA:g} m apart')
+    metres, degrees = rpe or (None, None)
+    return EvoMeasures(ape, metres, degrees, reasons)
+
+
+def ape_rmse(poses, reference) -> float | None:
     """Return the root mean square of the absolute position error after alignment [m], as ``evo_ape --align`` does.
 
     The alignment is the least-squares orthogonal matrix and translation in three dimensions (Umeyama 1991), which may
-    also mirror planar poses. The result is NaN if the poses lie on a line, which evo does not align.
+    also mirror planar poses. The result is None if the poses lie on a line, which evo does not align.
 
     Parameters
     ----------
@@ -28,7 +65,7 @@ def ape_rmse(poses, reference) -> float:
     a, b = poses[:, :2] - poses[:, :2].mean(axis=0), reference[:, :2] - reference[:, :2].mean(axis=0)
     u, spread, vt = np.linalg.svd(b.T @ a / len(a))
     if spread[1] <= np.finfo(float).eps:
-        return np.nan
+        return None
     return float(np.sqrt(((a @ (u @ vt).T - b) ** 2).sum(axis=1).mean()))
 
 
@@ -36,11 +73,11 @@ def rpe_rmse(poses, reference):
     """Return the RMS of the relative pose errors over `DELTA` of the reference path: translation [m], rotation [deg].
 
     The command is ``evo_rpe --delta 1 --delta_unit m --all_pairs --pairs_from_reference``, with ``--pose_relation
-    trans_part`` and ``angle_deg``. The results are NaN if there is no pair of poses.
+    trans_part`` and ``angle_deg``. The result is None if there is no pair of poses.
     """
     first, second = all_pairs(reference)
     if not len(first):
-        return np.nan, np.nan
+        return None
     found = errors(relative(poses[first], poses[second]), relative(reference[first], reference[second]))
     return tuple(float(np.sqrt((values ** 2).mean())) for values in found)
 

@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..recordings import interpolate, read_tum
+from ..recordings import read_tum
 from ..recordings.poses import compose
-from .metrics import SAME_SCAN_WITHIN
-
-LONGEST_GAP = 3.0
-"""Longest gap over which poses are interpolated, as a multiple of the median interval of scans."""
+from .matching import Matched, match
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class GivenTrajectory:
             raise RecordingError(f'{path}: no such trajectory of the recording {recording}')
         return path
 
-    def poses_at(self, recording, stamps):
+    def poses_at(self, recording, stamps) -> Matched:
         """Return the poses of the sensor at the scans of a recording.
 
         Parameters
@@ -68,21 +65,7 @@ class GivenTrajectory:
             Name of the recording.
         stamps : sequence of int (N,)
             Stamps of the scans [ns].
-
-        Returns
-        -------
-        poses : (N, 3) float [m, m, rad]
-            NaN if the trajectory has no pose at the stamp of a scan and no poses close before and after it.
         """
-        stamps = np.asarray(stamps, dtype=np.int64)
         own, poses = read_tum(self.file(recording))
-        if not len(own):
-            return np.full((len(stamps), 3), np.nan)
-        found = interpolate(own, compose(poses, np.broadcast_to(self.mounting, poses.shape)), stamps)
-        own = np.unique(own)
-        after = np.clip(np.searchsorted(own, stamps), 1, max(len(own) - 1, 1)) % len(own)
-        before = np.maximum(after - 1, 0)
-        nearest = np.minimum(np.abs(own[after] - stamps), np.abs(own[before] - stamps))
-        longest = LONGEST_GAP * np.median(np.abs(np.diff(stamps))) if len(stamps) > 1 else 0.0
-        found[(nearest >= SAME_SCAN_WITHIN) & (own[after] - own[before] > longest)] = np.nan
-        return found
+        mounted = compose(poses, np.broadcast_to(self.mounting, poses.shape))
+        return match(own, mounted, np.asarray(stamps, dtype=np.int64))

@@ -36,6 +36,8 @@ class Trajectory:
         How often tracking restarted at the last pose.
     problems : list of str
         Why scans were not used; they are numbered from 0.
+    explanation : str
+        For the trajectory of another program: which scans have a pose in it, and why others have none.
     """
 
     yaw: float = 0.0
@@ -47,6 +49,7 @@ class Trajectory:
     used: list = field(default_factory=list)
     problems: list = field(default_factory=list)
     restarts: int = 0
+    explanation: str = ''
 
     def follow(self, scans, odometry):
         """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""

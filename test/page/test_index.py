@@ -11,6 +11,7 @@ from dbscan_reg_ros import SE2, Odometry
 from dbscan_reg_ros.commands.compare import write_pages
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.evaluation.comparison import Comparison, Difference
+from dbscan_reg_ros.evaluation.competitor_results import results_of
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
 from dbscan_reg_ros.replays.page.entries import replay_entry, write_replay_index
@@ -78,7 +79,11 @@ def compared(simulation, known, replayed, tmp_path):
     row = [Difference(0.1, 0.2, 0.05, 0.15, 'm'), Difference(1.0, 1.0, -0.1, 0.1, 'deg')]
     comparisons = [Comparison('B', 'ours', 'half', {'x': 0.5}, {'x': row, 'all': row}),
                    Comparison('C', 'ours', 'again', {'x': 1.0}, {'x': row, 'all': row})]
-    write_pages([tmp_path / 'x'], [Recorded('x', simulation)], [known], [[ours, other, still]], comparisons)
+    (tmp_path / 'x').mkdir()
+    trajectories = [ours, other, still]
+    results = results_of('x', tmp_path / 'x', known, trajectories, comparisons)
+    (tmp_path / 'rows.json').write_text('\n'.join(json.dumps(each.as_json()) for each in results))
+    write_pages([tmp_path / 'x'], [Recorded('x', simulation)], [known], [trajectories], [results])
     return tmp_path
 
 
@@ -105,7 +110,11 @@ def test_the_index_of_a_comparison_has_a_row_for_each_competitor_with_its_verdic
     rows = browser.value(CELLS)
     assert [row[:2] for row in rows] == [['x', 'A: ours'], ['x', 'B: half'], ['x', 'C: again']]
     assert [row[-1] for row in rows] == ['', 'not judged', 'worse in translation']
-    assert [row[5] for row in rows] == ['0.1000', '0.2000', '0.2000']
+    assert [row[6] for row in rows[1:]] == ['0.2000', '0.2000'] and [row[4] for row in rows] == ['100', '50', '100']
+    content = [json.loads(line) for line in (compared / 'rows.json').read_text().splitlines()]
+    assert [row[8:11] for row in rows] == [[f'{each[name]:.6f}' for name in ('ape_m', 'rpe_m', 'rpe_deg')]
+                                           for each in content]
+    assert 0.0 < content[0]['ape_m'] < 0.05 and content[1]['ape_m'] < 0.05
     assert browser.value('document.querySelector("tbody a").getAttribute("href")') == 'x/report.html'
 
 

@@ -145,6 +145,81 @@ def test_the_truth_is_read_from_a_file(compare, write, truth, form, tmp_path):
     assert content['differences']['all']['m']['b'] > 0.4
 
 
+def test_one_table_has_all_competitors_printed_and_written(compare, write, tmp_path):
+    a, b, c = write('a', 0.002), write('b', 0.01, seed=1), write('c', 0.05, seed=2)
+    _, printed, content = compare(a, b, '--trajectory', c, '--method', 'identity')
+    head, *rows = printed.out.splitlines()[1:6]
+    assert [row.split()[:3] for row in rows] == [['hall', letter, name] for letter, name in zip(
+        'ABCD', ('a', 'b', 'identity', 'c'), strict=True)]
+    assert head.split()[:2] == ['recording', 'competitor']
+    assert rows[3].endswith('worse in translation and worse in rotation')
+    assert (tmp_path / 'compare/latest/table.txt').read_text() in printed.out
+    assert [row['name'] for row in content['table']] == ['a', 'b', 'identity', 'c']
+    for row, line in zip(content['table'], rows, strict=True):
+        values = [row[name] for name in ('error_m', 'error_deg', 'ape_m', 'rpe_m', 'rpe_deg')]
+        assert line.split()[3:6] == [str(row['poses']), 'of', str(row['scans'])]
+        for value, digits, text in zip(values, (4, 3, 6, 6, 6), line.split()[6:], strict=False):
+            assert text == ('-' if value is None else f'{value:.{digits}f}')
+    assert content['table'][1]['error_m'] == content['differences']['hall']['m']['b']
+    page = (tmp_path / 'compare/latest/index.html').read_text()
+    assert all(f'{row["rpe_m"]:.6f}</td>' in page for row in content['table'])
+
+
+def test_a_measure_that_cannot_be_computed_has_a_reason_instead_of_nan(compare, write, tmp_path):
+    _, printed, content = compare(write('a', 0.002), 'identity')
+    reason = ('no APE: its poses, or the true ones, lie at one place or on one straight line, and evo does not align '
+              'these')
+    assert f'hall, B: {reason}\n' in printed.out and 'nan' not in printed.out.lower()
+    assert content['table'][1]['ape_m'] is None and content['table'][1]['notes'] == [reason]
+    assert content['table'][1]['rpe_m'] > 0.5
+    assert f'<p>B: {reason}</p>' in (tmp_path / 'compare/latest/index.html').read_text()
+
+
+def test_the_notes_count_which_stamps_match_and_why_others_do_not(compare, write, truth, tmp_path):
+    """Every second pose is there, but the first 10 and 20 in the middle are not."""
+    stamps, _ = truth
+    kept = np.r_[10:200:2, 220:len(stamps):2]
+    name = write('half', 0.002, kept=lambda numbers: kept)
+    _, printed, content = compare(write('a', 0.0), name)
+    count = len(stamps)
+    assert content['table'][0]['notes'] == [f'{count} of {count} scans have the stamp of a pose']
+    note = (f'{len(kept)} of {count} scans have the stamp of a pose; {count - len(kept) - 31} lie between two poses, '
+            f'from which theirs is interpolated; 31 have no pose: 10 before its first stamp, {1e-9 * stamps[10]:.3f} s '
+            'and 21 where successive poses are more than 0.750 s apart')
+    assert content['table'][1]['notes'] == [note] and f'hall, B: {note}\n' in printed.out
+
+
+def test_stamps_of_another_clock_are_named(compare, write, truth, tmp_path):
+    stamps, poses = truth
+    write_tum(tmp_path / 'other.tum', stamps - stamps[0] + 10**9, poses)
+    code, _, content = compare(write('a', 0.0), f'other={tmp_path}/other.tum')
+    assert code == 3 and content['coverage']['hall'] == 0.0
+    count, last = len(stamps), 1e-9 * (stamps[-1] - stamps[0]) + 1.0
+    assert content['table'][1]['notes'][0] == (
+        f'0 of {count} scans have the stamp of a pose; {count} have no pose: {count} after its last stamp, {last:.3f} '
+        f's (the stamps of the scans go from {1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected these '
+        'in its file, in seconds)')
+
+
+def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_recording, capsys):
+    stamps, poses = truth
+    write_tum(tmp_path / 'other.tum', stamps - stamps[0] + 10**9, poses)
+    assert main([write('a', 0.0), 'identity', str(hall_recording), '--truth', str(tmp_path / 'other.tum'),
+                 '--processes', '1', '--out', str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (
+        f'compare: too few scans lie within the time of the truth, which has {len(stamps)} after its last stamp, '
+        f'{1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s: expected the stamps of the scans in it, in seconds\n')
+
+
+def test_poses_outside_the_time_of_the_truth_are_counted(compare, write, truth, tmp_path):
+    stamps, poses = truth
+    write_tum(tmp_path / 'known.tum', stamps[5:-7], poses[5:-7])
+    _, _, content = compare(write('a', 0.001), write('b', 0.001, seed=1), '--truth', tmp_path / 'known.tum')
+    assert content['table'][1]['notes'][1] == (
+        f'12 of its {len(stamps)} stamps lie outside the time of the truth, which has 5 before its first stamp, '
+        f'{1e-9 * stamps[5]:.3f} s and 7 after its last stamp, {1e-9 * stamps[-8]:.3f} s')
+
+
 def test_the_truth_beside_a_recording_is_found(tmp_path):
     recording = SimpleNamespace(path=tmp_path / 'a.log', truth=lambda: None, stamps=lambda: [10, 20])
     assert true_poses(recording) is None
@@ -188,7 +263,7 @@ def evo(root, tmp_path):
 def test_measures_are_those_of_evo(compare, write, evo, tmp_path):
     words = [write('a', 0.003), write('b', 0.01, seed=1)]
     _, printed, _ = compare(*words, '--trajectory', write('c', 0.05, seed=2, kept=lambda numbers: numbers % 9 != 4))
-    rows = re.findall(r'^hall +([ABC]) +([\d.]+) +([\d.]+) +([\d.]+)$', printed.out, re.MULTILINE)
+    rows = re.findall(r'^hall +([ABC]) \w+ .* (\d+\.\d{6}) +(\d+\.\d{6}) +(\d+\.\d{6})', printed.out, re.MULTILINE)
     assert [row[0] for row in rows] == ['A', 'B', 'C']
     for letter, *values in rows:
         files = [tmp_path / 'compare' / 'latest' / 'hall' / f'{name}{letter}.tum' for name in ('truth_of_', '')]

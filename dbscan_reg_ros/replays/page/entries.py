@@ -3,17 +3,16 @@
 from pathlib import Path
 
 from ...core.registration.records import Status
-from ...evaluation.metrics import path_lengths
 from ...figures.plots import density_map
 from .drive_data import KINDS, competitor_poses
-from .index import DriveEntry, small_map, write_index
+from .index import DriveEntry, SmallMap, small_map, write_index
 from .report import Report, write_report
 from .scan_history import ScanHistory
 
 REPLAY_COLUMNS = ['distance [m]', 'time [s]', 'scans', 'not OK', 'drift over 5 m [%]', 'error over 1 m [m]',
                   'position error [m]']
-COMPARISON_COLUMNS = ['competitor', 'distance [m]', 'scans', 'not OK', 'error over 1 m [m]', 'error over 1 m [deg]',
-                      'verdict']
+COMPARISON_COLUMNS = ['competitor', 'distance [m]', 'scans', 'with a pose', 'not OK', 'error over 1 m [m]',
+                      'error over 1 m [deg]', 'APE rmse [m]', 'RPE rmse [m]', 'RPE rmse [deg]', 'against A']
 DRIFT = 5.0
 """Distance [m] of the motion over which the drift is measured."""
 
@@ -48,8 +47,8 @@ def write_replay_index(out, entries):
     write_index(Path(out, 'index.html'), f'{len(entries)} replays', REPLAY_COLUMNS, linked)
 
 
-def write_comparison_page(path, recording, known, trajectories, names) -> DriveEntry:
-    """Write the page of a recording that shows all competitors; return its entry in the index, without table rows.
+def write_comparison_page(path, recording, known, trajectories, names) -> SmallMap:
+    """Write the page of a recording that shows all competitors; return its map for the index.
 
     Parameters
     ----------
@@ -77,16 +76,25 @@ def write_comparison_page(path, recording, known, trajectories, names) -> DriveE
     lines = [('trajectory', names[0], ours.pose_array()[:, :2]),
              *((f'other{place % KINDS}', name, competitor_poses(ours, trajectory)[:, :2])
                for place, (name, trajectory) in enumerate(others))]
-    return DriveEntry(recording.name, f'{path.parent.name}/{path.name}', [], small_map(density, lines))
+    return small_map(density, lines)
 
 
-def comparison_row(name, trajectory, errors, verdict) -> list:
-    """Return the table row of a competitor; `errors`: mean errors over 1 m of translation [m] and rotation [deg]."""
-    driven = path_lengths(trajectory.pose_array())[-1] if trajectory.poses else None
-    not_ok = sum(status is not Status.OK for status in trajectory.statuses) + trajectory.used.count(False)
-    metres, degrees = errors or (None, None)
-    return [name, _number(driven, 1), str(len(trajectory.used)), str(not_ok), _number(metres, 4), _number(degrees, 3),
-            verdict]
+def comparison_entry(link, small, results) -> DriveEntry:
+    """Return the entry of a recording in the index of a comparison.
+
+    Parameters
+    ----------
+    link : str
+        Address of the page of the recording.
+    small : SmallMap
+    results : list of CompetitorResult
+        Results of the competitors on the recording.
+    """
+    rows = [[f'{each.letter}: {each.name}', _number(each.driven, 1), str(each.scans), str(each.poses),
+             str(each.not_ok), _number(each.error_m, 4), _number(each.error_deg, 3), _number(each.evo.ape_m, 6),
+             _number(each.evo.rpe_m, 6), _number(each.evo.rpe_deg, 6), each.verdict] for each in results]
+    notes = [f'{each.letter}: {note}' for each in results for note in each.notes]
+    return DriveEntry(results[0].recording, link, rows, small, notes)
 
 
 def _number(value, digits):

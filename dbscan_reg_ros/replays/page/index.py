@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Index of several drives: a table of all drives, and for each drive a small map with a link to its page."""
+from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 from urllib.parse import quote
@@ -46,12 +47,15 @@ class DriveEntry(NamedTuple):
     rows : list of list of str
         Table rows of the drive, without the column of the name.
     map : SmallMap
+    notes : sequence of str
+        Sentences shown below the map.
     """
 
     name: str
     link: str
     rows: list
     map: SmallMap
+    notes: Sequence[str] = ()
 
 
 def small_map(density, lines) -> SmallMap:
@@ -105,11 +109,12 @@ def _drive(entry):
     legend = ''.join(f'<li><svg class="key" viewBox="0 0 30 14" style="width: 30px; height: 14px" aria-hidden="true">'
                      f'<polyline points="0,7 30,7" style="{_stroke(kind)}"/></svg>{escape(name)}</li>'
                      for kind, name, _ in entry.map.lines)
+    notes = ''.join(f'<p>{escape(note)}</p>' for note in entry.notes)
     return (f'<li><h3>{_linked(entry)}</h3><svg role="img" aria-label="map of {escape(entry.name)}" '
             f'viewBox="{left:.3f} {-top:.3f} {right - left:.3f} {top - bottom:.3f}">'
             f'<image href="{entry.map.image}" x="{left:.3f}" y="{-top:.3f}" width="{right - left:.3f}" '
             f'height="{top - bottom:.3f}" preserveAspectRatio="none"/>{lines}</svg>'
-            f'<ul class="legend">{legend}</ul></li>')
+            f'<ul class="legend">{legend}</ul>{notes}</li>')
 
 
 def _points(positions):

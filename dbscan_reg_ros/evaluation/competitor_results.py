@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of a comparison: each competitor's errors on each recording, and in words which of these are missing."""
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ..core.registration.records import Status
+from ..recordings import interpolate, read_tum, write_tum
+from .comparison import TooShort, paired
+from .evo_measures import EvoMeasures, evo_measures
+from .matching import outside
+from .metrics import path_lengths
+
+MISSING = '-'
+"""Printed instead of a number that cannot be computed."""
+
+
+@dataclass(frozen=True)
+class CompetitorResult:
+    """Result of a competitor on a recording.
+
+    Attributes
+    ----------
+    recording, letter, name : str
+    scans, poses, not_ok : int
+        Numbers of scans: all, those with a pose, and those without a pose or with another status than `OK`.
+    driven : float or None
+        Path length over all poses [m].
+    error_m, error_deg : float or None
+        Mean errors of the motion over 1 m on the scans with poses of both A and the competitor; None if unknown.
+    evo : EvoMeasures
+        Measures over all of its own poses.
+    verdict : str
+        Whether it is better or worse than A; empty for A.
+    notes : list of str
+        Which scans have a pose, and why measures are missing.
+    """
+
+    recording: str
+    letter: str
+    name: str
+    scans: int
+    poses: int
+    not_ok: int
+    driven: float | None
+    error_m: float | None
+    error_deg: float | None
+    evo: EvoMeasures
+    verdict: str
+    notes: list
+
+    def as_json(self) -> dict:
+        """Return all values by their names, those of `evo` beside the others."""
+        values = asdict(self)
+        evo = values.pop('evo')
+        return values | {name: evo[name] for name in ('ape_m', 'rpe_m', 'rpe_deg')}
+
+
+def _unused(problems) -> list:
+    """Summarise why scans were not used."""
+    others = f', and {len(problems) - 1} more' if len(problems) > 1 else ''
+    return [f'{problems[0]}{others}'] if problems else []
+
+
+def number(value, digits) -> str:
+    """Format a number, or `MISSING` for None."""
+    return MISSING if value is None else f'{value:.{digits}f}'
+
+
+def describe(results) -> list:
+    """Format the results of all competitors as the lines of a table, followed by their notes."""
+    wide = max(len('recording'), *(len(each.recording) for each in results))
+    named = max(len('competitor'), *(len(each.name) + 2 for each in results))
+    indent = ' ' * (wide + named + 4)
+    lines = [f'{indent}{"scans with":>14}  {"error over 1 m":>18}  {"APE rmse":>11}  {"RPE rmse over 1 m":>23}',
+             f'{"recording":{wide}}  {"competitor":{named}}  {"a pose":>14}  {"[m]":>9} {"[deg]":>8}  {"[m]":>11}  '
+             f'{"[m]":>11} {"[deg]":>11}  against A']
+    for each in results:
+        poses, evo = f'{each.poses} of {each.scans}', each.evo
+        lines.append(f'{each.recording:{wide}}  {f"{each.letter} {each.name}":{named}}  {poses:>14}  '
+                     f'{number(each.error_m, 4):>9} {number(each.error_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
+                     f'{number(evo.rpe_m, 6):>11} {number(evo.rpe_deg, 6):>11}  {each.verdict}'.rstrip())
+    return lines + [f'{each.recording}, {each.letter}: {note}' for each in results for note in each.notes]
+
+
+def results_of(recording, folder, known, trajectories, comparisons) -> list:
+    """Return the `CompetitorResult` of each competitor on a recording.
+
+    Parameters
+    ----------
+    recording : str
+        Name of the recording in the comparisons.
+    folder : Path
+        Folder into which the trajectories are written that the measures of evo are computed from.
+    known : KnownMotion
+    trajectories : list of Trajectory
+        Trajectories of the competitors, beginning with A.
+    comparisons : list of Comparison
+        Comparisons of the competitors after A with A.
+    """
+    verdicts = ['', *(comparison.verdict(recording) for comparison in comparisons)]
+    means = [_mean_errors(known, trajectories[0]),
+             *([d.b for d in comparison.table.get(recording, ())] for comparison in comparisons)]
+    names = [('A', comparisons[0].a), *((comparison.letter, comparison.b) for comparison in comparisons)]
+    results = []
+    for (letter, name), trajectory, mean, verdict in zip(names, trajectories, means, verdicts, strict=True):
+        evo, poses = _measured(folder, letter, trajectory, known.truth), trajectory.pose_array()
+        metres, degrees = mean or (None, None)
+        ok = sum(status is Status.OK for status in trajectory.statuses)
+        notes = [*([trajectory.explanation] if trajectory.explanation else []), *_unused(trajectory.problems),
+                 *evo.reasons]
+        results.append(CompetitorResult(
+            recording, letter, name, len(trajectory.used), len(poses), len(trajectory.used) - ok,
+            float(path_lengths(poses)[-1]) if len(poses) else None, metres, degrees, evo, verdict, notes))
+    return results
+
+
+def _mean_errors(known, trajectory) -> list:
+    """Return the mean errors over 1 m of a trajectory, translation [m] and rotation [deg]; empty if unknown."""
+    try:
+        return paired(known, trajectory, trajectory).a.mean(axis=1).tolist()
+    except TooShort:
+        return []
+
+
+def _measured(folder, letter, trajectory, truth) -> EvoMeasures:
+    """Compute the `EvoMeasures` of the files ``LETTER.tum`` and ``truth_of_LETTER.tum``, which are written here."""
+    if truth is None:
+        return EvoMeasures(None, None, None, ['no APE and no RPE: of the true motion only relations are known'])
+    stamps, first = np.unique(np.array(trajectory.stamps, dtype=np.int64), return_index=True)
+    reference = interpolate(truth[0], truth[1], stamps)
+    there = np.isfinite(reference).all(axis=1)
+    files = folder / f'{letter}.tum', folder / f'truth_of_{letter}.tum'
+    for file, content in zip(files, (trajectory.pose_array()[first], reference), strict=True):
+        write_tum(file, stamps[there], content[there])
+    found = evo_measures(*(read_tum(file)[1] for file in files))
+    if not there.all():
+        found.reasons.insert(0, f'{(~there).sum()} of its {len(stamps)} stamps lie outside the time of the truth, '
+                                f'which has {outside(truth[0], stamps)}')
+    return found

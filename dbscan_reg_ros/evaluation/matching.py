@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which scans of a recording have a pose in a trajectory, and in words why others have none."""
+from typing import NamedTuple
+
+import numpy as np
+
+from ..recordings import interpolate
+from .metrics import SAME_SCAN_WITHIN
+
+LONGEST_GAP = 3.0
+"""Longest gap over which poses are interpolated, as a multiple of the median interval of scans."""
+
+
+class Matched(NamedTuple):
+    """Poses of a trajectory at the stamps of scans.
+
+    Attributes
+    ----------
+    poses : (N, 3) float [m, m, rad]
+        NaN for scans without a pose.
+    explanation : str
+        How many scans have a pose, how many have none, and why.
+    """
+
+    poses: np.ndarray
+    explanation: str
+
+
+def match(own, poses, stamps) -> Matched:
+    """Find the poses of a trajectory at the stamps of scans.
+
+    A scan has the pose with its stamp, or else the one interpolated between the two poses around it, unless these are
+    further apart than `LONGEST_GAP` intervals of the scans.
+
+    Parameters
+    ----------
+    own : (K,) int64 [ns]
+        Stamps of the trajectory, in any order.
+    poses : (K, 3) float [m, m, rad]
+    stamps : (N,) int64 [ns]
+        Stamps of the scans.
+    """
+    count = len(stamps)
+    if not len(own):
+        return Matched(np.full((count, 3), np.nan), f'none of {count} scans has a pose: the trajectory is empty')
+    first, last = own.min(), own.max()
+    at = np.where((stamps > first - SAME_SCAN_WITHIN) & (stamps < last + SAME_SCAN_WITHIN),
+                  np.clip(stamps, first, last), stamps)
+    found = interpolate(own, poses, at)
+    own = np.unique(own)
+    after = np.clip(np.searchsorted(own, stamps), 1, max(len(own) - 1, 1)) % len(own)
+    before = np.maximum(after - 1, 0)
+    at_stamp = np.minimum(np.abs(own[after] - stamps), np.abs(own[before] - stamps)) < SAME_SCAN_WITHIN
+    longest = LONGEST_GAP * np.median(np.abs(np.diff(stamps))) if count > 1 else 0.0
+    in_gap = ~at_stamp & np.isfinite(found[:, 0]) & (own[after] - own[before] > longest)
+    found[in_gap] = np.nan
+    words = [f'{at_stamp.sum()} of {count} scans have the stamp of a pose']
+    if between := int(np.isfinite(found[:, 0]).sum() - at_stamp.sum()):
+        words.append(f'{between} lie between two poses, from which theirs is interpolated')
+    reasons = [times] if (times := outside(own, at)) else []
+    if in_gap.any():
+        reasons.append(f'{in_gap.sum()} where successive poses are more than {1e-9 * longest:.3f} s apart')
+    if reasons:
+        words.append(f'{np.isnan(found[:, 0]).sum()} have no pose: {" and ".join(reasons)}')
+    return Matched(found, '; '.join(words) + _other_clock(first, last, stamps))
+
+
+def outside(own, stamps) -> str:
+    """Describe how many of the `stamps` ``(N,)`` [ns] are before the first and after the last of `own` ``(K,)``."""
+    if not len(own):
+        return 'no stamp'
+    first, last = own.min(), own.max()
+    early, late = int((stamps < first).sum()), int((stamps > last).sum())
+    return ' and '.join([*([f'{early} before its first stamp, {1e-9 * first:.3f} s'] if early else []),
+                         *([f'{late} after its last stamp, {1e-9 * last:.3f} s'] if late else [])])
+
+
+def _other_clock(first, last, stamps) -> str:
+    """Return a hint where no scan lies within the time from `first` to `last` [ns]; empty otherwise."""
+    if not len(stamps) or ((stamps >= first - SAME_SCAN_WITHIN) & (stamps <= last + SAME_SCAN_WITHIN)).any():
+        return ''
+    return (f' (the stamps of the scans go from {1e-9 * stamps.min():.3f} to {1e-9 * stamps.max():.3f} s: expected '
+            'these in its file, in seconds)')
