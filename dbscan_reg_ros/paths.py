@@ -54,3 +54,9 @@ def config_folder() -> Path:
 def ready_made() -> list:
     """Return the names of the parameter sets in `config_folder`."""
     return sorted(path.stem for path in config_folder().glob('*.yaml') if path.stem not in NO_SENSORS)
+
+
+def parameter_file(name) -> Path:
+    """Return the path of a parameter file: `name`, or the file of the parameter set with this name, as ``paper``."""
+    path = Path(name)
+    return config_folder() / f'{name}.yaml' if not path.exists() and name in ready_made() else path

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..paths import config_folder, ready_made
+from ..paths import ready_made
 from .command_line import CommandError
 
 
@@ -42,7 +42,7 @@ class Competitor:
         if name in FACTORIES or ':' in name:
             return cls.with_method(name)
         if name in ready_made():
-            return cls(name, read_parameters(config_folder() / f'{name}.yaml'))
+            return cls(name, read_parameters(name))
         raise CommandError(f'{name}: no such file; expected a parameter file, a parameter set: defaults, '
                            f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}, MODULE:FUNCTION')
 

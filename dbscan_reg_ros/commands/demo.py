@@ -22,7 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         '(default: the simulated building)')
     parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node (default: the defaults)')
+    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node: a '
+                        'parameter file or set (default: the defaults)')
     parser.add_argument('--live', action='store_true', help='in real time, with a page that shows it in a browser: '
                         'the drive begins when the page is opened')
     parser.add_argument('--out', metavar='DIR', help='folder of the results (default: results/demo-NAME)')
@@ -50,6 +51,7 @@ def _node_words(path) -> list:
     CommandError
         When the file names several lidars.
     """
+    from ..paths import parameter_file
     from ..robot.parameter_files import read_parameters
 
     if not path:
@@ -59,7 +61,7 @@ def _node_words(path) -> list:
         raise CommandError(f'{path} names {len(parameters.scan_topics)} scan_topics, but demo takes one '
                            'lidar: use replay --topic A --topic B')
     mounting = ['-p', 'mounting:=none'] if parameters.mounting == 'tf' else []
-    return ['--ros-args', '--params-file', path, *mounting]
+    return ['--ros-args', '--params-file', str(parameter_file(path)), *mounting]
 
 
 def _recording(args):

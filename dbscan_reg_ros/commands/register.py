@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core.parameters.schema import ADVANCED
+from ..paths import ready_made
 from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
@@ -28,9 +29,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                         '(default: the last)')
     parser.add_argument('--topic', help='topic of the scans; required if there are several')
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes (default: the '
-                        'defaults; for a snapshot, the parameters stored in it; others register it again, without a '
-                        'prior)')
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or a '
+                        f'parameter set: {", ".join(ready_made())} (default: the defaults; for a snapshot, the '
+                        'parameters stored in it; others register it again, without a prior)')
+    parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, of which the error is printed: '
+                        'TUM, or the columns index,x,y,theta (default: those in or beside the recording, if any)')
     parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
                         'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
@@ -39,13 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class Pair(NamedTuple):
-    """Two scans to register; `registration` is their result if it is already known."""
+    """Two scans to register; `registration` is their result and `truth` the true motion, where these are known."""
 
     name: str
     reference: object
     current: object
     parameters: object
     registration: object = None
+    truth: object = None
 
 
 def register(args):
@@ -61,14 +65,16 @@ def register(args):
     if parameters:
         note_unused('register', args.params_file, parameters,
                     [name for name in METHOD if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
+    if args.truth and (args.figure4 or path.suffix == '.npz'):
+        raise CommandError(f'--truth {args.truth}: expected two scans of a recording')
     if args.figure4:
         pair = _moved(path, args.topic, args.numbers, parameters)
     elif path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
-        pair = _of_recording(path, args.topic, args.numbers, parameters)
+        pair = _of_recording(path, args.topic, args.numbers, parameters, args.truth)
     steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration)
-    print('\n'.join(describe(steps.registration)), flush=True)
+    print('\n'.join(describe(steps.registration, pair.truth)), flush=True)
     folder = new_folder(Path(args.out) / pair.name)
     transform, status = steps.registration.transform, steps.registration.status
     draw_figures(folder, steps, f'{pair.name}: x {transform.x:.3f} m, y {transform.y:.3f} m, '
@@ -77,13 +83,14 @@ def register(args):
     print(f'figures     {folder}')
 
 
-def describe(registration) -> list:
-    """Describe a `Registration` in lines of text."""
+def describe(registration, truth=None) -> list:
+    """Describe a `Registration`, and its error if the true motion is known, in lines of text."""
     import numpy as np
 
     spread = np.sqrt(np.diag(registration.covariance))
     lines = [f'status      {registration.status.value}' + (f': {registration.reason}' if registration.reason else ''),
              f'transform   {_motion(registration.transform)}',
+             *_describe_error(registration.transform, truth),
              f'sigma       x {spread[0]:.4f} m  y {spread[1]:.4f} m  theta {math.degrees(spread[2]):.3f} deg',
              'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
              *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
@@ -97,6 +104,14 @@ def describe(registration) -> list:
     lines += [f'            score {h.score:.3f}  {_log_odds(h)}{_motion(h.transform)}'
               f'{"  rival" if h in registration.rivals else ""}' for h in registration.hypotheses]
     return lines
+
+
+def _describe_error(transform, truth) -> list:
+    if truth is None:
+        return []
+    error = truth.inverse() @ transform
+    return [f'true        {_motion(truth)}',
+            f'error       {math.hypot(error.x, error.y):.4f} m  {math.degrees(abs(error.theta)):.3f} deg']
 
 
 def _log_odds(hypothesis) -> str:
@@ -129,27 +144,44 @@ def _motion(transform):
 def _moved(path, topic, numbers, parameters):
     """Return a `Pair` of a scan and the same scan moved by the motion of the example in the paper."""
     from ..core.parameters.tree import Parameters
-    from ..evaluation.figure4 import moved
+    from ..evaluation.figure4 import PAPER_MOTION, moved
 
     if len(numbers) > 1 or min(numbers, default=0) < 0:
         raise CommandError(f'{path}: expected the number of one scan, from 0; got {numbers}')
     number = numbers[0] if numbers else 0
-    name, scans = _scans(path, topic, [number])
-    return Pair(f'{name}_{number}_moved', moved(scans[number]), scans[number], parameters or Parameters())
+    recording, scans = _scans(path, topic, [number])
+    return Pair(f'{recording.name}_{number}_moved', moved(scans[number]), scans[number], parameters or Parameters(),
+                truth=PAPER_MOTION)
 
 
-def _of_recording(path, topic, numbers, parameters):
+def _of_recording(path, topic, numbers, parameters, truth):
     from ..core.parameters.tree import Parameters
 
     if len(numbers) != PAIR or min(numbers) < 0:
         raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
     reference, current = numbers
-    name, scans = _scans(path, topic, numbers)
-    return Pair(f'{name}_{reference}_{current}', scans[reference], scans[current], parameters or Parameters())
+    recording, scans = _scans(path, topic, numbers)
+    motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, truth)
+    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current],
+                parameters or Parameters(), truth=motion)
+
+
+def _true_motion(recording, first, second, truth):
+    """Return the true motion between two stamps [ns] from the file `truth`, or of the recording; None if unknown."""
+    from ..evaluation.known_motion import KnownMotion
+    from ..recordings.truth import read_truth
+
+    if not truth:
+        return KnownMotion.of(recording).between(first, second)
+    motion = KnownMotion(read_truth(truth, recording), None, None).between(first, second)
+    if motion is None:
+        raise CommandError(f'{truth}: has no pose at the stamps of both scans, {1e-9 * first:.3f} and '
+                           f'{1e-9 * second:.3f} s')
+    return motion
 
 
 def _scans(path, topic, numbers):
-    """Return the name of a recording, and a dictionary number -> scan of its scans with the given numbers."""
+    """Return a recording, and a dictionary number -> scan of its scans with the given numbers."""
     from ..recordings import open_recording
 
     recording = open_recording(path, topic)
@@ -160,7 +192,7 @@ def _scans(path, topic, numbers):
     if last >= count:
         raise CommandError(f'{path}: no scan {last}; it holds {count}, numbered from 0')
     note_warnings('register', recording, last + 1)
-    return recording.name, scans
+    return recording, scans
 
 
 def _of_snapshot(path, numbers, parameters):

@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: the '
                         'transforms on /tf_static of a bag where several topics are given, else the parameters)')
     parser.add_argument('--params-file', metavar='YAML',
-                        help='parameter file as for ROS 2 nodes (default: the defaults)')
+                        help='parameter file as for ROS 2 nodes, or a parameter set (default: the defaults)')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
                         'it as DIR/NAME/latest; of several recordings, write DIR/index.html (default: results)')
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '

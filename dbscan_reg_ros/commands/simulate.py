@@ -24,11 +24,10 @@ LIDAR = (
     ('--phase', float, 'S', 'time of the first scan'),
 )
 LIMITS = {
-    'people': (0, 1000), 'laps': (1, 1000), 'speed': (0.01, 100.0), 'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0),
-    'duration': (0.0, 10.0), 'noise': (0.0, 10.0), 'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0),
-    'phase': (0.0, 10.0), 'dropouts': (0.0, 1.0), 'outliers': (0.0, 1.0),
-    'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6),
-    'gyro_noise': (0.0, 100.0),
+    'people': (0, 1000), 'laps': (1, 1000), 'seconds': (1.0, 86400.0), 'speed': (0.01, 100.0),
+    'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0), 'duration': (0.0, 10.0), 'noise': (0.0, 10.0),
+    'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0), 'phase': (0.0, 10.0), 'dropouts': (0.0, 1.0),
+    'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
 }
 
 
@@ -57,8 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     world.add_argument('--world', choices=WORLDS, default='rooms', help='kind of floor plan (default: rooms)')
     world.add_argument('--people', type=int, default=0, metavar='N',
                        help='number of people who walk about (default: 0)')
-    world.add_argument('--laps', type=int, default=1, metavar='N',
-                       help='number of laps, alternately forwards and backwards (default: 1)')
+    world.add_argument('--laps', type=int, metavar='N', help='number of laps, alternately forwards and backwards '
+                       '(default: 1, or as many as --seconds takes)')
+    world.add_argument('--seconds', type=float, metavar='S', help='time of the drive, which ends there '
+                       '(default: that of the laps)')
     world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='largest speed (default: 0.8)')
     world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='largest turn rate (default: 0.9)')
     parser.set_defaults(lidars=[{}])
@@ -103,6 +104,9 @@ def simulate(args):
     check_target(picture)
     world, path = world_and_path(args)
     simulation, *others = (record(world, path, lidar, args.seed + number) for number, lidar in enumerate(lidars))
+    if not all(each.scans for each in (simulation, *others)):
+        raise CommandError(f'the drive of {path.duration:.1f} s ends before the first scan of a lidar; expected more '
+                           '--seconds, or less --phase and --duration')
     wheels = wheel_odometry(path, WheelErrors(args.wheel_scale, args.wheel_noise, args.slip), seed=args.seed)
     turning = yaw_rates(path, seed=args.seed, bias=args.gyro_bias, noise=args.gyro_noise)
     counts = RobotRecording(simulation, wheels, turning, tuple(others)).write(target)
@@ -158,12 +162,19 @@ def chosen_lidar(options):
 
 def world_and_path(args):
     """Return the `World` with its people, and the `Path` of the robot."""
+    import math
+
     import numpy as np
 
     from .. import simulation
 
     world = getattr(simulation, args.world)(seed=args.seed)
-    laps = [world.tour[::-1] if lap % 2 else world.tour for lap in range(args.laps)]
-    tour = np.concatenate([laps[0], *(lap[1:] for lap in laps[1:])])
-    path = simulation.follow(tour, speed=args.speed, turn_rate=args.turn_rate)
+    limits = {'speed': args.speed, 'turn_rate': args.turn_rate}
+    count = args.laps or 1
+    if args.seconds and not args.laps:
+        count = math.ceil(args.seconds / simulation.follow(world.tour, **limits).duration)
+    laps = [world.tour[::-1] if lap % 2 else world.tour for lap in range(count)]
+    path = simulation.follow(np.concatenate([laps[0], *(lap[1:] for lap in laps[1:])]), **limits)
+    if args.seconds:
+        path = path.until(args.seconds)
     return simulation.with_people(world, args.people, args.seed), path

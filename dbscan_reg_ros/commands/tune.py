@@ -39,8 +39,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'search, each with an optional range; without one, from a fifth to five times the default '
                         f'(default: {" ".join(SEARCHED)})')
     parser.end_list('--parameters', is_parameter)
-    parser.add_argument('--params-file', metavar='YAML', help='start of the search, and values of all other '
-                        'parameters (default: the defaults)')
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file or set: start of the search, and '
+                        'values of all other parameters (default: the defaults)')
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='number of trials (default: 100)')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',

@@ -5,8 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.se2 import SE2
+from ..recordings.poses import relative
 from ..recordings.truth import Relations, find_relations, interpolate, load_relations, true_poses
-from .metrics import evaluate, final_error
+from .metrics import evaluate, final_error, related
 
 
 class KnownMotion(NamedTuple):
@@ -31,6 +33,22 @@ class KnownMotion(NamedTuple):
         """Read the known motion of a `Recording`; raise RecordingError if a file beside it cannot be read."""
         relations = find_relations(recording.path)
         return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
+
+    def between(self, first, second) -> SE2 | None:
+        """Return the true motion between two stamps [ns]; None if it is unknown."""
+        stamps = np.array((first, second), dtype=np.int64)
+        if self.truth:
+            poses = interpolate(self.truth[0], self.truth[1], stamps)
+            if np.isfinite(poses).all():
+                return SE2.from_array(relative(poses[:1], poses[1:])[0])
+        if self.relations:
+            start, end, found = related(stamps, self.relations)
+            motions = self.relations.motions[found]
+            for turned, way in ((False, motions[start < end]), (True, motions[start > end])):
+                if len(way):
+                    motion = SE2.from_array(way[0])
+                    return motion.inverse() if turned else motion
+        return None
 
     def measures(self, stamps, poses) -> dict:
         """Compute every error measure for which the relations or the true poses are known.

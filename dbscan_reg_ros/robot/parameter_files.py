@@ -18,7 +18,7 @@ import yaml
 
 from ..core.errors import ParameterError
 from ..core.parameters.schema import ADVANCED, Description, ParameterGroup
-from ..paths import check_file
+from ..paths import check_file, parameter_file, ready_made
 from .parameters import NodeParameters, is_ros_parameter
 
 SOURCE = Path(__file__).parents[2]
@@ -49,7 +49,9 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 
 
 def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
-    """Read the parameters that the file at `path` sets for `node`; all other parameters have their defaults.
+    """Read the parameters that a file sets for `node`; all other parameters have their defaults.
+
+    `path` is that of the file, or the name of a ready-made parameter set, such as ``paper`` or ``lds``.
 
     The name of a section is that of the node, with or without its namespace, or a wildcard (``/**``); names of
     parameters may be nested or joined by dots. Sections of other nodes are ignored.
@@ -60,7 +62,7 @@ def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
         When the file cannot be read, is not a parameter file, has no section for `node`, or sets a parameter that is
         unknown or has a wrong value.
     """
-    sections = dict(_sections(_load(path), path))
+    sections = dict(_sections(_load(parameter_file(path)), path))
     own = [section for name, section in sections.items() if name.split('/')[-1] in (node, '*', '**')]
     if not own:
         raise ParameterError(f'{path}: no parameters for {node!r}, only for {", ".join(sections)}; '
@@ -139,6 +141,9 @@ def _load(path: str | Path) -> Any:
         if len(text) > LARGEST:
             raise ParameterError(f'{path}: more than {LARGEST} characters; expected a file of parameters')
         return yaml.load(text, _Loader)
+    except FileNotFoundError as error:
+        raise ParameterError(f'{path}: cannot be read: {error.strerror}; expected a parameter file, or a '
+                             f'parameter set: {", ".join(ready_made())}') from None
     except OSError as error:
         raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:

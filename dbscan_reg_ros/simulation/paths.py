@@ -41,6 +41,14 @@ class Path:
         """Distance driven over all points [m]."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
+    def until(self, seconds) -> 'Path':
+        """Return the part of the path before the time `seconds` [s]; all of it if it is shorter."""
+        if seconds >= self.duration:
+            return self
+        before = self.times < seconds
+        end = [np.interp(seconds, self.times, column) for column in self.poses.T]
+        return Path(np.append(self.times[before], seconds), np.vstack((self.poses[before], end)))
+
     def poses_at(self, times):
         """Return the poses (N, 3) at `times` (N,) [s]; headings are in [-pi, pi)."""
         x, y, theta = (np.interp(times, self.times, column) for column in self.poses.T)

@@ -10,19 +10,22 @@ import subprocess
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Odometry, Parameters, Scan, Status
+from dbscan_reg_ros import Odometry, ParameterError, Parameters, Scan, Status
 from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome
 from dbscan_reg_ros.core.parameters.schema import ADVANCED
 from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.overlay import ellipse
 from dbscan_reg_ros.figures.sheet import FIGURES, LAYOUT, SIZE, Drawing, draw_figures
 from dbscan_reg_ros.figures.steps import ScanSteps, Steps
-from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.paths import parameter_file
+from dbscan_reg_ros.recordings import open_recording, write_tum
 from dbscan_reg_ros.recordings.files import replacing
 from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
+from dbscan_reg_ros.recordings.truth import Relations
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -57,8 +60,8 @@ def snapshot(updates, tmp_path):
     return tmp_path / 'kept.npz'
 
 
-def printed_motion(text):
-    return [float(value) for value in re.search(r'^transform +x (\S+) m  y (\S+) m  theta (\S+) deg$', text,
+def printed_motion(text, name='transform'):
+    return [float(value) for value in re.search(rf'^{name} +x (\S+) m  y (\S+) m  theta (\S+) deg$', text,
                                                 re.MULTILINE).groups()]
 
 
@@ -85,6 +88,9 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     assert (x, y) == pytest.approx((result.transform.x, result.transform.y), abs=6e-5)
     assert math.hypot(x - TRUTH[0], y - TRUTH[1]) < 0.02 and degrees == pytest.approx(math.degrees(TRUTH[2]), abs=0.5)
     assert text.startswith(f'status      {result.status.value}\n')
+    true = printed_motion(text, 'true')
+    assert true == pytest.approx([*TRUTH[:2], math.degrees(TRUTH[2])], abs=2e-3)
+    assert printed_error(text) == pytest.approx([math.dist((x, y), true[:2]), abs(degrees - true[2])], abs=2e-3)
     covariance = np.array([line.split() for line in text.split('covariance')[1].splitlines()[1:4]], dtype=float)
     np.testing.assert_allclose(covariance, result.covariance, rtol=1e-4, atol=1e-12)
     assert len(re.findall(r'^ +score', text, re.MULTILINE)) == len(result.hypotheses) > 1
@@ -93,18 +99,52 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     check_pictures(latest)
 
 
-def test_the_paper_to_the_letter(intel, root, tmp_path, capsys):
-    assert intel(REFERENCE, CURRENT, '--params-file', root / 'config' / 'paper.yaml') == 0
+def printed_error(text):
+    return [float(value) for value in re.search(r'^error +(\S+) m  (\S+) deg$', text, re.MULTILINE).groups()]
+
+
+def test_a_relation_gives_the_true_motion_in_both_directions():
+    motion = np.array([(0.3, 0.2, 0.1), (1.0, 0.0, 0.0)])
+    known = KnownMotion(None, Relations(np.array([(10**9, 2 * 10**9), (2 * 10**9, 3 * 10**9)]), motion), None)
+    forwards, backwards = known.between(10**9, 2 * 10**9), known.between(2 * 10**9, 10**9)
+    np.testing.assert_allclose(forwards.as_array(), motion[0])
+    np.testing.assert_allclose((forwards @ backwards).as_array(), 0.0, atol=1e-12)
+    assert known.between(10**9, 3 * 10**9) is None and KnownMotion(None, None, None).between(1, 2) is None
+
+
+def test_a_parameter_set_is_named_like_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert read_parameters('paper') == read_parameters(parameter_file('paper')) != NodeParameters()
+    write_parameters('paper')
+    assert read_parameters('paper') == NodeParameters(), 'a file of this name comes first'
+    with pytest.raises(ParameterError, match=r'^papers: cannot be read: No such file.*expected a parameter file, or '
+                                             r'a parameter set: hokuyo_urg04lx, .*, paper'):
+        read_parameters('papers')
+
+
+def test_the_paper_to_the_letter_with_a_truth_of_ones_own(intel, data, tmp_path, capsys):
+    stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
+    write_tum(tmp_path / 'own.tum', [stamps[CURRENT], stamps[REFERENCE]], [(0.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2)])
+    assert intel(REFERENCE, CURRENT, '--params-file', 'paper', '--truth', tmp_path / 'own.tum') == 0
     text = capsys.readouterr().out
-    assert math.dist(printed_motion(text)[:2], TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
+    x, y, degrees = printed_motion(text)
+    assert math.dist((x, y), TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
+    assert printed_motion(text, 'true') == pytest.approx((1.0, 0.0, -90.0), abs=1e-4)
+    assert printed_error(text) == pytest.approx([math.dist((x, y), (1.0, 0.0)), degrees + 90.0], abs=2e-3)
     check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
+    assert intel(REFERENCE, 700, '--truth', tmp_path / 'own.tum') == 2
+    assert 'own.tum: has no pose at the stamps of both scans, ' in capsys.readouterr().err
+    assert intel(REFERENCE, '--figure4', '--truth', tmp_path / 'own.tum') == 2
+    assert capsys.readouterr().err.endswith('own.tum: expected two scans of a recording\n')
 
 
 @pytest.mark.parametrize('number', [2152, pytest.param(4740, marks=pytest.mark.long)])
 def test_the_example_of_the_paper_is_a_scan_and_its_own_points_moved(intel, tmp_path, capsys, number):
     assert intel(number, '--figure4') == 0
-    x, y, degrees = printed_motion(capsys.readouterr().out)
+    text = capsys.readouterr().out
+    x, y, degrees = printed_motion(text)
     np.testing.assert_allclose((x, y, np.radians(degrees)), (-1.5, 0.8, 0.3), atol=2e-3)
+    assert max(printed_error(text)) < 0.2
     check_pictures(tmp_path / f'intel_{number}_moved' / 'latest')
 
 

@@ -128,7 +128,23 @@ def test_the_picture_shows_the_floor_plan(simulated):
     assert 0.005 < 1.0 - picture.mean() < 0.2 and picture.shape[1] > 1000
 
 
+@pytest.mark.parametrize(('seconds', 'laps'), [(3.0, ()), (40.0, ()), (40.0, ('--laps', 2))])
+def test_a_drive_ends_after_the_given_time(simulated, seconds, laps):
+    """The tour of the corridor takes 17 s; it is repeated until then, unless laps are given."""
+    once, drive = (open_recording(simulated(name, *words)) for name, words in (
+        ('once', ()), ('drive', ('--seconds', seconds, *laps))))
+    (stamps, poses), (first, part) = drive.truth(), once.truth()
+    assert np.allclose(poses[:len(first)], part[:len(poses)])
+    ended = 1e-9 * (stamps[-1] - stamps[0])
+    if laps:
+        assert seconds > ended > 1.7e-9 * (first[-1] - first[0])
+    else:
+        assert seconds - 0.3 < ended <= seconds
+
+
 @pytest.mark.parametrize(('words', 'says'), [
+    (['--seconds', '0.5'], '--seconds 0.5: expected 1 to 86400'),
+    (['--seconds', '2', '--phase', '3'], 'the drive of 2.0 s ends before the first scan'),
     (['--beams', '0'], 'a scan of 0 beams'), (['--angle-increment', '0'], 'angle_increment is 0'),
     (['--rate', '0'], '--rate 0.0'), (['--speed', '-1'], '--speed -1.0'), (['--dropouts', '2'], '--dropouts 2.0'),
     (['--laps', '0'], '--laps 0'), (['--noise', '-1'], '--noise -1.0'), (['--people', '-1'], '--people -1'),
