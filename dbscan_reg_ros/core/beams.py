@@ -11,7 +11,6 @@ from .errors import ScanError
 
 UNEVEN_BEYOND = 0.5
 """A step between two beams that differs by more than this fraction from the median step is an error."""
-FEWEST_ANGLES = 2
 
 
 class Stamp(Protocol):
@@ -71,8 +70,8 @@ def check_angles(angles: np.ndarray) -> tuple[np.ndarray, float]:
     ScanError
         When the angles are fewer than two, not finite, not in order, or not about equally spaced.
     """
-    if len(angles) < FEWEST_ANGLES:
-        raise ScanError(f'{len(angles)} angles; expected one for each beam of a scan, at least {FEWEST_ANGLES}')
+    if len(angles) <= 1:
+        raise ScanError(f'{len(angles)} angles; expected one for each beam of a scan, at least 2')
     wrong = np.flatnonzero(~np.isfinite(angles))
     if len(wrong):
         raise ScanError(f'angles[{wrong[0]}] = {angles[wrong[0]]}; expected finite angles [rad], '

@@ -144,8 +144,8 @@ class Scan:
                    message.header.frame_id)
 
     @classmethod
-    def from_points(cls, points: ArrayLike, stamp: int = 0, range_min: float = 0.0, range_max: float = math.inf,
-                    frame_id: str = '', angle_increment: float | None = None) -> 'Scan':
+    def from_points(cls, points: ArrayLike, stamp: int = 0, frame_id: str = '',
+                    angle_increment: float | None = None) -> 'Scan':
         """Make a scan with returns at the given points, one beam for each point.
 
         Parameters
@@ -154,10 +154,10 @@ class Scan:
             Positions in the sensor's frame [m], in beam order; rows that are not finite become beams without a return.
         stamp : int
             Time of the first beam [ns].
-        range_min, range_max, angle_increment
-            As for `ScanGeometry.from_bearings`.
         frame_id : str
             Coordinate frame of the sensor.
+        angle_increment : float, optional
+            As for `ScanGeometry.from_bearings`.
 
         Raises
         ------
@@ -173,5 +173,5 @@ class Scan:
         known = np.flatnonzero(~missing)
         bearings[missing] = np.interp(np.flatnonzero(missing), known, np.unwrap(bearings[known]))
         ranges[missing] = np.inf
-        geometry = ScanGeometry.from_bearings(bearings, range_min, range_max, angle_increment)
+        geometry = ScanGeometry.from_bearings(bearings, angle_increment)
         return cls(stamp, ranges, geometry, 0.0, frame_id)

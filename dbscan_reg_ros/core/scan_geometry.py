@@ -2,7 +2,7 @@
 """Geometry of a laser scan: bearings of its beams and limits of its ranges (Eq. 1)."""
 import array
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .beams import check_angles
 from .errors import ScanError
 from .geometry.array_types import FloatArray
+from .geometry.tolerance import RESOLUTION
 
 MAX_BEAMS = 100_000
 UNIFORM_WITHIN = 0.02
@@ -77,16 +78,13 @@ class ScanGeometry:
             raise ScanError(f'{len(self.bearings_given)} bearings for {self.size} beams')
 
     @classmethod
-    def from_bearings(cls, bearings: ArrayLike, range_min: float = 0.0, range_max: float = math.inf,
-                      angle_increment: float | None = None) -> 'ScanGeometry':
-        """Make the geometry of a scan whose beams each have a bearing of their own.
+    def from_bearings(cls, bearings: ArrayLike, angle_increment: float | None = None) -> 'ScanGeometry':
+        """Make the geometry of a scan whose beams each have a bearing of their own, without limits of the ranges.
 
         Parameters
         ----------
         bearings : (N,) float
             Bearing of each beam, in beam order [rad].
-        range_min, range_max : float
-            As for `ScanGeometry`.
         angle_increment : float, optional
             Step from one beam of the sensor to the next [rad]; its sign determines on which side of a surface the
             sensor was. By default it is the median step of the bearings, counter-clockwise.
@@ -102,9 +100,8 @@ class ScanGeometry:
         if angle_increment is None:
             steps = np.abs(np.remainder(np.diff(bearings) + math.pi, 2.0 * math.pi) - math.pi)
             angle_increment = (float(np.median(steps)) or float(steps.mean())) if len(steps) else 1.0
-            angle_increment = angle_increment or 1e-3
-        return cls(float(bearings[0]), angle_increment, len(bearings), range_min, range_max,
-                   tuple(bearings.tolist()))
+            angle_increment = angle_increment or RESOLUTION
+        return cls(float(bearings[0]), angle_increment, len(bearings), bearings_given=tuple(bearings.tolist()))
 
     @classmethod
     def from_angles(cls, angles: FloatArray, range_min: float, range_max: float) -> 'ScanGeometry':
@@ -121,7 +118,7 @@ class ScanGeometry:
         error = bearings - bearings[0] - uniform.angle_increment * np.arange(size)
         if np.abs(error).max() <= UNIFORM_WITHIN * abs(step):
             return uniform
-        return cls.from_bearings(bearings, range_min, range_max, step)
+        return replace(cls.from_bearings(bearings, step), range_min=range_min, range_max=range_max)
 
     def reuse(self, previous: 'ScanGeometry | None') -> 'ScanGeometry':
         """Return the `previous` geometry, with its cached arrays, if it is equal to this geometry; else this one."""

@@ -73,7 +73,7 @@ def slope_differences(points: ComplexArray, radius: FloatArray, breaks: BoolArra
         0 where the point before or after lies on another surface.
     """
     difference = np.zeros(len(points))
-    if len(points) < _MIN_POINTS:
+    if len(points) <= 1:
         return difference
     step = wrap(np.diff(np.angle(points)))
     least = max(0.1 * float(np.median(np.abs(step))), TINY)
@@ -90,7 +90,3 @@ def rank_corners(difference: FloatArray) -> IntArray:
     maxima = np.flatnonzero((middle > difference[:-2]) & (middle > difference[2:])) + 1
     rank[maxima[np.argsort(-difference[maxima], kind='stable')]] = np.arange(len(maxima))
     return rank
-
-
-_MIN_POINTS = 3
-"""Minimum number of points for a slope difference."""

@@ -126,7 +126,7 @@ class Features:
     segments: Segments
     noise: float
     density: DensityParameters
-    noise_ratio: float = 0.0
+    noise_ratio: float
     poles: OrientedPoints | None = None
     weights: FloatArray | None = None
     map_points: OrientedPoints | None = None

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
 from ..geometry.symmetric_matrix import inverse, mahalanobis
+from ..geometry.tolerance import TINY
 from ..parameters.tree import Parameters
 from ..registration.confidence.model import LIKELY
 from ..registration.records import Prior, Registration, Status
@@ -149,7 +150,7 @@ class Gate:
 
     def _scores_poorly(self, score: float) -> bool:
         """Whether the score is low for a place that was seen a moment ago; the longer ago, the less is asked for."""
-        recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, 1e-9), 0.0)
+        recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, TINY), 0.0)
         return score < _RECENT_SCORE_RATIO * recent * self._tracking.score
 
     def _check_outlier(self, pose: SE2, score: float) -> Verdict:

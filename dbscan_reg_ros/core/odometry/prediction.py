@@ -61,7 +61,7 @@ class Predictions:
     motion: Prediction
     external: Prior | None
     interval: ScanInterval
-    unconstrained_time: float = 0.0
+    unconstrained_time: float
 
     @property
     def by_motion_model(self) -> bool:

@@ -29,12 +29,12 @@ class ReportedStep(NamedTuple):
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
-    """Publish the pose of a scan."""
-    number, frame = state.output.number, step.key_frame
+    """Publish the pose of a scan; its covariances are at least those of the resolution of a lidar."""
+    number, frame, least = state.output.number, step.key_frame, RESOLUTION ** 2 * np.eye(DOF)
     pose, increment = state.output.publish(step.pose)
     return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + _MIN_COVARIANCE,
-        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _MIN_COVARIANCE,
+        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + least,
+        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + least,
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
@@ -47,7 +47,3 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
 def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:
     """Publish the last pose again for a scan of another `sensor` that is left out at the start of a track."""
     return report(state, features, ReportedStep(state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor))
-
-
-_MIN_COVARIANCE = RESOLUTION ** 2 * np.eye(DOF)
-"""Covariance added to published ones: none is below 1 mm, 0.06 deg."""

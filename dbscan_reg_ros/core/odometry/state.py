@@ -53,7 +53,7 @@ class LostMap:
     window: KeyFrameWindow
     pose: SE2
     covariance: CovariancePropagation
-    time: float = 0.0
+    time: float
 
 
 @dataclass(frozen=True, eq=False)

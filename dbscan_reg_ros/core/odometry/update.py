@@ -141,7 +141,7 @@ def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
     """Return the map that scans are lost from, an `interval` later; None after the first scan of a track."""
     lost, window = state.tracking.lost, state.key_frames
     if lost is None and state.tracking.mode is Mode.TRACKING:
-        lost = LostMap(window, state.pose, copy.deepcopy(state.covariance))
+        lost = LostMap(window, state.pose, copy.deepcopy(state.covariance), time=0.0)
     return lost and dataclasses.replace(lost, time=lost.time + max(interval.length, interval.elapsed))
 
 

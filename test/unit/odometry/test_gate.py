@@ -38,9 +38,10 @@ def gate(best=0.0, motion=0.0, external=False, covariance=SIGMA, tracking=None, 
     """A gate around predictions at `best` and `motion` [m]."""
     by_motion = predicted(motion, covariance)
     if not external:
-        return Gate(Predictions(by_motion, by_motion, None, interval), tracking or Tracking(), P)
+        return Gate(Predictions(by_motion, by_motion, None, interval, 0.0), tracking or Tracking(), P)
     prior = Prior(SE2(best), covariance)
-    return Gate(Predictions(predicted(best, covariance, None), by_motion, prior, interval), tracking or Tracking(), P)
+    predictions = Predictions(predicted(best, covariance, None), by_motion, prior, interval, 0.0)
+    return Gate(predictions, tracking or Tracking(), P)
 
 
 def verdict(gate, x, *args, has_tentative=False, **options):

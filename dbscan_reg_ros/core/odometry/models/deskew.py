@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Deskewing: removes the motion of the sensor within a scan."""
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,4 +33,4 @@ def deskew(scan: Scan, twist: NDArray[np.float64] | Sequence[float]) -> Scan:
     if not scan.valid.any():
         return scan
     geometry = scan.geometry
-    return Scan.from_points(points, scan.stamp, 0.0, math.inf, scan.frame_id, geometry.angle_increment)
+    return Scan.from_points(points, scan.stamp, scan.frame_id, geometry.angle_increment)

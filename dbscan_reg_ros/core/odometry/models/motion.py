@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.se2 import DOF, SE2
+from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
 from .scan_middle import ScanMiddle
@@ -259,7 +260,7 @@ class ConstantVelocityModel:
 def _limited(twist: NDArray[np.float64], parameters: Parameters) -> NDArray[np.float64]:
     """Return a twist [m/s, m/s, rad/s], clipped to the limits of speed and turn rate."""
     p, speed = parameters.odometry, math.hypot(twist[0], twist[1])
-    vx, vy = twist[:2] * min(1.0, p.max_speed / max(speed, 1e-9))
+    vx, vy = twist[:2] * min(1.0, p.max_speed / max(speed, TINY))
     return np.array((vx, vy, min(max(twist[2], -p.max_turn_rate), p.max_turn_rate)))
 
 

@@ -3,9 +3,7 @@
 import dataclasses
 
 from ...parameters.odometry import TimeParameters
-from .stamps import Jump, ScanInterval, StampFilter
-
-_SECOND = 1e-9
+from .stamps import Jump, ScanInterval, StampFilter, seconds
 
 
 class ScanOrder:
@@ -18,12 +16,12 @@ class ScanOrder:
         """Return by how much [s] a scan comes too late after one of another sensor; 0 where the stamps jumped."""
         if self._last is None or self._last[0] == sensor:
             return 0.0
-        late = (self._last[1] - stamp) * _SECOND
+        late = seconds(self._last[1] - stamp)
         return late if _MAX_LATE < late <= parameters.max_jump else 0.0
 
     def time_since_last(self, stamp: int) -> float:
         """Return the time [s] from the last scan of any sensor to a `stamp` [ns]."""
-        return 0.0 if self._last is None else (stamp - self._last[1]) * _SECOND
+        return 0.0 if self._last is None else seconds(stamp - self._last[1])
 
     def since_last(self, sensor: str, stamp: int, own: ScanInterval, stamps: StampFilter,
                    parameters: TimeParameters) -> ScanInterval:
@@ -48,7 +46,7 @@ class ScanOrder:
         last, self._last = self._last, (sensor, stamp)
         if last is None or last[0] == sensor:
             return own
-        elapsed = (stamp - last[1]) * _SECOND
+        elapsed = seconds(stamp - last[1])
         if abs(elapsed) > parameters.max_jump:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'

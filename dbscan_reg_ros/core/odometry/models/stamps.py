@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...features.records import Features
 from ...parameters.odometry import TimeParameters
 from ...parameters.tree import Parameters
-from ...scan import Scan
+from ...scan import SECOND, Scan
 
 
 class Jump(Enum):
@@ -123,7 +123,7 @@ class StampFilter:
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
             return ScanInterval(0.0, 0.0, middle_offset)
-        elapsed = _seconds(stamp - last)
+        elapsed = seconds(stamp - last)
         if jumps:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
@@ -147,7 +147,7 @@ class StampFilter:
 
     def jumps(self, stamp: int, parameters: TimeParameters) -> bool:
         """Whether a `stamp` [ns] differs from the last one by more than `time.max_jump`."""
-        return self._last is not None and _seconds(abs(stamp - self._last)) > parameters.max_jump
+        return self._last is not None and seconds(abs(stamp - self._last)) > parameters.max_jump
 
     def ratio(self, scan_duration: float) -> float:
         """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
@@ -175,8 +175,9 @@ def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
     return ratio * scan.time_increment * float(features.beams.mean())
 
 
-def _seconds(nanoseconds: int) -> float:
-    return nanoseconds * 1e-9
+def seconds(nanoseconds: int) -> float:
+    """Return a difference of stamps [ns] in seconds."""
+    return nanoseconds * (1.0 / SECOND)
 
 
 _MEDIAN_SIZE = 51

@@ -21,8 +21,6 @@ KEY_CLUSTERS = 2
 """Number of largest translation clusters whose samples are compared: those of the two signs of Eq. 15."""
 _NODES = 8
 """Nodes of the interpolated density for each bandwidth."""
-_MIN_VARIANCE = RESOLUTION ** 2
-"""Minimum variance [m^2, rad^2]: the scatter of a cluster of one sample is 0."""
 
 
 def select_by_divergence(problem: Problem) -> Registration:
@@ -57,7 +55,7 @@ def _scatter(transform: SE2, sample: int, rotations: Rotations, translations: Tr
     cluster = translations.samples[translations.labels == translations.labels[sample]]
     off = SE2(0.0, 0.0, -transform.theta).apply(cluster - (transform.x, transform.y))
     rotation = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
-    covariance = _MIN_VARIANCE * np.eye(DOF)
+    covariance = RESOLUTION ** 2 * np.eye(DOF)  # the scatter of a cluster of one sample is 0
     covariance[:2, :2] += off.T @ off / len(off)
     covariance[2, 2] += np.mean(wrap_period(rotation, math.pi) ** 2)
     return covariance
