@@ -129,7 +129,7 @@ def shortened(problems) -> list:
 def note_unused(command, path, parameters, used):
     """Print which parameters set in the file at `path` have no effect in `command`; `used` have an effect."""
     if names := parameters.unused(used):
-        print(f'{command}: {path}: has no effect in {command}: {", ".join(names)}', file=sys.stderr)
+        print(f'{command}: {path}: these parameters have no effect in {command}: {", ".join(names)}', file=sys.stderr)
 
 
 def note_warnings(command, recording, most=None):

@@ -64,7 +64,7 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
         '/**: {ros__parameters: {input.every_nth: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
     code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
     assert code == 0 and 'B is neither better nor worse.' in printed.out
-    assert printed.err == (f'compare: {tmp_path}/robot.yaml: has no effect in compare: '
+    assert printed.err == (f'compare: {tmp_path}/robot.yaml: these parameters have no effect in compare: '
                            'mounting, laser_pose, input.every_nth\n')
     assert set(content['differences']) == {'hall', 'all'}
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())

@@ -196,7 +196,7 @@ def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel
     assert intel(3, 5505, '--params-file', file) == 2
     note, _ = capsys.readouterr().err.splitlines()
     names = ', '.join([*(each.name for each in drive), 'mounting'])
-    assert note == f'register: {file}: has no effect in register: {names}'
+    assert note == f'register: {file}: these parameters have no effect in register: {names}'
 
 
 @pytest.mark.parametrize(('words', 'complaint'), [

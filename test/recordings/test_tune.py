@@ -196,7 +196,8 @@ def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, '
                     'advanced.odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
-    assert capsys.readouterr().err.startswith(f'tune: {file}: has no effect in tune: mounting, upside_down\ntune: ')
+    assert capsys.readouterr().err.startswith(
+        f'tune: {file}: these parameters have no effect in tune: mounting, upside_down\ntune: ')
 
 
 def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):

@@ -152,7 +152,7 @@ def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
                             ('prior.source: none, mounting: none, base_frame: base, advanced.prior.weight: 0.1', '')):
         file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
         assert main([str(data / 'absent.log'), '--params-file', str(file), '--out', str(tmp_path)]) == 2
-        said = f'replay: {file}: has no effect in replay: {names}\n' if names else ''
+        said = f'replay: {file}: these parameters have no effect in replay: {names}\n' if names else ''
         assert capsys.readouterr().err.startswith(f'{said}replay: {data}/absent.log: ')
 
 
