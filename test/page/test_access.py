@@ -13,6 +13,9 @@ import tarfile
 import numpy as np
 import pytest
 
+from dbscan_reg_ros.figures.plots import density_map
+from dbscan_reg_ros.replays.page.entries import COMPARISON_COLUMNS, REPLAY_COLUMNS
+from dbscan_reg_ros.replays.page.index import DriveEntry, small_map, write_index
 from dbscan_reg_ros.replays.page.live import live_page
 
 AXE = 'axe-core-4.10.3'
@@ -66,6 +69,20 @@ def test_axe_finds_no_violation_of_level_a_or_aa(show, page, known, axe, screen,
                               'each => [each.id, each.help, each.nodes.map(node => node.html.slice(0, 150))])'
                               '.concat(result.passes.length > 15 ? [] : ["too few rules ran"]))')
         assert found == []
+
+
+@pytest.mark.parametrize(('columns', 'rows'), [
+    (COMPARISON_COLUMNS, [['A: ours', *'?' * 9], ['B: theirs', *'?' * 9]]), (REPLAY_COLUMNS, [['?'] * 7])])
+def test_axe_finds_no_violation_in_an_index(browser, axe, tmp_path, columns, rows):
+    entry = DriveEntry('drive', 'drive/report.html', rows, small_map(density_map([], []), []), ['A: a note'])
+    write_index(tmp_path / 'index.html', 'drives', columns, [entry])
+    for screen in (390, 844, True), (1400, 900, False):
+        browser.screen(*screen)
+        browser.open((tmp_path / 'index.html').as_uri())
+        browser.value(f'{axe}; 0')
+        assert browser.value('document.querySelectorAll("tbody tr").length') == len(rows) + (len(rows) > 1)
+        assert browser.value(f'axe.run({{runOnly: {json.dumps(LEVELS)}}}).then(result => result.violations.map('
+                             'each => [each.id, each.nodes.map(node => node.html.slice(0, 150))]))') == []
 
 
 @pytest.mark.parametrize('dark', [False, True])

@@ -5,14 +5,21 @@ from pathlib import Path
 from ...core.registration.records import Status
 from ...figures.plots import density_map
 from .drive_data import KINDS, competitor_poses
-from .index import DriveEntry, SmallMap, small_map, write_index
+from .index import Columns, DriveEntry, SmallMap, small_map, write_index
 from .report import Report, write_report
 from .scan_history import ScanHistory
 
-REPLAY_COLUMNS = ['distance [m]', 'time [s]', 'scans', 'not OK', 'drift over 5 m [%]', 'error over 1 m [m]',
-                  'position error [m]']
-COMPARISON_COLUMNS = ['competitor', 'distance [m]', 'scans', 'with a pose', 'not OK', 'error over 1 m [m]',
-                      'error over 1 m [deg]', 'APE rmse [m]', 'RPE rmse [m]', 'RPE rmse [deg]', 'against A']
+REPLAY_COLUMNS = Columns(
+    ['recording', 'distance [m]', 'time [s]', 'scans', 'not OK', 'drift over 5 m [%]', 'error over 1 m [m]',
+     'position error [m]'],
+    'Not OK: scans with another status than OK, and scans that could not be used. Drift: mean error of the translation '
+    'over 5 m of the true path, in percent of these. Position error: root mean square after alignment with the truth.')
+COMPARISON_COLUMNS = Columns(
+    ['competitor', 'against A', 'error over 1 m [m]', 'error over 1 m [deg]', 'APE rmse [m]', 'RPE rmse [m]',
+     'RPE rmse [deg]', 'distance [m]', 'with a pose', 'not OK'],
+    'Not OK: scans with another status than OK, or without a pose. Error over 1 m: mean over the scans with poses of '
+    'both A and the competitor. APE and RPE: root mean squares over all poses of a competitor, as evo computes them. '
+    'Better or worse: with a confidence of 95 % for translation and rotation together.')
 DRIFT = 5.0
 """Distance [m] of the motion over which the drift is measured."""
 
@@ -90,9 +97,9 @@ def comparison_entry(link, small, results) -> DriveEntry:
     results : list of CompetitorResult
         Results of the competitors on the recording.
     """
-    rows = [[f'{each.letter}: {each.name}', _number(each.driven, 1), str(each.scans), str(each.poses),
-             str(each.not_ok), _number(each.error_m, 4), _number(each.error_deg, 3), _number(each.evo.ape_m, 6),
-             _number(each.evo.rpe_m, 6), _number(each.evo.rpe_deg, 6), each.verdict] for each in results]
+    rows = [[f'{each.letter}: {each.name}', each.verdict, _number(each.error_m, 4), _number(each.error_deg, 3),
+             _number(each.evo.ape_m, 6), _number(each.evo.rpe_m, 6), _number(each.evo.rpe_deg, 6),
+             _number(each.driven, 1), f'{each.poses} of {each.scans}', str(each.not_ok)] for each in results]
     notes = [f'{each.letter}: {note}' for each in results for note in each.notes]
     return DriveEntry(results[0].recording, link, rows, small, notes)
 

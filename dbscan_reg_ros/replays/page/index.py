@@ -45,7 +45,7 @@ class DriveEntry(NamedTuple):
     link : str
         Address of the page of the drive, relative to the index; empty without a page.
     rows : list of list of str
-        Table rows of the drive, without the column of the name.
+        Table rows of the drive.
     map : SmallMap
     notes : sequence of str
         Sentences shown below the map.
@@ -73,6 +73,21 @@ def small_map(density, lines) -> SmallMap:
     return SmallMap(picture(largest), (left, left + columns * cell, bottom, bottom + rows * cell), thinned)
 
 
+class Columns(NamedTuple):
+    """Columns of the table of an index.
+
+    Attributes
+    ----------
+    names : list of str
+        Headings, beginning with that of the row headings.
+    terms : str
+        Sentences that explain the columns.
+    """
+
+    names: list
+    terms: str
+
+
 def write_index(path, title, columns, entries):
     """Write the index of several drives as an HTML page.
 
@@ -80,18 +95,31 @@ def write_index(path, title, columns, entries):
     ----------
     path : Path
     title : str
-    columns : list of str
-        Column headings of the table, without that of the name.
+    columns : Columns
+        If the first is called ``recording``, each drive has one row; else its rows stand below its name.
     entries : list of DriveEntry
     """
-    head = ''.join(f'<th scope="col" class="number">{escape(column)}</th>' for column in columns)
-    body = ''.join(f'<tr><th scope="row">{_linked(entry)}</th>{_cells(row)}</tr>'
-                   for entry in entries for row in entry.rows)
-    contents = {'title': escape(title), 'drives': ''.join(map(_drive, entries)),
-                'table': f'<thead><tr><th scope="col">recording</th>{head}</tr></thead><tbody>{body}</tbody>'}
+    head = ''.join(f'<th scope="col">{escape(column)}</th>' for column in columns.names)
+    single = columns.names[0] == 'recording'
+    rows = _drive_row if single else _drive_rows
+    contents = {'title': escape(title), 'kind': 'drives' if single else 'rows',
+                'drives': ''.join(map(_drive, entries)), 'terms': escape(columns.terms),
+                'table': f'<thead><tr>{head}</tr></thead>{"".join(map(rows, entries))}'}
     with replacing(path) as file:
         for part in page_parts(contents, 'index.html'):
             file.write(part)
+
+
+def _drive_row(entry):
+    """Return the table row of a drive, with its name as heading."""
+    return f'<tbody><tr><th scope="row">{_linked(entry)}</th>{_cells(entry.rows[0])}</tr></tbody>'
+
+
+def _drive_rows(entry):
+    """Return the table rows of a drive below a row with its name; the heading of each is its first cell."""
+    rows = ''.join(f'<tr><th scope="row">{escape(first)}</th>{_cells(rest)}</tr>' for first, *rest in entry.rows)
+    return (f'<tbody><tr><th scope="rowgroup" colspan="{len(entry.rows[0])}">{_linked(entry)}</th></tr>'
+            f'{rows}</tbody>')
 
 
 def _linked(entry):
@@ -99,7 +127,7 @@ def _linked(entry):
 
 
 def _cells(row):
-    return ''.join(f'<td class="number">{escape(value)}</td>' for value in row)
+    return ''.join(f'<td>{escape(value)}</td>' for value in row)
 
 
 def _drive(entry):
