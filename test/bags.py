@@ -31,13 +31,14 @@ def write_bag(path, messages, storage='mcap', kinds=None, store=None):
 
 
 def scan_bag(path, scans):
-    """A ROS 2 bag of `scans` on /scan, each recorded at its stamp."""
+    """A ROS 2 bag of `scans` on /scan, or of a dictionary topic -> scans, each recorded at its stamp."""
     from dbscan_reg_ros.recordings.bags.messages import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import scan_fields
     maker = MessageMaker()
+    of_topics = scans if isinstance(scans, dict) else {'/scan': scans}
     return write_bag(path,
-                     [('/scan', scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
-                      for scan in scans])
+                     [(topic, scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
+                      for topic, each in of_topics.items() for scan in each])
 
 
 def every_format(folder, scans=8):

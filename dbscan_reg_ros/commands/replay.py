@@ -58,17 +58,18 @@ def replay(args):
     else 0.
     """
     from ..recordings import find_recording
-    from ..replays.lidars import parse_mountings
+    from ..replays.lidars import parse_mountings, scan_topics
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
     from .workers import processors, workers
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    note_unused('replay', args.params_file, parameters, REPLAYED)
+    topics = scan_topics(args.topic, parameters)
+    note_unused('replay', args.params_file, parameters, REPLAYED | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
     mountings = parse_mountings(args.mounting)
-    jobs = [Job(place(find_recording(file, args.data)), tuple(args.topic or ()), parameters, place(Path(args.out)),
+    jobs = [Job(place(find_recording(file, args.data)), topics, parameters, place(Path(args.out)),
                 args.close_loops, args.verbose, args.animation, mountings)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
@@ -173,11 +174,12 @@ def replay_one(job) -> Replayed:
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
     trajectory, broken = Trajectory(yaw, mounting.upside_down), None
+    odometry = _odometry(job.parameters, others, recording, mounting)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
-                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation)
+                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation,
+                      odometry if others else None)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
-    odometry = _odometry(job.parameters, others, recording, mounting)
     try:
         _follow(results, mounting, odometry)
     except Exception as error:  # noqa: BLE001 - what was found until then is written
@@ -186,10 +188,12 @@ def replay_one(job) -> Replayed:
         write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
     if len(trajectory.poses) <= 1:
         raise broken or _too_few(recording, trajectory)
-    notes = odometry.lines() if others else ()
-    summary = results.write(register_command(folder, recording), notes)
+    summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
-    lines = [f'results     {folder}', *shortened(recording.problems), *shortened(trajectory.problems),
+    prefix = f'{recording.topic}: ' if others else ''
+    lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
+                                        for line in shortened(each.problems)),
+             *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
              *(f'{name:11} {value}' for name, value in summary)]
     return _replayed(results, lines, broken)
 
@@ -213,7 +217,7 @@ def _odometry(parameters, others, recording, mounting):
     from ..replays.lidars import OdometryWithOthers
 
     odometry = Odometry(parameters.for_odometry())
-    return OdometryWithOthers(odometry, others, recording.topic, mounting) if others else odometry
+    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters.input) if others else odometry
 
 
 def _replayed(results, lines, broken) -> Replayed:
@@ -236,7 +240,7 @@ def _writes_bags() -> bool:
 def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..replays.bag import odometry_bag
-    from ..replays.sensor_mounting import turned
+    from ..replays.sensor_mounting import masked, turned
     from .workers import watched
 
     recording, parameters = results.recording, results.parameters
@@ -248,12 +252,14 @@ def _follow(results, mounting, odometry):
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
-        scans = turned(watched(recording.scans(), recording.name, recording.count), trajectory.yaw,
-                       mounting.upside_down)
+        scans = masked(watched(recording.scans(), recording.name, recording.count), parameters.input)
+        scans = turned(scans, trajectory.yaw, mounting.upside_down)
         for update in trajectory.follow(scans, odometry):
             for part, add in reports.items():
                 if add:
                     faults.attempt(part, add, update)
+        if results.lidars:
+            results.lidars.finish()
     finally:
         with faults.noted('bag'):
             stack.close()

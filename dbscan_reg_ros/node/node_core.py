@@ -27,7 +27,6 @@ from .interfaces.live_parameters import LiveParameters
 from .interfaces.messages import stamp_from_message
 from .interfaces.outputs import Outputs
 from .interfaces.services import Services
-from .monitoring.counters import Counters
 from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
 from .throttled_log import ThrottledLog
@@ -58,20 +57,19 @@ class NodeCore:
         self._entities = GraphEntities(node)
         self._odometry = Odometry(parameters.for_odometry())
         self._log = ThrottledLog(node.get_logger())
-        self._counters = Counters()
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
             node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._has_pending,
             self._sender
         ) if transform_type() else None
-        self._mountings = Mountings(parameters, self._listener, self._log)
+        self._mountings = Mountings(parameters, self._listener)
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
         topics = parameters.scan_topics
-        self._lidars = [Lidar(topic, len(topics) > 1, node.get_clock(), self._log) for topic in topics]
+        self._lidars = [Lidar(topic, len(topics) > 1, node) for topic in topics]
         self._trigger = OdometryTrigger(len(topics))
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
-        self._diagnostics = Diagnostics(node, self._counters, self._log, self._sender, self._outputs.odom,
+        self._diagnostics = Diagnostics(node, self._lidars, self._log, self._sender, self._outputs.odom,
                                         lambda: self._services.paused)
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
@@ -84,17 +82,16 @@ class NodeCore:
 
     def activate(self) -> None:
         """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
-        inboxes = [lidar.subscribe(self._node, self._live.value, self._is_ready, self._on_scan)
-                   for lidar in self._lidars]
-        self._diagnostics.watch(inboxes)
+        inboxes = [lidar.subscribe(self._live.value, self._is_ready, self._on_scan) for lidar in self._lidars]
+        self._diagnostics.restart()
         topics = ', '.join(inbox.topic for inbox in inboxes)
         self._node.get_logger().info(f'ready: {topics} -> {self._outputs.odom.topic_name}')
 
     def deactivate(self) -> None:
         """Unsubscribe from the scans; the pose and the map are kept."""
-        self._diagnostics.watch(())
         for lidar in self._lidars:
             lidar.unsubscribe()
+        self._diagnostics.restart()
 
     def close(self) -> None:
         """Destroy the publishers, subscriptions, services and timers created on the node, but keep its parameters."""
@@ -122,37 +119,39 @@ class NodeCore:
     def _on_scan(self, lidar: Lidar, message: LaserScan) -> None:
         if self._services.paused:
             return
-        self._counters.add_warnings(lidar.reader.check(message))
+        lidar.counters.add_warnings(lidar.reader.check(message))
         due, wrong = lidar.stamps.update(message, self._live.value.time.max_jump)
         if wrong:
-            self._skip('its stamp lies far before those of the scans around it')
+            self._skip(lidar, 'its stamp lies far before those of the scans around it')
         for scan in due:
             self._process(lidar, scan)
 
-    def _skip(self, reason: str) -> None:
-        self._log.warn(f'scan skipped: {reason}')
-        self._counters.skip(reason)
+    @staticmethod
+    def _skip(lidar: Lidar, reason: str) -> None:
+        lidar.log.warn(f'scan skipped: {reason}')
+        lidar.counters.skip(reason)
 
     def _process(self, lidar: Lidar, message: LaserScan) -> None:
         began = time.perf_counter()
         try:
-            mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp))
+            mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp),
+                                            lidar.log)
             scan = lidar.reader.read(message, mounting, self._live.value)
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
-                self._reset('the stamps of the scans start again', InitialPose())
+                self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
             followed = mounting if len(self._lidars) == 1 else Mounting()
             frame = self._followed_frame(scan.frame_id)
             prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
             update = self._odometry.process(scan, prior, lidar.sensor(mounting))
         except DbscanRegError as error:
-            self._skip(str(error))
+            self._skip(lidar, str(error))
             return
         if self._origin is None:
             self._origin = self._initial.pose @ followed.aligned_pose
         lidar.stamps.used(scan.stamp)
         self._priors.processed(scan.stamp, followed)
         self._services.keep(update, prior)
-        self._log_tracking(update)
+        self._log_tracking(lidar, update)
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
@@ -161,17 +160,17 @@ class NodeCore:
             self._outputs.publish(update, state, self._origin)
         else:
             self._outputs.keep(update)
-        self._counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
+        lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
-    def _log_tracking(self, update: OdometryUpdate) -> None:
-        """Log a restart of the tracking and a failed registration."""
+    def _log_tracking(self, lidar: Lidar, update: OdometryUpdate) -> None:
+        """Log a restart of the tracking and a failed registration of a scan of `lidar`."""
         if update.restarted and update.registration is None:
             self._sender.restart()
-            self._log.warn(f'tracking restarted at the last pose: {update.restarted}')
+            lidar.log.warn(f'tracking restarted at the last pose: {update.restarted}')
         elif update.restarted:
-            self._log.warn(update.restarted)
+            lidar.log.warn(update.restarted)
         elif update.status is Status.FAILED and update.registration:
-            self._log.warn(f'scan could not be registered: {update.registration.reason}')
+            lidar.log.warn(f'scan could not be registered: {update.registration.reason}')
 
     def _reset(self, reason: str, initial: InitialPose) -> None:
         """Restart the odometry at the next scan, at which the base has the pose `initial`."""

@@ -17,12 +17,15 @@ class ThrottledLog:
     ----------
     logger : rclpy logger
         Logger that the warnings go to.
+    subject : str
+        Text before each warning: what the warnings are about.
     period : float
         Minimum time between two warnings of one kind [s].
     """
 
-    def __init__(self, logger: RcutilsLogger, period: float = 10.0) -> None:
+    def __init__(self, logger: RcutilsLogger, subject: str = '', period: float = 10.0) -> None:
         self._logger = logger
+        self._subject = subject
         self._period = period
         self._kinds: dict[str, tuple[float, int]] = {}
 
@@ -37,4 +40,5 @@ class ThrottledLog:
         if len(self._kinds) > MAX_KINDS:
             self._kinds.clear()
         self._kinds[kind] = now, 0
-        self._logger.warning(text + (f' ({suppressed} more like this since the last time)' if suppressed else ''))
+        more = f' ({suppressed} more like this since the last time)' if suppressed else ''
+        self._logger.warning(self._subject + text + more)

@@ -2,20 +2,35 @@
 """Several lidars of one recording: the odometry estimates the poses of the first and uses the scans of all."""
 import dataclasses
 import math
-from dataclasses import dataclass
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 from ..core.errors import RecordingError, ScanError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.sensor import Sensor
+from ..core.registration.records import Status
 from ..recordings import open_recording
 from ..recordings.bags.static_transforms import static_mounting
 from ..recordings.opening import is_bag
 from ..recordings.recording import Recording
-from .sensor_mounting import turned
+from ..robot.parameters import InputParameters
+from .sensor_mounting import masked, turned
 
 UPSIDE_DOWN = 'upside_down'
 """Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
+
+
+def scan_topics(given, parameters) -> tuple[str, ...]:
+    """Return the topics of the lidars: those `given` on the command line, else several of ``scan_topics``.
+
+    Names in `parameters` (`NodeParameters`) that are relative are those of a node without a namespace. A single one is
+    not used, as a recording may call it anything.
+    """
+    if given or len(parameters.scan_topics) == 1:
+        return tuple(given or ())
+    return tuple(f'/{topic.lstrip("/")}' for topic in parameters.scan_topics)
 
 
 def parse_mountings(given) -> dict:
@@ -76,9 +91,9 @@ class FurtherLidar:
         offset = first.aligned_pose.inverse() @ self.mounting.aligned_pose
         return Sensor(self.recording.topic, offset)
 
-    def scans(self):
-        """Yield the scans of this lidar, rotated to the axes of the base."""
-        return turned(self.recording.scans(), self.mounting.pose.theta, self.mounting.upside_down)
+    def scans(self, parameters: InputParameters):
+        """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
+        return turned(masked(self.recording.scans(), parameters), self.mounting.pose.theta, self.mounting.upside_down)
 
 
 def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
@@ -97,6 +112,39 @@ def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
     return [FurtherLidar(recording, mounting_in(recording, mountings, base_frame)) for recording in opened]
 
 
+@dataclass(eq=False)
+class LidarCounts:
+    """Scans of one lidar in a replay, by outcome.
+
+    Attributes
+    ----------
+    unused : int
+        Number of scans before the first and after the last scan of the first lidar, which are not used.
+    skipped : int
+        Number of scans that could not be used.
+    problem : str
+        Why the last skipped scan could not be used.
+    statuses : Counter
+        Number of the other scans by `Status`.
+    """
+
+    unused: int = 0
+    skipped: int = 0
+    problem: str = ''
+    statuses: Counter[Status] = field(default_factory=Counter)
+
+    def measures(self) -> dict:
+        """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""
+        counts = {status.value: self.statuses[status] for status in Status}
+        return {'scans': self.skipped + sum(counts.values()), 'skipped': self.skipped, **counts}
+
+    def __str__(self) -> str:
+        counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
+        outside = f', {self.unused} before or after those of the first lidar not used' if self.unused else ''
+        problem = f'; the last skipped: {self.problem}' if self.problem else ''
+        return ' '.join(counts) + outside + problem
+
+
 class OdometryWithOthers:
     """Odometry that processes the scans of all lidars in the order of their stamps.
 
@@ -110,38 +158,38 @@ class OdometryWithOthers:
         Topic of the first lidar.
     mounting : Mounting
         Mounting of the first lidar.
+    parameters : InputParameters
+        Mask of the scans of the other lidars.
 
     Attributes
     ----------
-    used : dict
-        Topic of another lidar -> number of its scans that were used.
-    problems : dict
-        Topic of another lidar -> reason why its last unusable scan could not be used.
+    recordings : list of Recording
+        Recordings with the topics of the other lidars.
+    counts : dict
+        Topic of a lidar -> `LidarCounts`, that of the first lidar first.
     """
 
-    def __init__(self, odometry, others, first, mounting):
+    def __init__(self, odometry, others, first, mounting, parameters):
         self._odometry, self._first = odometry, Sensor(first)
-        self._others = [(other.sensor(mounting), other.scans()) for other in others]
+        self.recordings = [other.recording for other in others]
+        self._others = [(other.sensor(mounting), other.scans(parameters)) for other in others]
         self._next = [next(scans, None) for _, scans in self._others]
-        self.used = {sensor.name: 0 for sensor, _ in self._others}
-        self.problems: dict[str, str] = {}
+        self.counts = {sensor.name: LidarCounts() for sensor in (self._first, *(sensor for sensor, _ in self._others))}
         self._numbers: dict[int, int] = {}
-
-    def lines(self) -> list:
-        """Return the summary of the scans used of each lidar, as (name, text) pairs."""
-        used = ', '.join(f'{count} scans of {topic}' for topic, count in self.used.items())
-        return [('lidars', f'poses are those of the lidar on {self._first.name}; {used} used besides'),
-                *(('warning', f'{topic}: the last scan that was left out: {problem}')
-                  for topic, problem in self.problems.items())]
 
     def process(self, scan):
         """Process the older scans of the other lidars, then a `scan` of the first lidar; return its update."""
         while self._take_older(scan.stamp):
             pass
-        update = self._odometry.process(scan, None, self._first)
+        update = self._process(scan, self._first)
         number = self._numbers[update.number] = len(self._numbers)
         reference = self._numbers.get(update.reference_number)
         return dataclasses.replace(update, number=number, reference_number=reference)
+
+    def finish(self):
+        """Count the scans after the last scan of the first lidar."""
+        for (sensor, scans), scan in zip(self._others, self._next, strict=True):
+            self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
     def _take_older(self, stamp):
         """Process the oldest waiting scan of the other lidars, if older than `stamp` [ns]; return whether it was."""
@@ -151,14 +199,21 @@ class OdometryWithOthers:
         _, k = min(waiting)
         sensor, scans = self._others[k]
         scan, self._next[k] = self._next[k], next(scans, None)
-        if self._numbers:
+        if not self._numbers:
+            self.counts[sensor.name].unused += 1
+            return True
+        with suppress(ScanError):
             self._process(scan, sensor)
         return True
 
     def _process(self, scan, sensor):
-        """Process a scan of another lidar, described by `sensor`."""
+        """Return the update of a scan of the lidar `sensor`, and count it; raise a ScanError if it is unusable."""
+        counts = self.counts[sensor.name]
         try:
-            self._odometry.process(scan, None, sensor)
-            self.used[sensor.name] += 1
+            update = self._odometry.process(scan, None, sensor)
         except ScanError as error:
-            self.problems[sensor.name] = str(error)
+            counts.skipped += 1
+            counts.problem = str(error)
+            raise
+        counts.statuses[update.status] += 1
+        return update

@@ -13,13 +13,15 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
 from .faults import Faults
+from .lidars import OdometryWithOthers
 from .loops import Loops
 from .page.entries import replay_entry
 from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
-from .summary import summarise, write_metrics
+from .sensor_mounting import masked
+from .summary import describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 
 NOTHING_KNOWN = KnownMotion(None, None, None)
@@ -44,6 +46,8 @@ class Results:
         Data of each scan that the page shows.
     animation : bool
         Whether to write animation.gif as well.
+    lidars : OdometryWithOthers or None
+        The odometry of several lidars; None of a single one.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -57,25 +61,27 @@ class Results:
     faults: Faults
     history: ScanHistory
     animation: bool = False
+    lidars: OdometryWithOthers | None = None
     entry: DriveEntry | None = None
 
-    def write(self, register='', notes=()) -> list:
+    def write(self, register='') -> list:
         """Write metrics, pictures and page; return the summary as (name, text) pairs.
 
-        `register` is the command that shows a pair of scans if their numbers are appended; `notes` are further
-        (name, text) pairs of the summary.
+        `register` is the command that shows a pair of scans if their numbers are appended.
         """
+        recordings, counts = [self.recording], {}
+        if self.lidars:
+            recordings, counts = [*recordings, *self.lidars.recordings], self.lidars.counts
         stamps, poses, name = self.trajectory.stamps, self.trajectory.pose_array(), self.recording.name
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
         measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
-        write_metrics(self.folder / 'metrics.json', self.recording, measures)
+        write_metrics(self.folder / 'metrics.json', recordings, measures, counts)
         truth = self.faults.attempt('truth.tum', self._truth, known)
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*notes, *(('note', note) for note in self.recording.notes),
-                   *(('warning', line) for line in self.recording.watch.lines()), *summarise(measures)]
+        summary = [*describe_recordings(recordings, counts), *summarise(measures)]
         if density and self.animation:
             self.faults.attempt('animation.gif', self._animate, density, closed_map)
         if density:
@@ -117,13 +123,17 @@ class Results:
 
     def _draw(self, file, poses, title, truth):
         """Draw the map from the poses; return its `DensityMap`, or None if this fails."""
-        density = self.faults.attempt(file, density_map, self.trajectory.usable(self.recording.scans()), poses)
+        density = self.faults.attempt(file, density_map, self._usable(), poses)
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
         return density
 
+    def _usable(self):
+        """Return the scans that the odometry used, without masked returns."""
+        return self.trajectory.usable(masked(self.recording.scans(), self.parameters.input))
+
     def _animate(self, density, closed):
-        found, scans = self.trajectory, self.trajectory.usable(self.recording.scans())
+        found, scans = self.trajectory, self._usable()
         write_animation(self.folder / 'animation.gif', scans, Track(found.pose_array(), found.stamps, density),
                         closed and Track(closed.poses, found.stamps, closed.density))
 

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mounting of the laser in a replay, read from the same parameters as in the node."""
+"""Mounting and mask of the laser in a replay, read from the same parameters as in the node."""
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
 from ..core.scan_geometry import ScanGeometry
+from ..robot.mask import Mask
 from ..robot.mounting import mounting_from_parameters
 
 
 def mounting_of(parameters) -> Mounting:
     """Return the mounting in `parameters` (`NodeParameters`); identity with ``mounting: tf``."""
     return mounting_from_parameters(parameters) or Mounting()
+
+
+def masked(scans, parameters):
+    """Yield `scans` without the returns in the sectors of ``input.mask`` in `parameters` (`InputParameters`)."""
+    mask = Mask()
+    for scan in scans:
+        yield mask.apply(scan, Mounting(), parameters)
 
 
 def turned(scans, yaw, upside_down=False):

@@ -7,17 +7,46 @@ from ..core.registration.records import Status
 from ..recordings.files import replacing
 
 
-def write_metrics(path, recording, measures):
+def write_metrics(path, recordings, measures, counts):
     """Write ``metrics.json``.
 
     The file contains name and file of the recording, notes on how it was read, warnings about its scans, and each
-    measure by its name; null for a measure that is not finite.
+    measure by its name; null for a measure that is not finite. Of several lidars, it contains the number of scans by
+    outcome of each.
+
+    Parameters
+    ----------
+    path : Path
+    recordings : list of Recording
+        The recording with the topic of the first lidar, then with that of each other lidar.
+    measures : dict
+        Measures of the first lidar.
+    counts : dict
+        Topic -> `LidarCounts`; empty for a single lidar.
     """
+    recording = recordings[0]
+    warnings = [{'topic': each.topic} | sighting.as_fields()
+                for each in recordings for sighting in each.watch.sightings]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
-               'notes': recording.notes, 'warnings': [sighting.as_fields() for sighting in recording.watch.sightings]}
+               'notes': recording.notes, 'warnings': warnings}
+    if counts:
+        content['lidars'] = {topic: count.measures() for topic, count in counts.items()}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
     with replacing(path) as file:
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
+
+
+def describe_recordings(recordings, counts) -> list:
+    """Return lines on the lidars, assumptions, and warnings about the scans, as (name, text) pairs.
+
+    `recordings` and `counts` are those of `write_metrics`; with several lidars each line begins with a topic.
+    """
+    lidars = [('lidar', f'{topic}: {count}') for topic, count in counts.items()]
+    if lidars:
+        lidars.append(('poses', f'those of the lidar on {recordings[0].topic}'))
+    return [*lidars, *(('note', note) for note in recordings[0].notes),
+            *(('warning', f'{each.topic}: {line}' if counts else line)
+              for each in recordings for line in each.watch.lines())]
 
 
 def summarise(measures) -> list:

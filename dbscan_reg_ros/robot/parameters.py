@@ -16,7 +16,8 @@ SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
 SECTORS = 4
 METHOD = frozenset(each.name for each in Parameters.describe())
 """Full names of the parameters of the method."""
-REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down'}
+REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
+                     'input.mask_range'}
 """Full names of the parameters that a replay uses."""
 OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 """Names and values of parameters that have no effect on a replay, and so need no warning."""

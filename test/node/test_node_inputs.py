@@ -8,13 +8,13 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played
+from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played, said
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
-from dbscan_reg_ros.node.interfaces.scan_reader import within
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.robot.mask import within
 
 
 @pytest.mark.parametrize('sector, inside', [
@@ -84,4 +84,5 @@ def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(n
     peer.until(lambda: reports and counts()[1] == len(answers))
     received, processed, dropped = counts()
     assert received == processed + dropped
+    said(node, 'too slow: ', peer)
     assert received > 50

@@ -8,7 +8,7 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import LATCHED, Loudspeaker, diagnosis, pose_of, said, transform
+from ros_helpers import LATCHED, Loudspeaker, changed, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -75,7 +75,7 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
     lidars['front'].until(lambda: found, first)
     waited_for = 'front'
     publish(scan for scan in scans[1:] if scan.stamp < start)
-    said(node, "no transform from 'base_link' to 'rear'", peer)
+    said(node, "/rear/scan: scan skipped: no transform from 'base_link' to 'rear'", peer)
     # It joins when its transform comes.
     static.tell(tf_type(transforms=[transform('base_link', 'rear', REAR)]))
     publish(scan for scan in scans if start <= scan.stamp < stop)
@@ -90,6 +90,8 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
     assert 'no scans on /front/scan' in report.message
     values = {value.key: value.value for value in report.values}
     assert int(values['/rear/scan: scans received']) > int(values['/front/scan: scans received']) - 30
+    skipped = [int(values[f'/{name}/scan: scans skipped']) for name in lidars]
+    assert skipped[0] == 0 < skipped[1] == int(values['scans skipped'])
     # And it comes back.
     waited_for = 'front'
     publish(scan for scan in scans if end <= scan.stamp < end + 500 * MS)
@@ -100,6 +102,40 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
         true = origin.inverse() @ base_at(stamp)
         pose = pose_of(message)
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
+
+
+def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_type):
+    """The front lidar sends half of its beams, then the rear one; one sends faster than its scans are processed."""
+    scans, _ = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]')
+    said(node, 'ready: ', peer)
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    found, statuses = peer.subscribe(Odometry, '/odom'), peer.listen(DiagnosticArray, '/diagnostics')
+
+    def reported(text):
+        """Wait until a report contains `text`; it may have come before the line of the log that was waited for."""
+        peer.until(lambda: any(text in status.message for message in statuses for status in message.status))
+
+    halves = {name: [changed(scan, beams=180) for scan in scans[20:] if scan.frame_id == name]
+              for name in lidars}
+    for scan in scans[:20]:
+        count = len(found)
+        lidars[scan.frame_id].tell(scan_to_message(scan))
+        if scan.frame_id == 'front':
+            peer.until(lambda count=count: len(found) > count)
+    for name, messages in halves.items():
+        for message in messages[:2]:
+            lidars[name].tell(message)
+        said(node, f'/{name}/scan: the scans change from 361 to 180 beams', peer)
+    for name in lidars:
+        reported(f'/{name}/scan: the scans change from 361 to 180 beams')
+    for message in halves['rear'][2:]:
+        lidars['rear'].publisher.publish(message)
+    said(node, '/rear/scan: too slow: ', peer)
+    reported('/rear/scan: too slow: ')
+    assert '/front/scan: too slow' not in node.output()
 
 
 @pytest.mark.parametrize('words, expected', [

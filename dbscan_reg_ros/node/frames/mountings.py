@@ -18,8 +18,6 @@ class Mountings:
         The parameter ``mounting`` selects the source of the mounting.
     transforms : TransformListener or None
         None where tf2_msgs is not installed.
-    log : ThrottledLog
-        Log for transforms that are missing at the time of a scan.
 
     Raises
     ------
@@ -27,10 +25,9 @@ class Mountings:
         When transforms are to be read and tf2_msgs is not installed.
     """
 
-    def __init__(self, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog) -> None:
+    def __init__(self, parameters: NodeParameters, transforms: TransformListener | None) -> None:
         self._base_frame = parameters.base_frame
         self._transforms = transforms
-        self._log = log
         self._last_stamp: int | None = None
         self._fixed = mounting_from_parameters(parameters)
         if self._fixed is None and transforms is None:
@@ -53,8 +50,10 @@ class Mountings:
         assert self._transforms
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
-    def find(self, frame: str, stamp: int) -> Mounting:
+    def find(self, frame: str, stamp: int, log: ThrottledLog) -> Mounting:
         """Return the mounting of the lidar in `frame` at `stamp` [ns]; if unknown then, that at the nearest known time.
+
+        `log` is that of the lidar.
 
         Raises
         ------
@@ -74,6 +73,6 @@ class Mountings:
                 "received; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
         self._last_stamp = stamp
         if not known:
-            self._log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '
-                           'scan; using the transform of another time')
+            log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '
+                     'scan; using the transform of another time')
         return Mounting.from_matrix(matrix)

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
-from rclpy.clock import Clock
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 
@@ -13,6 +12,7 @@ from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
 from ...robot.parameters import NodeParameters
+from ..counters import Counters
 from ..throttled_log import ThrottledLog
 from .scan_input import ScanInbox, StampFilter
 from .scan_reader import ScanReader
@@ -27,28 +27,34 @@ class Lidar:
         Topic of its scans.
     several : bool
         Whether there are several lidars: then the odometry estimates the pose of the base instead of that of the lidar.
-    clock : rclpy.clock.Clock
-        Clock that the stamps of scans are compared with.
-    log : ThrottledLog
-        Log for warnings about its scans.
+    node : rclpy.node.Node
+        The node that subscribes to the scans.
 
     Attributes
     ----------
+    label : str
+        Text before what is reported about this lidar: with several lidars its topic; empty for a single one.
+    log : ThrottledLog
+        Log for warnings about its scans.
+    counters : Counters
     reader : ScanReader
     stamps : StampFilter
     inbox : ScanInbox or None
         None while the node is not subscribed.
     """
 
-    def __init__(self, topic: str, several: bool, clock: Clock, log: ThrottledLog) -> None:
-        self.topic, self._several = topic, several
-        self.reader, self.stamps = ScanReader(clock, log), StampFilter()
+    def __init__(self, topic: str, several: bool, node: Node) -> None:
+        self.topic, self._several, self._node = topic, several, node
+        self.label = f'{node.resolve_topic_name(topic)}: ' if several else ''
+        self.log = ThrottledLog(node.get_logger(), self.label)
+        self.counters = Counters()
+        self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
         self.inbox: ScanInbox | None = None
 
-    def subscribe(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
+    def subscribe(self, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
                   handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
         """Subscribe to the scans; `handle` is called with this lidar and each scan; see `ScanInbox` for the rest."""
-        self.inbox = ScanInbox(node, parameters, is_ready, lambda message: handle(self, message), self.topic)
+        self.inbox = ScanInbox(self._node, parameters, is_ready, lambda message: handle(self, message), self.topic)
         return self.inbox
 
     def unsubscribe(self) -> None:

@@ -3,19 +3,22 @@
 import math
 import statistics
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from operator import itemgetter
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from ...core.registration.records import Status
+from ..counters import Counters, Grade
 from ..frames.transform_sender import TransformSender
 from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, incompatibilities, named, shared
+from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
 from ..throttled_log import ThrottledLog
-from .counters import Counters, Grade
 
 PERIOD = 1.0
 STALE_AFTER = 2.0
@@ -36,8 +39,8 @@ class Diagnostics:
     ----------
     node : rclpy.node.Node
         The node that publishes.
-    counters : Counters
-        Counters of the odometry.
+    lidars : list of Lidar
+        Lidars with the counters of their scans.
     log : ThrottledLog
         Log for faults of the graph.
     sender : TransformSender
@@ -48,26 +51,27 @@ class Diagnostics:
         Whether the odometry is paused.
     """
 
-    def __init__(self, node: Node, counters: Counters, log: ThrottledLog, sender: TransformSender, odom: Publisher,
+    def __init__(self, node: Node, lidars: Sequence[Lidar], log: ThrottledLog, sender: TransformSender, odom: Publisher,
                  is_paused: Callable[[], bool]) -> None:
         self._node = node
-        self._counters = counters
+        self._lidars = lidars
         self._log = log
         self._sender = sender
         self._odom = odom
         self._is_paused = is_paused
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
-        self._inboxes: Sequence[ScanInbox] = ()
         self._seen: set[str] = set()
         self._logged: set[str] = set()
-        self._begin()
+        self.restart()
 
-    def watch(self, inboxes: Sequence[ScanInbox]) -> None:
-        """Report on the scans of these `inboxes` from now on; `inboxes` is empty while the node is not subscribed."""
-        self._inboxes = inboxes
-        self._begin()
+    @property
+    def _inboxes(self) -> list[ScanInbox]:
+        """Inboxes of the lidars; empty while the node is not subscribed."""
+        return [lidar.inbox for lidar in self._lidars if lidar.inbox]
 
-    def _begin(self) -> None:
+    def restart(self) -> None:
+        """Count the scans from 0: the node has subscribed or unsubscribed."""
+        self._dropped: Counter[str] = Counter()
         self._last: tuple[float, tuple[int, int, int]] | None = None
         self._last_scan = time.monotonic()
         self._heard: dict[str, tuple[int, float]] = {}
@@ -79,17 +83,18 @@ class Diagnostics:
         counts = self._counts()
         last_time, last = self._last or (now - PERIOD, (0, 0, 0))
         elapsed = max(now - last_time, MIN_ELAPSED)
-        received, processed, dropped = (new - old for new, old in zip(counts, last, strict=True))
+        received, processed, _ = (new - old for new, old in zip(counts, last, strict=True))
         self._last = now, counts
         if received:
             self._last_scan = now
-        level, message = self._level(now - self._last_scan, dropped)
-        update = self._counters.update
+        level, message = self._level(now - self._last_scan)
+        update = self._latest().update
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name()}: laser odometry', message=message,
             hardware_id=update.features.scan.frame_id if update else '')
         pairs = [*self._rates(received / elapsed, processed / elapsed), *self._scan_counts(), *self._estimates(),
-                 *((f'status {each.value}', str(self._counters.statuses[each])) for each in Status)]
+                 *((f'status {each.value}', str(sum(lidar.counters.statuses[each] for lidar in self._lidars)))
+                   for each in Status)]
         status.values = [KeyValue(key=key, value=value) for key, value in pairs]
         report = DiagnosticArray(status=[status])
         report.header.stamp = self._node.get_clock().now().to_msg()
@@ -98,33 +103,73 @@ class Diagnostics:
     def _counts(self) -> tuple[int, int, int]:
         """Count the scans received, processed and dropped so far."""
         received, dropped = (sum(getattr(inbox, name) for inbox in self._inboxes) for name in ('received', 'dropped'))
-        return received, self._counters.processed, dropped
+        return received, self._total('processed'), dropped
 
-    def _silent(self) -> list[str]:
-        """Return a sentence for each lidar that is silent while other lidars publish, with the reason."""
+    def _total(self, name: str) -> int:
+        """Return the sum of a counter of all lidars."""
+        return sum(getattr(lidar.counters, name) for lidar in self._lidars)
+
+    def _latest(self) -> Counters:
+        """Return the counters of the lidar that the latest processed scan is from; of the first one without a scan."""
+        return max((lidar.counters for lidar in self._lidars),
+                   key=lambda counters: counters.update.stamp if counters.update else -1)
+
+    def _silent(self) -> list[Lidar]:
+        """Return the lidars that are silent while other lidars publish."""
         now = time.monotonic()
         for inbox in self._inboxes:
             if self._heard.get(inbox.topic, (0, now))[0] != inbox.received or inbox.topic not in self._heard:
                 self._heard[inbox.topic] = inbox.received, now
-        silent = [inbox for inbox in self._inboxes if now - self._heard[inbox.topic][1] > STALE_AFTER]
-        return [] if len(silent) == len(self._inboxes) else [self._no_scans(inbox) for inbox in silent]
+        silent = [lidar for lidar in self._lidars
+                  if lidar.inbox and now - self._heard[lidar.inbox.topic][1] > STALE_AFTER]
+        return [] if len(silent) == len(self._inboxes) else silent
 
-    def _level(self, silence: float, dropped: int) -> tuple[bytes, str]:
+    def _level(self, silence: float) -> tuple[bytes, str]:
         """Return level and message of the report when the last scan arrived `silence` [s] ago."""
         faults = self._graph_faults()
         conflict = self._sender.conflict
-        level, message = self._odometry_level(silence)
-        warnings = [text for text in (*self._counters.take_warnings(), *faults, *self._silent()) if text not in message]
-        if dropped:
-            warnings.append(f'too slow: {dropped} scans dropped')
+        silent = self._silent()
+        level, message = self._odometry_level(silence, silent)
+        about_scans = [lidar.label + text for lidar in self._lidars for text in lidar.counters.take_warnings()]
+        warnings = [text for text in (*about_scans, *self._lost(silent), *faults,
+                                      *(self._no_scans(lidar.inbox) for lidar in silent if lidar.inbox))
+                    if text not in message]
+        warnings += self._overload()
         if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         if conflict:
             level = DiagnosticStatus.ERROR
         return level, '; '.join(filter(None, [message, conflict, *warnings]))
 
-    def _odometry_level(self, silence: float) -> tuple[bytes, str]:
-        """Return level and message for the tracking of the odometry, without regard to the input."""
+    def _overload(self) -> list[str]:
+        """Return and log a sentence for each lidar of which scans were dropped since the last call."""
+        texts = []
+        for lidar in self._lidars:
+            if not lidar.inbox:
+                continue
+            topic, total = lidar.inbox.topic, lidar.inbox.dropped
+            count, self._dropped[topic] = total - self._dropped[topic], total
+            if count:
+                texts.append(f'{lidar.label}too slow: {count} scans dropped')
+                lidar.log.warn(f'too slow: {count} scans dropped, as others were still being processed or waited for '
+                               'data; use every n-th scan only (input.every_nth), or fewer points (density.max_points)')
+        return texts
+
+    def _grades(self, silent: Sequence[Lidar]) -> list[tuple[Grade, str]]:
+        """Return grade and message of the latest scan of each lidar that has sent one and is not among the `silent`."""
+        found = []
+        for lidar in self._lidars:
+            if lidar not in silent and (lidar.counters.update or lidar.counters.skip_reason):
+                grade, message = lidar.counters.grade()
+                found.append((grade, message if grade is Grade.TRACKING else lidar.label + message))
+        return found
+
+    def _lost(self, silent: Sequence[Lidar]) -> list[str]:
+        """Return the message of each lidar whose latest scan was not registered."""
+        return [message for grade, message in self._grades(silent) if grade is Grade.LOST]
+
+    def _odometry_level(self, silence: float, silent: Sequence[Lidar]) -> tuple[bytes, str]:
+        """Return level and message for the tracking of the odometry by its best lidar, without regard to the input."""
         if not self._inboxes or self._is_paused():
             return DiagnosticStatus.OK, 'paused' if self._inboxes else 'inactive'
         received = any(inbox.received for inbox in self._inboxes)
@@ -134,9 +179,10 @@ class Diagnostics:
                 self._node.get_logger().warning(f'{waiting} ({self._patience:.0f} s so far)')
                 self._patience *= 2.0
             return DiagnosticStatus.STALE, waiting
-        if self._counters.update is None and not self._counters.skip_reason:
+        grades = self._grades(silent)
+        if not grades:
             return DiagnosticStatus.OK, 'no scan processed yet'
-        grade, message = self._counters.grade()
+        grade, message = min(grades, key=itemgetter(0))
         return LEVELS[grade], message
 
     def _no_scans(self, inbox: ScanInbox) -> str:
@@ -151,6 +197,8 @@ class Diagnostics:
                         if LASER_SCAN in types and self._node.count_publishers(name))
         if not topics:
             return ''
+        if len(self._lidars) > 1:
+            return f'; scans are published on {", ".join(topics)}: set scan_topics to those of your lidars'
         return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}'
 
     def _graph_faults(self) -> list[str]:
@@ -168,7 +216,7 @@ class Diagnostics:
 
     def _rates(self, rate_in: float, rate_out: float) -> Iterator[tuple[str, str]]:
         """Yield the rates [Hz] of scans and of odometry, and the processing times [ms], as (name, text)."""
-        durations = [1e3 * duration for duration in self._counters.durations]
+        durations = [1e3 * duration for lidar in self._lidars for duration in lidar.counters.durations]
         yield 'scan rate [Hz]', f'{rate_in:.1f}'
         yield 'odometry rate [Hz]', f'{rate_out:.1f}'
         yield 'processing time median [ms]', f'{statistics.median(durations):.2f}' if durations else '-'
@@ -179,20 +227,23 @@ class Diagnostics:
         yield 'scans received', str(received)
         yield 'scans processed', str(processed)
         yield 'scans dropped', str(dropped)
-        yield 'scans skipped', str(self._counters.skipped)
-        yield 'scans rejected by limits of speed', str(self._counters.too_fast)
-        if len(self._inboxes) > 1:
-            for inbox in self._inboxes:
-                yield f'{inbox.topic}: scans received', str(inbox.received)
-                yield f'{inbox.topic}: scans dropped', str(inbox.dropped)
+        yield 'scans skipped', str(self._total('skipped'))
+        yield 'scans rejected by limits of speed', str(self._total('too_fast'))
+        for lidar in self._lidars if len(self._lidars) > 1 else ():
+            if lidar.inbox:
+                yield f'{lidar.label}scans received', str(lidar.inbox.received)
+                yield f'{lidar.label}scans dropped', str(lidar.inbox.dropped)
+            yield f'{lidar.label}scans skipped', str(lidar.counters.skipped)
+            yield f'{lidar.label}status failed', str(lidar.counters.statuses[Status.FAILED])
 
     def _estimates(self) -> Iterator[tuple[str, str]]:
         """Values of the latest registration, and the estimated correction of the wheel odometry."""
-        update, direction = self._counters.update, self._counters.degenerate_direction
+        latest = self._latest()
+        update, direction = latest.update, latest.degenerate_direction
         yield 'backend', update.features.backend.name if update else '-'
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'degenerate direction [rad]', '-' if direction is None else f'{direction:.3f}'
-        correction = self._counters.wheel_correction
+        correction = latest.wheel_correction
         if correction is not None:
             yield 'wheel distance scale correction [%]', f'{100.0 * correction[0, 0]:+.1f}'
             yield 'wheel rotation scale correction [%]', f'{100.0 * correction[2, 2]:+.1f}'

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from bags import needs_rosbags
+from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
@@ -38,6 +38,29 @@ def replayed(bag, out, *words):
     return json.loads((out / bag.name / 'latest' / 'metrics.json').read_text())
 
 
+def given(*topics):
+    """Words that name the topics of both lidars, and their mountings."""
+    return [word for topic, mounting in zip(topics, (FRONT, REAR), strict=True)
+            for word in ('--topic', topic, '--mounting', topic, *map(str, mounting))]
+
+
+def with_ranges(scan, chosen, value):
+    """The scan with `value` [m] instead of the `chosen` ranges."""
+    return Scan(scan.stamp, np.where(chosen, np.float32(value), scan.ranges), scan.geometry, scan.time_increment,
+                scan.frame_id)
+
+
+def trajectory(out, bag):
+    return (out / bag.name / 'latest' / 'trajectory.tum').read_text()
+
+
+@pytest.fixture(scope='module')
+def scans(pair):
+    """The first two seconds of both lidars: topic -> scans."""
+    return {topic: [scan for _, scan in zip(range(count), open_recording(pair, topic).scans(), strict=False)]
+            for topic, count in (('/scan', 25), ('/scan_2', 30))}
+
+
 def test_each_option_of_simulate_belongs_to_the_lidar_before_it(pair):
     first, second = (list(open_recording(pair, topic).scans()) for topic in ('/scan', '/scan_2'))
     assert (first[0].frame_id, second[0].frame_id) == ('laser', 'laser_2')
@@ -53,13 +76,17 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     words = '--topic', '/scan', '--topic', '/scan_2'
     found = replayed(pair, tmp_path / 'both', *words)
     printed = capsys.readouterr().out
-    assert 'poses are those of the lidar on /scan; ' in printed and 'scans of /scan_2 used besides' in printed
+    lines = [line for line in printed.splitlines() if line.startswith(('lidar ', 'poses '))]
+    assert len(lines) == 3 and lines[2].endswith('those of the lidar on /scan')
+    assert lines[0].startswith(f'lidar       /scan: scans {found["scans"]} skipped 0 ok {found["ok"]}')
+    rear = found['lidars']['/scan_2']
+    assert lines[1].startswith(f'lidar       /scan_2: scans {rear["scans"]} skipped 0 ok {rear["ok"]}')
+    assert rear['scans'] >= open_recording(pair, '/scan_2').count - 2
+    assert found['lidars']['/scan'] == {name: found[name] for name in rear}
     assert found['scans'] == open_recording(pair, '/scan').count
     assert found['ok'] > 0.95 * found['scans'] and found['rpe_5m_mean_m'] < 0.01
     # The same mountings, given on the command line.
-    given = [word for topic, mounting in (('/scan', FRONT), ('/scan_2', REAR))
-             for word in ('--mounting', topic, *map(str, mounting))]
-    again = replayed(pair, tmp_path / 'given', *words, *given)
+    again = replayed(pair, tmp_path / 'given', *given('/scan', '/scan_2'))
     assert again['rpe_5m_mean_m'] == pytest.approx(found['rpe_5m_mean_m'], rel=1e-6)
 
 
@@ -90,3 +117,58 @@ def test_an_upside_down_lidar_becomes_an_upright_one(pair):
     upright, = turned([hanging], mounting.pose.theta, mounting.upside_down)
     expected, = turned([scan], 0.5)
     assert np.allclose(upright.points, expected.points, atol=1e-6, equal_nan=True)
+
+
+@pytest.mark.parametrize('topics', [('/scan', '/scan_2'), ('/scan_2', '/scan')], ids=['second', 'first'])
+def test_the_mask_hides_a_mast_from_the_lidar_that_sees_it(scans, tmp_path, topics):
+    """A mast 0.2 m from the rear lidar: with the mask the result is that of a lidar without returns there."""
+    bearings = scans['/scan_2'][0].geometry.bearings
+    mast = (bearings > 1.71) & (bearings < 1.99)
+    bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': [
+                with_ranges(scan, mast, value) for scan in scans['/scan_2']]})
+            for name, value in (('mast', 0.2), ('hole', np.nan))}
+    mask = tmp_path / 'mask.yaml'
+    mask.write_text('/**: {ros__parameters: {input: {mask: [1.71, 1.99, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], '
+                    'mask_range: 0.3}}}')
+    words = given(*topics)
+    replayed(bags['mast'], tmp_path / 'masked', *words, '--params-file', str(mask))
+    replayed(bags['mast'], tmp_path / 'seen', *words)
+    replayed(bags['hole'], tmp_path / 'hole', *words)
+    masked, seen = (trajectory(tmp_path / name, bags['mast']) for name in ('masked', 'seen'))
+    assert masked == trajectory(tmp_path / 'hole', bags['hole']) != seen
+
+
+def test_each_line_on_a_lidar_names_it(scans, tmp_path, capsys):
+    """Both lidars are covered for a while, and the rear one sends half of a scan."""
+    front, rear = ([with_ranges(scan, np.full(scan.geometry.size, k in covered), 0.02)
+                    for k, scan in enumerate(scans[topic])]
+                   for topic, covered in (('/scan', (7,)), ('/scan_2', range(9, 14))))
+    half = rear[20]
+    g = type(half.geometry)(half.geometry.angle_min, half.geometry.angle_increment, 180, 0.05, 30.0)
+    rear[20] = Scan(half.stamp, half.ranges[:180], g, half.time_increment, half.frame_id)
+    bag = scan_bag(tmp_path / 'covered', {'/scan': front, '/scan_2': rear})
+    found = replayed(bag, tmp_path / 'out', *given('/scan', '/scan_2'))
+    lines = capsys.readouterr().out.splitlines()
+    reason = '0 of 361 beams have a return; '
+    assert any(line.startswith(f'/scan: scan 7 not used: {reason}') for line in lines)
+    assert any(line.startswith(f'lidar       /scan: scans 25 skipped 1 ok 24; the last skipped: {reason}')
+               for line in lines)
+    # The last scan of the rear lidar is later than that of the front one.
+    assert any(line.startswith('lidar       /scan_2: scans 29 skipped 5 ok 24, 1 before or after those of the first '
+                               f'lidar not used; the last skipped: {reason}') for line in lines)
+    assert any(line.startswith('warning     /scan_2: the scans change from 361 to 180 beams') for line in lines)
+    assert found['lidars']['/scan_2']['skipped'] == 5 and found['lidars']['/scan']['skipped'] == found['skipped'] == 1
+    assert [(warning['topic'], warning['kind']) for warning in found['warnings']] == [('/scan_2', 'beams')]
+
+
+def test_the_lidars_of_a_parameter_file_are_used(scans, tmp_path, capsys):
+    """``scan_topics`` as the node reads them, relative or not; --topic overrides them."""
+    bag, file = scan_bag(tmp_path / 'bag', scans), tmp_path / 'two.yaml'
+    file.write_text('/**: {ros__parameters: {scan_topics: [scan, /scan_2]}}')
+    words = ['--params-file', str(file), *(word for topic, mounting in (('/scan', FRONT), ('/scan_2', REAR))
+                                           for word in ('--mounting', topic, *map(str, mounting)))]
+    both = replayed(bag, tmp_path / 'both', *words)
+    output = capsys.readouterr()
+    assert list(both['lidars']) == ['/scan', '/scan_2'] and 'has no effect' not in output.err
+    one = replayed(bag, tmp_path / 'one', *words, '--topic', '/scan_2')
+    assert one['topic'] == '/scan_2' and 'lidars' not in one

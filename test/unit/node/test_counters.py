@@ -7,7 +7,7 @@ import pytest
 
 from dbscan_reg_ros import Odometry, Parameters, Status
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.node.monitoring.counters import Counters, Grade
+from dbscan_reg_ros.node.counters import Counters, Grade
 from dbscan_reg_ros.simulation import Lidar, Path, hall, simulate
 
 SPEED = 0.8

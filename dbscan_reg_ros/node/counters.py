@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counters of the odometry, and the diagnostic level and message of the latest scan (`Counters.grade`)."""
+"""Counters of the scans of one lidar, and the diagnostic level and message of the latest scan (`Counters.grade`)."""
 import math
 from collections import Counter, deque
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.geometry.se2 import SE2
-from ...core.odometry.records import OdometryUpdate
-from ...core.odometry.verdict import LIMITS
-from ...core.registration.records import Status
-from ...recordings.scan_checks import Kind, ScanWarning
+from ..core.geometry.se2 import SE2
+from ..core.odometry.records import OdometryUpdate
+from ..core.odometry.verdict import LIMITS
+from ..core.registration.records import Status
+from ..recordings.scan_checks import Kind, ScanWarning
 
 TIMED_SCANS = 200
 """Number of the latest scans whose processing times are kept."""
@@ -29,7 +29,7 @@ class Grade(IntEnum):
 
 @dataclass
 class Counters:
-    """Counts of scans since the node started, results of the latest scan, and warnings since the last report.
+    """Counts of scans of one lidar since the node started, results of the latest, and warnings since the last report.
 
     Attributes
     ----------

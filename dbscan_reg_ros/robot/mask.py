@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mask of the sectors in which a lidar sees the robot itself; the node and replays use the same mask."""
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.geometry.mounting import Mounting
+from ..core.scan import Scan
+from ..core.scan_geometry import ScanGeometry
+from .parameters import InputParameters
+
+BEARING_TOLERANCE = 1e-6
+"""Tolerance [rad] for rounded bearings at the border of a masked sector."""
+
+
+class Mask:
+    """Removes the returns of one lidar in the sectors of ``input.mask``."""
+
+    def __init__(self) -> None:
+        self._geometry: ScanGeometry | None = None
+        self._key: object = None
+        self._masked: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+
+    def apply(self, scan: Scan, mounting: Mounting, parameters: InputParameters) -> Scan:
+        """Return a scan without its returns in the sectors of ``input.mask`` that are nearer than ``input.mask_range``.
+
+        Parameters
+        ----------
+        scan : Scan
+            A scan of a lidar with this `mounting`, converted to one with a yaw of 0 as `Scan.from_message` does.
+        mounting : Mounting
+            The bearings of the sectors are those of the scan before this conversion; `Mounting()` if it was not
+            converted.
+        parameters : InputParameters
+        """
+        limit, masked = parameters.mask_range, self._in_sectors(scan, mounting, parameters)
+        if limit > 0.0:
+            masked = masked & (scan.ranges < limit)
+        if not masked.any():
+            return scan
+        return Scan(scan.stamp, np.where(masked, np.float32(np.nan), scan.ranges), scan.geometry, scan.time_increment,
+                    scan.frame_id)
+
+    def _in_sectors(self, scan: Scan, mounting: Mounting, parameters: InputParameters) -> NDArray[np.bool_]:
+        """Return which beams ``(N,)`` lie in a sector; cached until parameters, mounting or geometry change."""
+        key = parameters.mask, mounting
+        if self._key != key or self._geometry is not scan.geometry:
+            sectors = np.reshape(parameters.mask, (-1, 2))
+            sectors = sectors[sectors[:, 0] != sectors[:, 1]]
+            bearings = scan.geometry.bearings - mounting.pose.theta
+            self._key, self._geometry = key, scan.geometry
+            self._masked = within(-bearings if mounting.upside_down else bearings, sectors)
+        return self._masked
+
+
+def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which bearings lie in at least one of the sectors.
+
+    Parameters
+    ----------
+    bearings : (N,) float
+        [rad]
+    sectors : (M, 2) float
+        First and last bearing of each sector, counter-clockwise [rad].
+
+    Returns
+    -------
+    (N,) bool
+    """
+    full = 2.0 * math.pi
+    widths = np.remainder(sectors[:, 1] - sectors[:, 0], full)
+    widths[widths == 0.0] = full
+    offsets = np.remainder(bearings[:, None] - sectors[:, 0], full)
+    return np.asarray((offsets <= widths + BEARING_TOLERANCE).any(axis=1))
