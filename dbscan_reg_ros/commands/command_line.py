@@ -5,7 +5,6 @@ import itertools
 import os
 import signal
 import sys
-import threading
 import traceback
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
@@ -17,10 +16,7 @@ from ..paths import check_writable
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
 from ..version import add_version
 
-BAD_INPUT = 2
-FAILED = 1
-INCOMPLETE = 3
-INTERRUPTED = 130
+FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 1, 2, 3, 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
 LARGEST_PORT = 65535
@@ -29,6 +25,11 @@ LOGS = '.log', '.log.gz'
 """Endings of the file names of bags and of CARMEN logs."""
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 """Signals that request the end of a command."""
+
+
+SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if there are several. Given more than once, the '
+           'first is that of the lidar whose poses are estimated, and the others are used besides'}
+"""Settings of ``--topic`` in commands that take several lidars."""
 
 
 class CommandError(DbscanRegError):
@@ -75,19 +76,36 @@ def make_parser(command, description) -> CommandParser:
     return parser
 
 
-def add_recording(parser):
-    """Add the arguments that name a recording."""
+class OneTopic(argparse.Action):
+    """Value of ``--topic`` in a command for one lidar: given twice, the command ends with one line."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Store the topic, or end the command."""
+        if getattr(namespace, self.dest) is not None:
+            parser.exit(BAD_INPUT, f'{parser.prog}: {option_string} is given twice, but {parser.prog} takes one lidar; '
+                        'replay, play and demo take several\n')
+        setattr(namespace, self.dest, values)
+
+
+def add_topic(parser, settings=None):
+    """Add the argument ``--topic`` with the argparse `settings`; without any, it names one topic."""
+    one = {'action': OneTopic, 'help': 'topic of the scans; required if there are several'}
+    parser.add_argument('--topic', **(settings or one))
+
+
+def add_recording(parser, topic=None):
+    """Add the arguments that name a recording; `topic`: see `add_topic`."""
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
-    parser.add_argument('--topic', help='topic of the scans; required if there are several')
+    add_topic(parser, topic)
     add_data(parser)
 
 
-def add_recordings(parser, **topic):
-    """Add the arguments that name recordings; `topic` overrides the argparse settings of ``--topic``."""
+def add_recordings(parser, topic=None):
+    """Add the arguments that name recordings; `topic`: see `add_topic`."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
-    parser.add_argument('--topic', **{'help': 'topic of the scans; required if there are several', **topic})
+    add_topic(parser, topic)
     add_data(parser)
 
 
@@ -263,24 +281,6 @@ def interruptible(*signals, once=False):
     finally:
         for number, handler in before.items() if not (came and once) else ():
             signal.signal(number, handler)
-
-
-@contextmanager
-def held(*signals):
-    """Delay the handling of `signals` until the end of the ``with`` block, so that the block is not interrupted."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came = []
-    before = {number: signal.signal(number, lambda number, _frame: came.append(number))
-              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        for number in came[:1]:
-            signal.raise_signal(number)
 
 
 def explain(error):

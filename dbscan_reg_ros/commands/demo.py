@@ -6,7 +6,20 @@ from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from .command_line import ENDING, FAILED, CommandError, add_data, explain, interruptible, make_parser, run, shortened
+from ..core.geometry.se2 import SE2
+from .command_line import (
+    ENDING,
+    FAILED,
+    SEVERAL,
+    CommandError,
+    add_data,
+    add_topic,
+    explain,
+    interruptible,
+    make_parser,
+    run,
+    shortened,
+)
 
 OPENED = 'a browser is connected'
 STARTING = 30
@@ -20,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'odometry. Writes trajectory.tum and map.png.')
     parser.add_argument('file', metavar='FILE', nargs='?', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag '
                         '(default: the simulated building)')
-    parser.add_argument('--topic', help='topic of the scans; required if there are several')
+    add_topic(parser, SEVERAL)
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameters of the node: a '
                         'parameter file or set (default: the defaults)')
@@ -33,64 +46,89 @@ def main(argv: Sequence[str] | None = None) -> int:
 def demo(args):
     """Play the recording to a newly started node, write the results and print the summary."""
     from ..replays.faults import Faults
+    from ..replays.lidars import mounting_in, scan_topics
+    from ..robot.parameter_files import read_parameters
+    from ..robot.parameters import NodeParameters
 
     with interruptible(*ENDING):
-        words = _node_words(args.params_file)
-        recording = _recording(args)
+        parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+        topics = scan_topics(args.topic, parameters)
+        recording = _recording(args, topics)
+        mounting = mounting_in(recording, {}, parameters.base_frame) if topics[1:] else None
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)
-        answers = _play(recording, out, words, args)
-        return _report(recording, answers, out, Faults(lambda error: explain(error)[1], args.verbose))
+        answers = _play(recording, out, _node_words(args.params_file, parameters, topics), args, topics)
+        faults = Faults(lambda error: explain(error)[1], args.verbose)
+        return _report(recording, answers, mounting, out, faults)
 
 
-def _node_words(path) -> list:
-    """Return the arguments of the node: the parameter file at `path`, if any, with the mounting none instead of tf.
-
-    Raises
-    ------
-    CommandError
-        When the file names several lidars.
-    """
+def _node_words(path, parameters, topics) -> list:
+    """Return the arguments of the node: its parameter file, and what depends on the topics of the lidars."""
     from ..paths import parameter_file
-    from ..robot.parameter_files import read_parameters
 
-    if not path:
-        return ['--ros-args', '-p', 'mounting:=none']
-    parameters = read_parameters(path)
-    if len(parameters.scan_topics) > 1:
-        raise CommandError(f'{path} names {len(parameters.scan_topics)} scan_topics, but demo takes one '
-                           'lidar: use replay --topic A --topic B')
-    mounting = ['-p', 'mounting:=none'] if parameters.mounting == 'tf' else []
-    return ['--ros-args', '--params-file', str(parameter_file(path)), *mounting]
+    words = ['--params-file', str(parameter_file(path))] if path else []
+    if topics[1:]:
+        words += ['-p', f'scan_topics:=[{", ".join(topics)}]']
+    elif parameters.mounting == 'tf':
+        words += ['-p', 'mounting:=none']
+    return ['--ros-args', *words]
 
 
-def _recording(args):
+def _recording(args, topics):
+    """Open the recording; raise a CommandError where several lidars, on `topics`, cannot be played from it."""
     if args.file:
         from ..recordings import find_recording, open_recording
-        return open_recording(find_recording(args.file, args.data), args.topic)
+        from ..recordings.opening import is_bag
+
+        path = find_recording(args.file, args.data)
+        if topics[1:] and not is_bag(path):
+            raise CommandError(f'{path}: expected a bag for several lidars, with their transforms on /tf_static; of a '
+                               'log, use replay --topic A --topic B --mounting A X Y DEG --mounting B X Y DEG')
+        return open_recording(path, topics[0] if topics else None)
+    if topics[1:]:
+        raise CommandError(f'the simulated building has one lidar, not {len(topics)}; give a bag of '
+                           f'{", ".join(topics)}')
     print('simulating a building ...', file=sys.stderr)
     from ..simulation import demo as simulated_building
     from ..simulation.recording import SimulatedRecording
     return SimulatedRecording('building', simulated_building())
 
 
-def _play(recording, out, words, args):
+def _play(recording, out, words, args, topics):
     """Start a node, and the live page if requested; play the recording and return the `Answers` of the node."""
     from tqdm import tqdm
 
-    from ..node.playback.player import Player
+    from ..node.playback.player import WINDOW, Player
+    from .play import counted
     from .private_graph import private_graph
     from .processes import Process, package_command
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())
     with (nullcontext(os.environ['ROS_DOMAIN_ID']) if 'ROS_DOMAIN_ID' in os.environ else private_graph() as domain,
           Process(package_command('scan_matcher', *words), out / 'scan_matcher.log') as node,
-          Player() as player):
+          Player(topic=recording.topic if topics[1:] else 'scan') as player):
         print(f'node         process {node.pid}, ROS domain {domain}, log {node.log}', flush=True)
         _wait_for(node, player)
-        with _page(out) if args.live else nullcontext():
-            return player.play(tqdm(recording.scans(), recording.name, recording.count, unit=' scans', disable=None),
-                               1.0 if args.live else None)
+        channels = _channels(recording, topics[1:])
+        player.announce(channels)
+        with (_page(out) if args.live else nullcontext(),
+              tqdm(desc=recording.name, total=recording.count, unit=' scans', disable=None) as bar):
+            return player.play(counted(recording.play(channels), bar), 1.0 if args.live else None,
+                               window=1 if channels else WINDOW)
+
+
+def _channels(recording, others) -> list:
+    """Return the channels to play besides the scans: with several lidars the `others`, and the static transforms.
+
+    Raises
+    ------
+    RecordingError
+        When the recording has no scans of one of the `others`.
+    """
+    from ..recordings.playback import choose
+
+    return [channel for channel in choose(recording.channels(), others)
+            if channel.recorded in others or channel.input == '/tf_static'] if others else []
 
 
 @contextmanager
@@ -104,8 +142,6 @@ def _page(out):
             if line.startswith('from another'):
                 print('open the page: the drive begins then', flush=True)
         yield
-
-
 
 
 def _wait_for(node, player):
@@ -123,18 +159,27 @@ def _wait_for(node, player):
                 raise
 
 
-def _report(recording, answers, out, faults):
-    """Write trajectory and map of the answered scans, print paths and errors; return the exit status."""
+def _report(recording, answers, mounting, out, faults):
+    """Write trajectory and map of the answered scans, print paths and errors; return the exit status.
+
+    With several lidars the odometry is that of the base, on which the first lidar has this `mounting`, and some of it
+    has the stamps of the other lidars.
+    """
     import numpy as np
 
     from ..figures.plots import plot_map
     from ..recordings import write_tum
     from ..recordings.poses import relative
+    from ..replays.sensor_mounting import turned
 
     poses = answers.poses()
     answered = np.isfinite(poses).all(axis=1)
     stamps, poses = np.array(answers.stamps, dtype=np.int64)[answered], poses[answered]
     scans = (scan for scan, kept in zip(recording.scans(), answered, strict=True) if kept)
+    unexpected = answers.unexpected
+    if mounting:
+        unexpected, scans = 0, turned(scans, 0.0, mounting.upside_down)
+        poses = np.array([(SE2.from_array(pose) @ mounting.pose).as_array() for pose in poses]).reshape(-1, 3)
     write_tum(out / 'trajectory.tum', stamps, poses)
     print(f'trajectory   {out / "trajectory.tum"}')
     with faults.noted('map.png'):
@@ -144,13 +189,13 @@ def _report(recording, answers, out, faults):
         print(f'map          {out / "map.png"}')
     for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
         print(line)
-    if answers.unexpected:
-        print(f'{answers.unexpected} odometry messages do not match the stamp of any scan')
+    if unexpected:
+        print(f'{unexpected} odometry messages do not match the stamp of any scan')
     errors = faults.attempt('errors against the truth', _errors, recording, stamps, poses) or []
     for fault in faults.lines:
         print(f'demo: {fault}', file=sys.stderr)
     print(' '.join([f'scans {len(answered)} skipped {answers.lost}', *errors]))
-    return FAILED if answers.lost or answers.unexpected else 0
+    return FAILED if answers.lost or unexpected else 0
 
 
 def _errors(recording, stamps, poses) -> list:

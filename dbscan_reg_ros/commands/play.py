@@ -7,7 +7,16 @@ import sys
 from collections.abc import Sequence
 
 from ..node.lifecycle.ros_arguments import split_arguments
-from .command_line import INTERRUPTED, add_recording, interruptible, is_topic, make_parser, run, shortened
+from .command_line import (
+    INTERRUPTED,
+    SEVERAL,
+    add_recording,
+    interruptible,
+    is_topic,
+    make_parser,
+    run,
+    shortened,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,7 +27,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'wheels on wheel_odom, the IMU on imu. The messages keep their own stamps. Ctrl-C ends it. '
                          'ROS arguments may follow, such as --ros-args -r scan:=laser, or -r /tf:=/tf_recorded where '
                          'the recorded transforms are not wanted.')
-    add_recording(parser)
+    add_recording(parser, SEVERAL | {'help': 'topic of the scans; required if there are several. Given more than once, '
+                  'each is published under its own name, and --lockstep waits for the odometry of the first'})
     more = parser.add_mutually_exclusive_group()
     more.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='publish these recorded topics as well')
     parser.end_list('--topics', is_topic)
@@ -44,18 +54,20 @@ def play(args, ros_arguments):
     """Play the recording and print how many scans the node answered, even if it is interrupted."""
     from tqdm import tqdm
 
-    from ..node.playback.player import Player
+    from ..node.playback.player import WINDOW, Player
     from ..recordings import find_recording, open_recording
     from ..recordings.playback import choose
 
-    recording = open_recording(find_recording(args.file, args.data), args.topic)
-    channels = choose(recording.channels(), args.topics, args.all)
-    with Player(ros_arguments, args.clock) as player:
+    first, *others = args.topic or [None]
+    recording = open_recording(find_recording(args.file, args.data), first)
+    channels = choose(recording.channels(), (*args.topics, *others), args.all)
+    with Player(ros_arguments, args.clock, recording.topic if others else 'scan') as player:
         problems = player.announce(channels)
         player.wait_for_node(args.wait, answering=args.lockstep)
         try:
             with tqdm(desc=recording.name, total=recording.count, unit=' scans', disable=None) as bar:
-                player.play(counted(recording.play(channels), bar), None if args.lockstep else args.rate)
+                player.play(counted(recording.play(channels), bar), None if args.lockstep else args.rate,
+                            window=1 if others else WINDOW)
         finally:
             report(recording, player.answers, problems)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..core.parameters.schema import ADVANCED
 from ..paths import ready_made
-from .command_line import CommandError, add_data, make_parser, note_unused, note_warnings, run
+from .command_line import CommandError, add_data, add_topic, make_parser, note_unused, note_warnings, run
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
 """Prefixes, after `ADVANCED`, of parameters that have no effect on the registration of a single pair."""
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
                         'reference scan and of the current scan, from 0; for a snapshot: the number of the scan '
                         '(default: the last)')
-    parser.add_argument('--topic', help='topic of the scans; required if there are several')
+    add_topic(parser)
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or a '
                         f'parameter set: {", ".join(ready_made())} (default: the defaults; for a snapshot, the '

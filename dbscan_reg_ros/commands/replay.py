@@ -10,6 +10,7 @@ from ..command_lines import command_line
 from ..requirements import is_there, missing_line
 from .command_line import (
     INCOMPLETE,
+    SEVERAL,
     add_recordings,
     add_workers,
     complain,
@@ -32,8 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'parameters used. Exit status 0: all results are written; 3: some are not, for example '
                          'because the disk is full, and standard error names them; 2: an argument or a recording '
                          'cannot be used; 130: interrupted; 1: any other failure.')
-    add_recordings(parser, action='append', help='topic of the scans; required if there are several. Given more than '
-                   'once, the first is that of the lidar whose poses are estimated, and the others are used besides')
+    add_recordings(parser, SEVERAL)
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: the '
                         'transforms on /tf_static of a bag where several topics are given, else the parameters)')

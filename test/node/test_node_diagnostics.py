@@ -165,7 +165,7 @@ BEST_EFFORT = rclpy.qos.qos_profile_sensor_data
 def test_a_pose_with_incompatible_best_effort_qos_is_reported(node, player, peer, reports, scans):
     received = reports()
     peer.node.create_publisher(PoseWithCovarianceStamped, 'set_pose', BEST_EFFORT)
-    status = diagnosis(peer, received, lambda s: '/set_pose' in s.message)
+    status = diagnosis(peer, received, lambda s: '/set_pose' in s.message and '/play' in s.message)
     reported = ('the quality of service of /peer on /set_pose is incompatible with ours, its messages are not '
                 'received: its reliability is best effort, ours reliable; let it publish with ours, or start this node '
                 'with qos_overrides./set_pose.subscription.reliability:=best_effort')

@@ -113,13 +113,12 @@ def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path
     assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.eps = -1\.0: expected .*', process.output().splitlines()[-1])
 
 
-def test_parameters_of_several_lidars_are_refused(demo, tmp_path):
+def test_the_simulated_building_has_one_lidar(demo, tmp_path):
     path = tmp_path / 'two.yaml'
     path.write_text('scan_matcher:\n  ros__parameters:\n    scan_topics: [front, rear]\n    mounting: tf\n')
     process = demo('--params-file', path)
     assert process.wait(60.0) == 2
-    assert process.output().splitlines()[-1] == (
-        f'demo: {path} names 2 scan_topics, but demo takes one lidar: use replay --topic A --topic B')
+    assert process.output() == 'demo: the simulated building has one lidar, not 2; give a bag of /front, /rear\n'
 
 
 def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):

@@ -59,7 +59,7 @@ class _Pace:
 
 
 class Player:
-    """ROS node that publishes scans on ``scan`` and subscribes to ``odom``; use it in a ``with`` statement.
+    """ROS node that publishes scans on a `topic` and subscribes to ``odom``; use it in a ``with`` statement.
 
     Parameters
     ----------
@@ -67,6 +67,7 @@ class Player:
         ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``.
     clock : bool
         Whether to publish ``/clock`` as well.
+    topic : str
 
     Attributes
     ----------
@@ -74,13 +75,13 @@ class Player:
         Odometry for the scans that are being played.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), clock: bool = False) -> None:
+    def __init__(self, arguments: Sequence[str] = (), clock: bool = False, topic: str = 'scan') -> None:
         self._context = Context()
         rclpy.init(args=['play', *arguments], context=self._context)
         self._node = Node('play', context=self._context, enable_rosout=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._scans = self._node.create_publisher(LaserScan, 'scan', DEPTH)
+        self._scans = self._node.create_publisher(LaserScan, topic, DEPTH)
         self._odom = self._node.create_subscription(Odometry, 'odom', self._on_odometry, DEPTH)
         self._channels: dict[Channel, tuple[type, Publisher]] = {}
         self._clock: Publisher | None = None
@@ -97,11 +98,9 @@ class Player:
         self._last_answer = time.monotonic()
 
     def __enter__(self) -> 'Player':
-        """Return the player."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the player at the end of the ``with`` block."""
         self.close()
 
     def close(self) -> None:

@@ -35,6 +35,8 @@ from ..interfaces.messages import PoseError, planar_from_message, stamp_from_mes
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 
 DEPTH = 20
+QUALITY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 WAITING = 50
 """Number of scans that may wait for the odometry with the same stamp, and of odometry messages for the scan."""
 PLANAR = np.array((0, 1, 5))
@@ -67,6 +69,9 @@ class WatchedScan(NamedTuple):
 
 class Listener:
     """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
+
+    It also subscribes to all other scans that the node subscribes to. With several lidars, the scans of one of them
+    have the stamps of the odometry, and these are passed on.
 
     Parameters
     ----------
@@ -124,10 +129,9 @@ class Listener:
         if self._subscriptions:
             return
         self._begin()
-        quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         reports = QoSProfile(depth=DEPTH)
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        wanted = [(LaserScan, 'scan', self._take_scan, quality), (Odometry, 'odom', self._take_odometry, quality),
+        wanted = [(LaserScan, 'scan', self._take_scan, QUALITY), (Odometry, 'odom', self._take_odometry, QUALITY),
                   (DiagnosticArray, '/diagnostics', self._take_reports, reports)]
         if (kind := transform_type()) is not None:
             wanted += [(kind, '/tf_static', lambda message: self._take_transforms(message, True), latched)]
@@ -145,6 +149,8 @@ class Listener:
         if not self._subscriptions:
             return
         found = publishers(self._node, self._node.resolve_topic_name('odom'))
+        if self._source in found:
+            self._subscribe_to_scans()
         if not found or self._source in found:
             return
         source, endpoint = next(iter(found.items()))
@@ -158,6 +164,19 @@ class Listener:
             self._node.destroy_client(self._client)
         self._client = self._node.create_client(GetParameters, f'{self._name}/get_parameters')
         self._ask()
+
+    def _subscribe_to_scans(self) -> None:
+        """Subscribe to all topics of scans that the node subscribes to: it may have several lidars."""
+        namespace, _, name = self._name.rpartition('/')
+        known = {subscription.topic_name for subscription in self._subscriptions}
+        try:
+            found = self._node.get_subscriber_names_and_types_by_node(name, namespace or '/')
+        except RuntimeError:
+            return
+        self._subscriptions += [
+            self._node.create_subscription(LaserScan, topic, self._take_scan, QUALITY,
+                                           event_callbacks=NO_SUBSCRIPTION_EVENTS)
+            for topic, kinds in found if LASER_SCAN in kinds and self._node.resolve_topic_name(topic) not in known]
 
     def _ask(self) -> None:
         assert self._client

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording of two lidars in the commands: played to the real node, shown by its page, or refused."""
+import re
+
+import pytest
+from bags import needs_rosbags
+from events import Reader
+from ros_helpers import Peer, needs_tf2_msgs, said
+
+from dbscan_reg_ros.commands import compare, register, tune
+from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.recordings import open_recording, read_tum
+
+SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} {} {} --rate {} '
+           '--phase {}')
+TOPICS = '--topic', '/scan', '--topic', '/scan_2'
+
+
+@pytest.fixture(scope='module')
+def pair(tmp_path_factory):
+    """A bag of two lidars at opposite corners, 12.5 and 15 Hz, in a corridor of 37 m."""
+    bag = tmp_path_factory.mktemp('pair') / 'pair'
+    front, rear = SCANNER.format(0.3, 0.2, 45, 12.5, 0.0), SCANNER.format(-0.3, -0.2, -135, 15, 0.019)
+    assert simulate([str(bag), '--world', 'corridor', '--speed', '6', *front.split(), *rear.split()]) == 0
+    return bag
+
+
+@pytest.mark.parametrize('command, words', [(compare, ()), (tune, ()), (register, ('0', '1'))],
+                         ids=['compare', 'tune', 'register'])
+def test_a_command_for_one_lidar_refuses_two(pair, capsys, command, words):
+    name = command.__name__.rpartition('.')[2]
+    with pytest.raises(SystemExit) as ended:
+        command.main([str(pair), *words, *TOPICS])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == (f'{name}: --topic is given twice, but {name} takes one lidar; replay, play and '
+                                       'demo take several\n')
+
+
+@needs_rosbags
+def test_the_demo_refuses_two_lidars_of_a_log(start_command, tmp_path):
+    (tmp_path / 'two.log').write_text('FLASER 1 1.0 0 0 0 0 0 0 1.0 nohost 1.0\n')
+    process = start_command('demo', '--out', tmp_path / 'out', tmp_path / 'two.log', '--topic', 'FLASER', '--topic',
+                            'RLASER')
+    assert process.wait(60.0) == 2
+    line, = process.output().splitlines()
+    assert 'expected a bag for several lidars' in line and 'replay --topic A --topic B --mounting A X Y DEG' in line
+
+
+@needs_rosbags
+@needs_tf2_msgs
+def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair, tmp_path):
+    process = start_command('demo', '--out', tmp_path / 'out', pair, *TOPICS)
+    assert process.wait(120.0) == 0, process.output()
+    found = re.search(r'scans (\d+) skipped 0 path 37\.\d m final error (\d\.\d+) m', process.output())
+    assert int(found[1]) == open_recording(pair, '/scan').count and float(found[2]) < 0.05
+    assert 'ready: /scan, /scan_2 -> /odom' in (tmp_path / 'out' / 'scan_matcher.log').read_text()
+    stamps, _ = read_tum(tmp_path / 'out' / 'trajectory.tum')
+    assert stamps.tolist() == open_recording(pair, '/scan').stamps()
+
+
+@needs_rosbags
+@needs_tf2_msgs
+def test_two_lidars_are_played_in_lockstep_and_the_page_finds_their_topics(start_command, ros_environment, pair):
+    """The page knows /scan alone; the odometry has the stamps of /scan_2."""
+    with Peer() as peer:
+        node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[/scan_2, /scan]')
+        said(node, 'ready: /scan_2, /scan -> /odom', peer)
+        page = start_command('watch')
+        said(page, 'from another computer: ssh -L ', peer)
+        reader = Reader('127.0.0.1', int(re.search(r'http://127\.0\.0\.1:(\d+)/', page.output())[1]))
+        peer.until(lambda: peer.node.count_subscribers('/scan_2') == 2)
+        player = start_command('play', '--lockstep', pair, '--topic', '/scan_2', '--topic', '/scan')
+        assert player.wait(120.0) == 0, player.output()
+        recording = open_recording(pair, '/scan_2')
+        assert player.output().splitlines()[-1] == f'scans {recording.count} answered {recording.count} skipped 0'
+        assert f'/scan {open_recording(pair, "/scan").count}' in player.output()
+        assert 'change from the frame' not in node.output()
+        times = {round(reader.next('scan')[1]['time'], 3) for _ in range(10)}
+        reader.close()
+        # Until two scans of /scan_2 have come it may be silent, and those of /scan have odometry, too.
+        assert len(times - {round(1e-9 * stamp, 3) for stamp in recording.stamps()}) <= 2
