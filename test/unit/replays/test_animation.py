@@ -11,9 +11,9 @@ from dbscan_reg_ros.replays.animation import FRAMES, PALETTE, Track, write_anima
 
 
 def colour(image, index):
-    """Pixels ``(rows, columns)`` that have a colour of the palette."""
-    wanted = np.array(list(bytes.fromhex(PALETTE[index][1:])))
-    return (np.asarray(image.convert('RGB')) == wanted).all(axis=2)
+    """Pixels ``(rows, columns)`` of an RGB image that have a colour of the palette."""
+    wanted = np.array(list(bytes.fromhex(PALETTE[index][1:])), dtype=np.uint8)
+    return (np.asarray(image) == wanted).all(axis=2)
 
 
 @pytest.mark.parametrize('count', [2, 80])
@@ -30,11 +30,12 @@ def test_each_frame_shows_the_map_so_far_the_scan_and_the_sensor(scans, truth, t
         for number in range(image.n_frames):
             image.seek(number)
             time += image.info['duration']
-            seen.append(sum(colour(image, level).sum() for level in range(1, 6)))
-            rows, columns = np.nonzero(colour(image, 8)[:-24])
+            frame = image.convert('RGB')
+            seen.append(sum(colour(frame, level).sum() for level in range(1, 6)))
+            rows, columns = np.nonzero(colour(frame, 8)[:-24])
             middle = (poses[number, :2] - (extent[0], extent[3])) * (scale, -scale)
             assert np.hypot(columns.mean() - middle[0], rows.mean() - middle[1]) < 15.0
-            assert colour(image, 7).sum() > 100
+            assert colour(frame, 7).sum() > 100
         assert time == 100 * (image.n_frames - 1) + 500
         assert seen[-1] > seen[0]
 
