@@ -283,21 +283,28 @@ def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
     assert narrow.widened == narrow.replace(expected)
 
 
-def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(data):
+@pytest.fixture(scope='module')
+def trial_of(data):
+    """``trial_of(group, label, seed)``: that trial of ``bench synthetic``; the log is read once."""
+    intel = Intel(data / 'intel')
+
+    def trial_of(group, label, seed=0):
+        trial, = (each for each in synthetic.trials(intel, seed=seed) if (each.group, each.label) == (group, label))
+        return trial
+    return trial_of
+
+
+def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(trial_of):
     """A scan with 30 % outliers, whose best hypothesis is 0.2 m off after the coarse refinement."""
-    label, truth = '4740', synthetic.PAPER_MOTION
-    trial, = (each for each in synthetic.trials(Intel(data / 'intel'), seed=5) if (each.group,
-                                                                                   each.label) == ('paper_30', label))
+    trial = trial_of('paper_30', '4740', seed=5)
     found = register(extract_features(trial.reference), extract_features(trial.current))
-    distance, angle = off(found, truth)
+    distance, angle = off(found, synthetic.PAPER_MOTION)
     assert found.status is Status.OK and distance < 0.02 and angle < 0.01
 
 
-@pytest.mark.parametrize('label', ['3566'])
-def test_where_no_result_is_ok_more_hypotheses_are_looked_at(data, label):
+def test_where_no_result_is_ok_more_hypotheses_are_looked_at(trial_of):
     """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, whose scores are low."""
-    trial, = (each for each in synthetic.trials(Intel(data / 'intel')) if (each.group, each.label) == ('random_30',
-                                                                                                       label))
+    trial = trial_of('random_30', '3566')
     pair = extract_features(trial.reference), extract_features(trial.current)
     few = Parameters().replace({'advanced.selection.max_clusters': 8})
     narrow, wide = (register(*pair, few.replace({'advanced.selection.wide_search_factor': factor}))
