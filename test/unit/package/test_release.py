@@ -38,6 +38,13 @@ def test_what_is_not_known_yet_is_in_one_file(root, placeholders, manifest, cita
     assert [url.text for url in manifest.findall('url')] == list(filter(None, [placeholders['repository']]))
 
 
+def test_the_authors_of_the_paper_are_those_of_the_citation_in_readme(root, citation):
+    cited = re.search(r'author = {([^}]*)}', (root / 'README.md').read_text())[1]
+    authors = citation['preferred-citation']['authors']
+    assert len(authors) == 10
+    assert re.split(r'\s+and\s+', cited) == [f"{each['family-names']}, {each['given-names']}" for each in authors]
+
+
 def test_readme_has_no_made_up_address(root, placeholders):
     """Addresses of the paper, of recordings, and of the repository once it is known."""
     readme = (root / 'README.md').read_text()
