@@ -9,6 +9,7 @@ from ..geometry.se2 import DOF, SE2, turned
 from ..geometry.tolerance import RESOLUTION
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
+from .models.covariance import coordinate_covariance
 from .models.stamps import ScanInterval
 from .records import OdometryUpdate
 from .sensor import FIRST, Sensor
@@ -32,8 +33,9 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
     """Publish the pose of a scan; its covariances are at least those of the resolution of a lidar."""
     number, frame, least = state.output.number, step.key_frame, RESOLUTION ** 2 * np.eye(DOF)
     pose, increment = state.output.publish(step.pose)
+    covariance = turned(coordinate_covariance(state.covariance.pose), pose.theta)
     return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=turned(state.covariance.pose, pose.theta) + least,
+        stamp=features.scan.stamp, pose=pose, covariance=covariance + least,
         twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + least,
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,

@@ -34,42 +34,37 @@ def is_corridor_like(information: FloatArray, angle: float) -> bool:
     """Whether few points face along the direction `angle` [rad], by their information ``(3, 3)``."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
     c, s = math.cos(angle), math.sin(angle)
-    return bool(c * c * xx + 2.0 * c * s * xy + s * s * yy < _CORRIDOR_RATIO * (xx + yy))
+    return bool(c * c * xx + 2.0 * c * s * xy + s * s * yy < CORRIDOR_RATIO * (xx + yy))
 
 
-_CORRIDOR_RATIO = 0.1
+CORRIDOR_RATIO = 0.1
 """In a corridor the ratio of the information along it to that of all translations is below this."""
 
 
-def without_near_parallel(rows: FloatArray, angle: float, min_component: float,
+def without_near_parallel(rows: FloatArray, motion: FloatArray, min_component: float,
                           of: FloatArray | None = None) -> FloatArray:
-    """Return a `point_to_line.jacobian` as if near-parallel walls were parallel to the direction `angle` [rad].
+    """Return a `point_to_line.jacobian` as if near-parallel walls were parallel to a degenerate `motion`.
 
-    Near-parallel walls would constrain the translation along the direction. But an error of 1 cm that all points of a
-    wall share, due to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
+    Near-parallel walls would constrain the motion along them. But an error of 1 cm that all points of a wall share, due
+    to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
 
     Parameters
     ----------
     rows : (3 or more, P) array
-    angle : float [rad]
+    motion : (3,) array
+        A translation of 1 m and the rotation that goes with it [rad], as `uncertainty.parallel_motion` returns
+        it. In a curved corridor it is an arc.
     min_component : float
-        A wall is near-parallel where its normal has a smaller component along the direction.
+        A wall is near-parallel where the motion moves its points by less than this [m] across it.
     of : (3 or more, P) array, optional
         Jacobian by the normals of the walls; by default `rows`.
     """
     of = rows if of is None else of
-    near_parallel: BoolArray = np.abs(_along(of, angle)) < min_component * np.hypot(of[0], of[1])
-    along = _along(rows, angle) * near_parallel
+    near_parallel: BoolArray = np.abs(motion @ of[:DOF]) < min_component * np.hypot(of[0], of[1])
+    across = (motion @ rows[:DOF]) * near_parallel
     rows = rows.copy()
-    rows[0] -= math.cos(angle) * along
-    rows[1] -= math.sin(angle) * along
+    rows[:2] -= motion[:2, None] * across
     return rows
-
-
-def _along(rows: FloatArray, angle: float) -> FloatArray:
-    """Return the component ``(P,)`` of each normal along the direction `angle` [rad]."""
-    component: FloatArray = math.cos(angle) * rows[0] + math.sin(angle) * rows[1]
-    return component
 
 
 def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, problem: Problem) -> FloatArray:

@@ -13,7 +13,7 @@ from ..geometry.symmetric_matrix import inverse
 from ..geometry.tolerance import SIGMAS
 from ..parameters.registration import DecisionParameters
 from ..parameters.tree import Parameters
-from .degeneracy import is_corridor_like, weakest_direction, without_near_parallel
+from .degeneracy import CORRIDOR_RATIO, is_corridor_like, weakest_direction, without_near_parallel
 from .point_to_line import Fit, jacobian, mean_square, normal_equations, shared_information
 
 
@@ -118,7 +118,8 @@ def informations(residuals: Residuals, parameters: DecisionParameters) -> tuple[
     shared = shared_information(rows, weight, own)
     angle, weak, _ = weakest_direction(shared)
     if weak < parameters.weak_prior_information and is_corridor_like(shared, angle):
-        parallel, own_parallel = (without_near_parallel(each, angle, parameters.parallel_tolerance, of=rows)
+        motion = parallel_motion(angle, shared, parameters)
+        parallel, own_parallel = (without_near_parallel(each, motion, parameters.parallel_tolerance, of=rows)
                                   for each in (rows, own))
         shared = shared_information(parallel, weight, own_parallel)
     return normal_equations(rows, weight), shared
@@ -163,6 +164,18 @@ def degenerate_translation(angle: float, shared: FloatArray, parameters: Decisio
     c, s = math.cos(angle), math.sin(angle)
     rotates = min(c * c * xx + 2.0 * c * s * xy + s * s * yy, rotation) > parameters.min_information
     return np.array([c, s, -(x * c + y * s) / rotation if rotates else 0.0])
+
+
+def parallel_motion(angle: float, information: FloatArray, parameters: DecisionParameters) -> FloatArray:
+    """Return ``(3,)``: the motion along `angle` [rad] that walls of a corridor are parallel to.
+
+    It is a translation of 1 m. With a rotation it is an arc, where that hardly meets resistance compared with the
+    translation alone: the corridor is curved.
+    """
+    arc = degenerate_translation(angle, information, parameters)
+    straight = arc * (1.0, 1.0, 0.0)
+    is_curved = arc @ information @ arc < CORRIDOR_RATIO * (straight @ information @ straight)
+    return arc if is_curved else straight
 
 
 def degenerate_rotation(information: FloatArray, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks.odometry.moving_courses import curved
 from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Status
@@ -103,6 +104,17 @@ def test_in_a_bare_corridor_the_degenerate_direction_is_reported_for_every_lidar
     assert len(updates) > 20 and len(along) >= least * len(updates)
     assert np.abs(np.sin(along)).max() < math.sin(math.radians(10.0))
     assert sum(update.status is Status.OK for update in updates) <= (1.0 - least) * len(updates)
+
+
+@pytest.mark.parametrize('seed', [0, 1])
+def test_in_a_curved_corridor_the_covariance_contains_the_error_along_the_arc(seed):
+    """The motion along it is a rotation about the centre of the curve, which no scan constrains."""
+    course, = curved(seeds=(seed,))
+    odometry, start = Odometry(), SE2.from_array(course.reference[0])
+    for scan, true in zip(course.scans[:60], course.reference, strict=False):
+        update = odometry.process(scan)
+        off, sigma = (start.inverse() @ SE2.from_array(true)).as_array() - update.pose.as_array(), update.covariance
+        assert (np.abs(off) < 3.0 * np.sqrt(sigma.diagonal())).all()
 
 
 def test_a_speed_that_no_scan_holds_goes_on():

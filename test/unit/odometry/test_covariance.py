@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation, PoseMeasurement
+from dbscan_reg_ros.core.odometry.models.covariance import (
+    CovariancePropagation,
+    PoseMeasurement,
+    coordinate_covariance,
+)
 from dbscan_reg_ros.core.registration.records import Prior
 
 STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
@@ -105,3 +109,16 @@ def test_the_errors_of_many_drives_are_as_large(fractions):
     for said, errors in ((drift.pose, pose), (drift.twist, twist)):
         whiten = np.linalg.inv(np.linalg.cholesky(said))
         assert whiten @ np.cov(errors.T) @ whiten.T == pytest.approx(np.eye(3), abs=5.0 / math.sqrt(size))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_covariance_of_the_coordinates_is_that_of_arcs(seed):
+    """A motion along a curve that no scan constrains ends beside its tangent."""
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * ((2.0,), (1.0,), (0.1,))
+    x, y, theta = rng.multivariate_normal(np.zeros(3), factor @ factor.T, 20000).T
+    arc = (x + 1j * y) * (np.exp(1j * theta) - 1.0) / (1j * theta)
+    errors = np.array((arc.real, arc.imag, theta))
+    second_moment = errors @ errors.T / errors.shape[1]
+    assert np.allclose(coordinate_covariance(factor @ factor.T), second_moment, rtol=0.05,
+                       atol=0.05 * np.trace(second_moment))

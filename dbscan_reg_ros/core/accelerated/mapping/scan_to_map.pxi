@@ -48,7 +48,8 @@ cdef find_correspondences(window, pose, points, direction, p):
     cdef double[:, ::1] rows = found.rows, information = np.empty((4, 4))
     cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1])
     cdef double[4] step = [0.0, 0.0, 0.0, 1.0]
-    cdef double c, s, along, least, angle
+    cdef double across, least, angle
+    cdef double[3] motion
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Weakest weakest
     cdef Py_ssize_t k
@@ -64,11 +65,12 @@ cdef find_correspondences(window, pose, points, direction, p):
     angle = direction
     if not is_corridor_like(information, angle):
         return found
-    c, s, least = cos(angle), sin(angle), p.degeneracy.parallel_tolerance
+    least = p.degeneracy.parallel_tolerance
+    write_parallel(angle, information, p.decision.min_information, motion)
     for k in range(rows.shape[1]):
-        along = c * rows[0, k] + s * rows[1, k]
-        if fabs(along) < least * length_of(rows[0, k], rows[1, k]):
-            rows[0, k], rows[1, k] = rows[0, k] - c * along, rows[1, k] - s * along
+        across = motion[0] * rows[0, k] + motion[1] * rows[1, k] + motion[2] * rows[2, k]
+        if fabs(across) < least * length_of(rows[0, k], rows[1, k]):
+            rows[0, k], rows[1, k] = rows[0, k] - motion[0] * across, rows[1, k] - motion[1] * across
     return found
 
 

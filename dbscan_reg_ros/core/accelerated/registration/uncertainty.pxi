@@ -130,28 +130,41 @@ cdef int write_degenerate(double angle, const double[:, ::1] shared, double few,
     return 0
 
 
+cdef int write_parallel(double angle, const double[:, ::1] information, double few, double *motion) except -1:
+    """Write the motion along `angle` [rad] that walls of a corridor are parallel to: a translation of 1 m or an arc."""
+    cdef double c = cos(angle), s = sin(angle), bend = information[0, 2] * c + information[1, 2] * s
+    cdef double straight = (c * c * information[0, 0] + 2.0 * c * s * information[0, 1] + s * s * information[1, 1])
+    write_degenerate(angle, information, few, motion)
+    if straight + motion[2] * bend >= degeneracy_steps.CORRIDOR_RATIO * straight:
+        motion[2] = 0.0
+    return 0
+
+
 cdef int add_informations(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight, parameters,
                           double[:, ::1] information, double[:, ::1] shared) except -1:
     """Add the information ``(3, 3)`` of all points, and the part of it that both scans share."""
     cdef Py_ssize_t k, i, j
+    cdef double[3] motion
     cdef Weakest weakest
+    motion[0] = motion[1] = motion[2] = 0.0
     with nogil:
         for k in range(rows.shape[1]):
             for i in range(3):
                 for j in range(3):
                     information[i, j] += weight[k] * rows[i, k] * rows[j, k]
-        add_shared(rows, own, weight, 0.0, -1.0, shared)
+        add_shared(rows, own, weight, motion, 0.0, shared)
         read_weakest(shared, &weakest)
     if weakest.weak < parameters.weak_prior_information and is_corridor_like(shared, weakest.angle):
+        write_parallel(weakest.angle, shared, parameters.min_information, motion)
         shared[:, :] = 0.0
-        add_shared(rows, own, weight, weakest.angle, parameters.parallel_tolerance, shared)
+        add_shared(rows, own, weight, motion, parameters.parallel_tolerance, shared)
     return 0
 
 
 cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1:
     """Whether few points face along the direction `angle` [rad], by their information."""
     cdef double c = cos(angle), s = sin(angle), xx = information[0, 0], yy = information[1, 1]
-    return c * c * xx + 2.0 * c * s * information[0, 1] + s * s * yy < degeneracy_steps._CORRIDOR_RATIO * (xx + yy)
+    return c * c * xx + 2.0 * c * s * information[0, 1] + s * s * yy < degeneracy_steps.CORRIDOR_RATIO * (xx + yy)
 
 
 cdef turned(covariance, double theta):
@@ -172,23 +185,24 @@ cdef turned(covariance, double theta):
     return result
 
 
-cdef int add_shared(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight, double angle,
-                    double min_component, double[:, ::1] shared) except -1 nogil:
+cdef int add_shared(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight,
+                    const double *motion, double min_component, double[:, ::1] shared) except -1 nogil:
     """Add the symmetric part of the products of the lines' Jacobian and the points' own.
 
-    Walls whose normals have a smaller component than `min_component` along the `angle` [rad] count as parallel to it.
+    Walls that the `motion` moves by less than `min_component` [m] across themselves count as parallel to it.
     """
-    cdef double c = cos(angle), s = sin(angle), along, off
+    cdef double across, off
     cdef double[3] a
     cdef double[3] b
     cdef Py_ssize_t k, i, j
     for k in range(rows.shape[1]):
         for i in range(3):
             a[i], b[i] = rows[i, k], own[i, k]
-        along = c * a[0] + s * a[1]
-        if fabs(along) < min_component * length_of(a[0], a[1]):
-            off = c * b[0] + s * b[1]
-            a[0], a[1], b[0], b[1] = a[0] - c * along, a[1] - s * along, b[0] - c * off, b[1] - s * off
+        across = motion[0] * a[0] + motion[1] * a[1] + motion[2] * a[2]
+        if fabs(across) < min_component * length_of(a[0], a[1]):
+            off = motion[0] * b[0] + motion[1] * b[1] + motion[2] * b[2]
+            a[0], a[1] = a[0] - motion[0] * across, a[1] - motion[1] * across
+            b[0], b[1] = b[0] - motion[0] * off, b[1] - motion[1] * off
         for i in range(3):
             for j in range(3):
                 shared[i, j] += 0.5 * weight[k] * (a[i] * b[j] + a[j] * b[i])

@@ -20,6 +20,7 @@ from ...registration.uncertainty import (
     degenerate_translation,
     match_covariance,
     own_jacobian,
+    parallel_motion,
 )
 from .correspondences import Correspondences, PosePrior, align
 from .key_frame_window import KeyFrameWindow
@@ -93,7 +94,8 @@ def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, dire
             return correspondences
     if not is_corridor_like(information, direction):
         return correspondences
-    rows = without_near_parallel(correspondences.rows, direction, p.degeneracy.parallel_tolerance)
+    motion = parallel_motion(direction, information, p.decision)
+    rows = without_near_parallel(correspondences.rows, motion, p.degeneracy.parallel_tolerance)
     return replace(correspondences, rows=rows)
 
 

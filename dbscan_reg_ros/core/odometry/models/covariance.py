@@ -97,6 +97,20 @@ class CovariancePropagation:
             self._joint = scale @ self._joint @ scale
 
 
+def coordinate_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance ``(3, 3)`` of x, y and theta from that of the tangent space, to second order.
+
+    The error of a pose is a twist in the frame of the sensor. A long one with a rotation is an arc, which ends beside
+    its tangent: by half of the product of rotation and translation. For covariances in the tangent space see Barfoot
+    and Furgale, "Associating Uncertainty With Three-Dimensional Poses for Use in Estimation Problems", 2014.
+    """
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
+    across = -(xy * tt + 2.0 * xt * yt)
+    bend = np.array(((yy * tt + 2.0 * yt * yt, across, 0.0), (across, xx * tt + 2.0 * xt * xt, 0.0), (0.0, 0.0, 0.0)))
+    result: NDArray[np.float64] = covariance + bend / 2 ** 2
+    return result
+
+
 def propagate_errors(joint: NDArray[np.float64], step: SE2, interval: float, prior: Prior,
                      measurement: PoseMeasurement) -> NDArray[np.float64]:
     """Propagate the joint covariance of pose, pose since the key frame and twist over a `step`.
