@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from dbscan_reg_ros import ParameterError
+from dbscan_reg_ros.paths import ready_made
 from dbscan_reg_ros.robot import parameter_files
 from dbscan_reg_ros.robot.parameter_files import (
     DEFAULTS_FILE,
@@ -31,6 +32,21 @@ def read(tmp_path):
         return read_parameters(path)
 
     return read
+
+
+def test_the_document_on_sensors_agrees_with_each_file(root):
+    """One row for each file, with the limits and the noise that the file sets or leaves at the default."""
+    text = (root / 'doc' / 'sensors.md').read_text()
+    table = re.search(r'^\| file \| models .*?\n\n', text, re.DOTALL | re.MULTILINE)[0].strip().splitlines()
+    names = re.findall(r'`(scan\.\w+)`', table[0])
+    rows = {cells[0].strip(' `'): cells for cells in (line.strip('| ').split('|') for line in table[2:])}
+    assert names == [f'scan.{name}' for name in ('range_min', 'range_max', 'noise_min', 'noise_max')]
+    assert sorted([*rows, 'paper']) == ready_made()
+    for name, cells in rows.items():
+        values = read_parameters(root / 'config' / f'{name}.yaml').flatten()
+        assert [float(cell) for cell in cells[-4:]] == [values[each] for each in names], name
+    described = set(re.findall(r'^\| `(\w+)` \|', text, re.MULTILINE))
+    assert described == set(rows)
 
 
 def test_the_file_of_defaults_is_current():
