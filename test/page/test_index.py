@@ -118,6 +118,9 @@ def test_the_index_of_a_comparison_has_a_row_for_each_competitor_with_its_verdic
                                            for each in content]
     assert 0.0 < content[0]['ape_m'] < 0.05 and content[1]['ape_m'] < 0.05
     assert browser.value('document.querySelector("tbody a").getAttribute("href")') == 'x/report.html'
+    ours, half = browser.value('[...document.querySelectorAll("#drives > li > svg polyline")].slice(0, 2).map('
+                               'line => [...line.points].map(point => [point.x, point.y]))')
+    np.testing.assert_allclose(half, ours[::2], atol=0.011, err_msg='in another frame, but drawn on the map of A')
 
 
 def test_no_error_is_known_without_truth(replayed, simulation, tmp_path):

@@ -37,7 +37,7 @@ def drive_data(report) -> dict:
     moved = not len(distance) or distance[-1] >= DRIVE
     along = distance if moved else scans.astype(float)
     sources = [record.reference_number for record in records]
-    others = [*_others(report.known, trajectory.stamps, poses), *_competitors(report)]
+    others = [*_others(report.known, trajectory.stamps, poses), *competitor_lines(trajectory, report.competitors)]
     reasons = list(dict.fromkeys(record.reason for record in records))
     number_of = {reason: number for number, reason in enumerate(reasons)}
     return {
@@ -115,15 +115,24 @@ def competitor_poses(trajectory, other):
     return poses[np.flatnonzero(trajectory.used)]
 
 
-def _competitors(report):
-    """Yield kind, name and positions ``(N, 2)`` of the competitors, from the first common pose on."""
-    ours = report.trajectory.pose_array()
-    for place, (name, trajectory) in enumerate(report.competitors):
-        path = competitor_poses(report.trajectory, trajectory)
+def competitor_lines(ours, competitors):
+    """Yield kind, name and positions ``(N, 2)`` of the competitors at the scans of the first trajectory.
+
+    Each is moved so that its first common pose with the first trajectory is the same, as its frame may be another.
+
+    Parameters
+    ----------
+    ours : Trajectory
+    competitors : list of (str, Trajectory)
+        Name and trajectory of each competitor.
+    """
+    poses = ours.pose_array()
+    for place, (name, trajectory) in enumerate(competitors):
+        path = competitor_poses(ours, trajectory)
         there = np.flatnonzero(np.isfinite(path).all(axis=1))
         if len(there):
             found, first = path[there], there[0]
-            path[there] = compose(np.broadcast_to(ours[first], found.shape),
+            path[there] = compose(np.broadcast_to(poses[first], found.shape),
                                   relative(np.broadcast_to(path[first], found.shape), found))
             yield f'other{place % KINDS}', name, path[:, :2]
 

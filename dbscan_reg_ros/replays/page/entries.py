@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ...core.registration.records import Status
 from ...figures.plots import density_map
-from .drive_data import KINDS, competitor_poses
+from .drive_data import competitor_lines
 from .index import Columns, DriveEntry, SmallMap, small_map, write_index
 from .report import Report, write_report
 from .scan_history import ScanHistory
@@ -80,9 +80,7 @@ def write_comparison_page(path, recording, known, trajectories, names) -> SmallM
                *(('layer', name) for name, _ in others)]
     write_report(path, Report(f'{recording.name}: {len(names)} competitors', summary, known, ours, density, [], None,
                               history=history, competitors=others))
-    lines = [('trajectory', names[0], ours.pose_array()[:, :2]),
-             *((f'other{place % KINDS}', name, competitor_poses(ours, trajectory)[:, :2])
-               for place, (name, trajectory) in enumerate(others))]
+    lines = [('trajectory', names[0], ours.pose_array()[:, :2]), *competitor_lines(ours, others)]
     return small_map(density, lines)
 
 
