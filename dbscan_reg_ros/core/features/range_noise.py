@@ -29,7 +29,7 @@ def estimate_noise(ranges: FloatArray, limits: ScanParameters) -> float:
     return min(max(float(bend[rank]) / (_NORMAL * math.sqrt(1.0 + 2.0 * 0.5 ** 2)), limits.noise_min), limits.noise_max)
 
 
-def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanParameters) -> float:
+def estimate_noise_ratio(points: ComplexArray, ranges: FloatArray, beams: IntArray, limits: ScanParameters) -> float:
     """Estimate the standard deviation of a range as a fraction of the range.
 
     The error of a point is its distance, along its beam, from the line through its two neighbours; this holds for
@@ -41,6 +41,8 @@ def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanPara
     ----------
     points : (P,) complex
         Returns in beam order [m].
+    ranges : (P,) float
+        Their ranges [m]. Many of a lidar are equal: computed again from the points, rounding would decide their order.
     beams : (P,) int
         Beam of each point.
     limits : ScanParameters
@@ -50,7 +52,7 @@ def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanPara
     float
         At most `noise_ratio_max`; 0 where far ranges are not noisier than near ones.
     """
-    error, radius = _errors_along_beams(points, beams)
+    error, radius = _errors_along_beams(points, ranges, beams)
     half = len(error) // 2
     if half < _MIN_RANGES:
         return 0.0
@@ -65,7 +67,8 @@ def estimate_noise_ratio(points: ComplexArray, beams: IntArray, limits: ScanPara
     return min(float(far_noise / far_range) / _NORMAL, limits.noise_ratio_max)
 
 
-def _errors_along_beams(points: ComplexArray, beams: IntArray) -> tuple[FloatArray, FloatArray]:
+def _errors_along_beams(points: ComplexArray, ranges: FloatArray,
+                        beams: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return distances [m] of points from the lines through their neighbours, scaled to equal noise, and ranges [m].
 
     Only points with returns on both adjacent beams, and with a line that crosses their own beam between these returns,
@@ -73,11 +76,11 @@ def _errors_along_beams(points: ComplexArray, beams: IntArray) -> tuple[FloatArr
     """
     # Twice the areas of the triangles between the sensor and two points: for points on a line both pairs add up.
     pair, whole = (points[:-1].conj() * points[1:]).imag, (points[:-2].conj() * points[2:]).imag
-    first, second, radius = pair[:-1], pair[1:], np.abs(points)
+    first, second = pair[:-1], pair[1:]
     usable = ((beams[2:] - 1 == beams[:-2] + 1) & (first * second > 0.0)).nonzero()[0]
-    middle = radius[1:-1]
+    middle = ranges[1:-1]
     # Noise of the line at the beam of the point, from that of its two ends.
-    ends = np.hypot(second * radius[:-2], first * radius[2:])
+    ends = np.hypot(second * ranges[:-2], first * ranges[2:])
     area = (middle * middle * np.abs(whole - first - second)).take(usable)
     return area / np.hypot(whole * middle, ends).take(usable), middle.take(usable)
 

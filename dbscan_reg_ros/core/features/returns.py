@@ -40,13 +40,18 @@ class Returns:
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a range [m]."""
-        return self.backend.step(estimate_noise)(self.scan.ranges[self.valid].astype(float), self.limits)
+        return self.backend.step(estimate_noise)(self._ranges, self.limits)
 
     @cached_property
     def noise_ratio(self) -> float:
         """Standard deviation of a range as a fraction of the range; 0 if far ranges are no noisier than near ones."""
         beams = self.valid.nonzero()[0]
-        return self.backend.step(estimate_noise_ratio)(as_complex(self.points)[beams], beams, self.limits)
+        return self.backend.step(estimate_noise_ratio)(as_complex(self.points)[beams], self._ranges, beams, self.limits)
+
+    @property
+    def _ranges(self) -> FloatArray:
+        """Ranges [m] of the beams with an admitted return."""
+        return self.scan.ranges[self.valid].astype(float)
 
 
 def admitted_returns(scan: Scan, limits: ScanParameters, backend: Backend = REFERENCE) -> Returns:

@@ -8,6 +8,7 @@ import pytest
 from accelerated_inputs import SIZES, oriented_points, ranges, scan_points
 
 from dbscan_reg_ros import Parameters, Scan, ScanError, extract_features
+from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.extraction import extract_from_returns
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.normals import estimate_normals
@@ -35,8 +36,19 @@ def test_range_noise(both, rng, size):
     points, beams = returns(rng, size)
     for limits in (P.scan, NO_LIMITS):
         both(estimate_noise, np.abs(points), limits)
-        both(estimate_noise_ratio, points, beams, limits)
+        both(estimate_noise_ratio, points, np.abs(points), beams, limits)
     both(estimate_noise, np.zeros(size), NO_LIMITS)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 4, 7, 8])
+def test_equal_ranges_of_a_lidar_have_the_same_noise_ratio_in_both(compiled, seed):
+    """Ranges of whole decimetres: of many equal ones some belong to the nearer half and some to the farther one."""
+    angles = np.linspace(-1.4, 1.4, 181)
+    noise = np.random.default_rng(seed).normal(1.0, 0.04, len(angles))
+    returns = (admitted_returns(Scan.from_ranges(np.round(noise / np.cos(angles), 1), angles), P.scan, backend)
+               for backend in (REFERENCE, compiled))
+    expected, found = (each.noise_ratio for each in returns)
+    assert expected > 0.0 and found == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize('size', [*SIZES, 3, 1081])

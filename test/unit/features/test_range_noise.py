@@ -51,7 +51,7 @@ def along_a_wall(noise, ratio, seed=0, uneven=0.0):
 
 
 def ratio_in(points, limits=LIMITS, every=1):
-    return estimate_noise_ratio(points, every * np.arange(len(points)), limits)
+    return estimate_noise_ratio(points, np.abs(points), every * np.arange(len(points)), limits)
 
 
 def ratios(noise, ratio, limits=LIMITS, uneven=0.0):

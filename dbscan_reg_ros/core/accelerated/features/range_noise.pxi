@@ -24,13 +24,16 @@ def estimate_noise(const double[::1] ranges, limits):
     return min(max(found / (range_noise_steps._NORMAL * sqrt(1.5)), limits.noise_min), limits.noise_max)
 
 
-def estimate_noise_ratio(const double complex[::1] points, const Py_ssize_t[::1] beams, limits):
+def estimate_noise_ratio(const double complex[::1] points, const double[::1] ranges, const Py_ssize_t[::1] beams,
+                         limits):
     """Estimate the standard deviation of a range as a fraction of the range.
 
     Parameters
     ----------
     points : (P,) complex
         Returns in beam order [m].
+    ranges : (P,) float
+        Their ranges [m]. Many of a lidar are equal: computed again from the points, rounding would decide their order.
     beams : (P,) int
         Beam of each point.
     limits : ScanParameters
@@ -41,7 +44,7 @@ def estimate_noise_ratio(const double complex[::1] points, const Py_ssize_t[::1]
         At most `noise_ratio_max`; 0 where far ranges are not noisier than near ones.
     """
     errors, radii = np.empty(points.shape[0]), np.empty(points.shape[0])
-    cdef Py_ssize_t size = errors_along_beams(points, beams, errors, radii), half = size // 2, k
+    cdef Py_ssize_t size = errors_along_beams(points, ranges, beams, errors, radii), half = size // 2, k
     if half < range_noise_steps._MIN_RANGES:
         return 0.0
     cdef double quantile = range_noise_steps._NOISE_QUANTILE
@@ -63,8 +66,8 @@ def estimate_noise_ratio(const double complex[::1] points, const Py_ssize_t[::1]
     return min(far_noise / far_range / range_noise_steps._NORMAL, limits.noise_ratio_max)
 
 
-cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const Py_ssize_t[::1] beams,
-                                   double[::1] error, double[::1] radius) except -1 nogil:
+cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const double[::1] ranges,
+                                   const Py_ssize_t[::1] beams, double[::1] error, double[::1] radius) except -1 nogil:
     """Write distances from the lines through the neighbours, scaled to equal noise, and ranges; return their number."""
     cdef Py_ssize_t k, count = 0
     cdef double first, second, whole, before, middle, after
@@ -74,7 +77,7 @@ cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const Py_ss
         if beams[k + 1] - 1 != beams[k - 1] + 1 or not first * second > 0.0:
             continue
         whole = cross(points[k - 1], points[k + 1])
-        before, middle, after = modulus(points[k - 1]), modulus(points[k]), modulus(points[k + 1])
+        before, middle, after = ranges[k - 1], ranges[k], ranges[k + 1]
         error[count] = (middle * middle * fabs(whole - first - second)
                         / length_of(whole * middle, length_of(second * before, first * after)))
         radius[count] = middle
