@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From scans to poses."""
+"""Laser odometry: estimates the pose of the robot from successive scans."""

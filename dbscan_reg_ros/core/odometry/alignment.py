@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Alignment of a scan that was found with the map."""
+"""Alignment of a registered scan with the map."""
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +24,13 @@ class Aligned(NamedTuple):
     pose : SE2
         Pose of the scan in the odometry frame.
     covariance : (3, 3) float
-        Covariance by the map alone, in the frame of the scan [m, m, rad].
+        Covariance from the alignment with the map alone, in the frame of the scan [m, m, rad].
     direction : float or None [rad]
         Direction of the translation that the map constrains least, in the odometry frame.
     constrained : float
-        From 0 to 1: how well the map constrains a direction that is degenerate for the match; else 1.
+        How well the map constrains the direction that was degenerate in the match, from 0 to 1; 1 if none was.
     correspondences : Correspondences or None
-        Correspondences with the key frames; None without a window.
+        Correspondences with the key frames; None if no window is used.
     """
 
     pose: SE2
@@ -40,27 +40,27 @@ class Aligned(NamedTuple):
     correspondences: Correspondences | None
 
     def motion_constraints(self, prior: Prior, registration: Registration) -> MotionConstraints:
-        """Return the constraints for the motion model; an external prior observes the velocity in every direction."""
+        """Return the constraints for the motion model; an external prior constrains the velocity in every direction."""
         return MotionConstraints(self.direction if self.constrained < 1.0 else None,
                                  1.0 if prior.velocity_change is None else self.constrained,
                                  registration.rotation_unobservable)
 
 
 def _constrained(direction: float | None, information: float | None, p: Parameters) -> float:
-    """Return how well a degenerate `direction` is constrained, from 0 to 1, by its `information` [points]."""
+    """Return how well a degenerate `direction` is constrained, from 0 to 1; `information` is a number of points."""
     return 1.0 if direction is None or information is None else min(information / p.decision.min_information, 1.0)
 
 
 def align_scan(window: KeyFrameWindow, match: Match, prior: PosePrior, predictions: Predictions,
                p: Parameters) -> Aligned:
-    """Align the scan of a match with the key frames of the window; without a window the match is the result.
+    """Align the scan of a match with the key frames of the window; if no window is used, return the match.
 
     Parameters
     ----------
     window : KeyFrameWindow
     match : Match
     prior : PosePrior
-        Information in the frame of the scan [1/m^2, 1/rad^2]; 0 where the match contradicts it.
+        Its information is in the frame of the scan [1/m^2, 1/rad^2], and 0 if the match contradicts the prior.
     predictions : Predictions
     p : Parameters
     """

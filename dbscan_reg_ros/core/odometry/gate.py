@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mahalanobis gate: the only place that decides whether the result of a registration is believed."""
+"""Mahalanobis gate: decides whether the result of a registration is accepted."""
 import dataclasses
 import math
 
@@ -28,17 +28,17 @@ class Gate:
     Parameters
     ----------
     predictions : Predictions
-        Of the first sensor.
+        Predictions for the first sensor.
     tracking : Tracking
         The state after the last scan.
     parameters : Parameters
     sensor : Sensor
-        Of the scan. All poses and covariances that are compared here are those of this sensor.
+        Sensor of the scan. All poses and covariances that the gate compares are those of this sensor.
 
     Attributes
     ----------
     predictions : Predictions
-        Of the `sensor`.
+        Predictions for the `sensor` of the scan.
     sensor : Sensor
     weak_prior : bool
         Whether the best prediction is too uncertain to tell repeated structures apart.
@@ -59,21 +59,21 @@ class Gate:
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
     def after(self, interval: ScanInterval) -> 'Gate':
-        """Return the same gate after another `interval`."""
+        """Return the same gate with another `interval` since the last scan."""
         given = dataclasses.replace(self._given, interval=interval)
         return Gate(given, self._tracking, self._parameters, self.sensor)
 
     def check(self, pose: SE2, registration: Registration, has_tentative: bool = False) -> Verdict:
-        """Decide whether a result is believed.
+        """Decide whether the result of a registration is accepted.
 
         Parameters
         ----------
         pose : SE2
-            Pose of the scan by the result, in the odometry frame.
+            Pose of the scan in the odometry frame that follows from the result.
         registration : Registration
             The result.
         has_tentative : bool
-            Whether the result of another reference is tentative.
+            Whether the registration to another reference gave a tentative result.
         """
         ok = registration.status is Status.OK
         if registration.status is Status.FAILED:
@@ -91,9 +91,9 @@ class Gate:
 
     def check_scan_before(self, before: SE2, pose: SE2, registration: Registration,
                           tentative: Registration | None = None) -> Verdict:
-        """Decide on a scan registered without a prediction to the scan before, which is at the pose `before`.
+        """Decide on a scan registered without a prediction to the previous scan, whose pose is `before`.
 
-        After a weak prediction it may replace a `tentative` result, which that prediction chose.
+        If the prediction is weak, this result may replace a `tentative` result, which depends on the prediction.
         """
         excess = self._exceeded_limit(before, pose, self._time_since_found - self._tracking.lost_time)
         if excess is not None:
@@ -110,10 +110,10 @@ class Gate:
         return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
 
     def _is_likely(self, pose: SE2, registration: Registration, tentative: Registration | None) -> bool:
-        """Whether a result without a prediction is more likely than a `tentative` one; without one, than any other.
+        """Whether a result without a prediction is more likely than the `tentative` result, if there is one.
 
-        The confidence of a degenerate result says nothing of the degenerate direction: it has to be constrained there,
-        compared with a tentative result that is degenerate too.
+        The confidence of a degenerate result does not cover the degenerate direction. Such a result can replace only a
+        tentative result that is degenerate too, and must constrain this direction by at least half as many points.
         """
         if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
                 or not self._near_prediction(pose, registration)):
@@ -130,7 +130,7 @@ class Gate:
 
     def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
                        registration: Registration) -> Verdict:
-        """Decide on a scan registered to the map before a loss, `expected` there with a `covariance` ``(3, 3)``."""
+        """Decide on a scan registered to the map before a loss; its `expected` pose has a `covariance` ``(3, 3)``."""
         if registration.status is not Status.OK:
             return Verdict(Decision.REJECT, Reason.FAILED)
         if not self._within(pose, expected, covariance):
@@ -138,7 +138,7 @@ class Gate:
         return Verdict(Decision.ACCEPT, Reason.REJOINED)
 
     def _exceeded_limit(self, found: SE2 | None, pose: SE2, time: float) -> Reason | None:
-        """Return which limit of speed or turn rate the motion from the pose `found` in a `time` [s] exceeds, if any."""
+        """Return which limit (speed or turn rate) is exceeded by the motion from `found` to `pose` in a `time` [s]."""
         p, time = self._parameters, max(time, self.predictions.unconstrained_time)
         if found is None or time <= 0.0:
             return None
@@ -149,12 +149,12 @@ class Gate:
         return Reason.TURNS_TOO_FAST if abs(motion.theta) > limit else None
 
     def _scores_poorly(self, score: float) -> bool:
-        """Whether the score is low for a place that was seen a moment ago; the longer ago, the less is asked for."""
+        """Whether `score` is much lower than that of the last registered scan; less strict the older that scan is."""
         recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, TINY), 0.0)
         return score < _RECENT_SCORE_RATIO * recent * self._tracking.score
 
     def _check_outlier(self, pose: SE2, score: float) -> Verdict:
-        """Decide whether a reliable result outside the gates of the predictions is believed: a jump if accepted."""
+        """Decide whether a reliable result outside the gates is accepted; the pose then jumps."""
         if self._scores_poorly(score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         motion, unconfirmed = self.predictions.motion, self._unconfirmed
@@ -167,7 +167,7 @@ class Gate:
         return Verdict(Decision.REJECT, Reason.UNCONFIRMED)
 
     def asks_for_search_within(self, pose: SE2, registration: Registration) -> bool:
-        """Whether to search inside the gate, as a result that is not ``OK`` lies outside: corridors are symmetric."""
+        """Whether to search again inside the gate, as the result is not ``OK`` and outside it (symmetric corridors)."""
         best, motion = self.predictions.best, self.predictions.motion
         return (registration.status not in (Status.OK, Status.FAILED)
                 and best.prior.translation_sigma < self._parameters.odometry.dynamic_margin
@@ -176,7 +176,7 @@ class Gate:
                 and not self._within(pose, motion.pose, motion.gate_covariance))
 
     def used_prior(self, pose: SE2, wheels: WheelCalibration) -> Prior:
-        """Return the best prior, with the covariance that was learned if a match at `pose` agrees with that."""
+        """Return the best prior, with the covariance reduced by the wheel calibration if a match at `pose` fits it."""
         best = self.predictions.best
         if self.predictions.external is None:
             return best.prior
@@ -184,17 +184,17 @@ class Gate:
         return tightened if self._within(pose, best.pose, tightened.covariance) else best.prior
 
     def prior_information(self, pose: SE2, prior: Prior) -> NDArray[np.float64]:
-        """Return the information ``(3, 3)`` of a `prior` for the scan; 0 if a match at `pose` contradicts it."""
+        """Return the information ``(3, 3)`` of a `prior`; 0 if a match at `pose` contradicts the prior."""
         if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
         return np.zeros((DOF, DOF))
 
     def motion_information(self, prior: Prior) -> NDArray[np.float64]:
-        """Return the information ``(3, 3)`` of what is physically assumed: 1 m/s, 1 rad/s beyond the `prior`."""
+        """Return the information ``(3, 3)`` of a motion that differs from the `prior` by about 1 m/s and 1 rad/s."""
         return inverse(prior.covariance + max(self._time_since_found, _MIN_TIME) ** 2 * np.eye(DOF))
 
     def supports_external(self, pose: SE2) -> bool:
-        """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be learned."""
+        """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be estimated."""
         external = self.predictions.external
         return (external is not None and not self.predictions.interval.gap
                 and self._within(pose, self.predictions.best.pose, external.covariance))
@@ -208,26 +208,27 @@ class Gate:
         return _squared_distance(pose, start, registration.covariance) > gate ** 2
 
     def is_correction(self, pose: SE2, verdict: Verdict) -> bool:
-        """Whether the way to a result is no motion: it corrects a pose that was wrong or only predicted.
+        """Whether the displacement to a result is no motion, but the correction of a wrong or merely predicted pose.
 
-        So is an outlier after a loss, and a result that asks for more than 1 m/s beyond a prediction that is not weak.
+        This holds for a scan registered to the map before a loss, for an outlier after a loss, and for a result that
+        differs from a reliable prediction by more than 1 m/s.
         """
         if verdict.reason is Reason.REJOINED or (verdict.outlier and self._tracking.lost_time > 0.0):
             return True
         return verdict.reason is not Reason.WITHIN_GATE and self._leaps(pose)
 
     def _leaps(self, pose: SE2) -> bool:
-        """Whether a result asks for more than 1 m/s beyond a prediction that is not weak."""
+        """Whether a result differs from a prediction that is not weak by more than 1 m/s."""
         if self.weak_prior or self._tracking.mode is Mode.STARTING:
             return False
         change = self.predictions.best.pose.inverse() @ pose
         return math.hypot(change.x, change.y) > self._time_since_found
 
     def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
-        """Return the registration, no longer ``OK`` where the pose or the motion is not known in every direction.
+        """Return the registration with its status lowered from ``OK`` if pose or motion are not reliable.
 
-        A match is tentative where few points constrain a motion that was not predicted well, where the result is a
-        correction, and, if `chained`, while the scans since a loss are not found in the map before it.
+        The status is lowered in three cases: few points constrain the motion and the prediction is weak; the result is
+        a correction; the scans since a loss have not been found in the map before the loss yet (`chained`).
         """
         registration = demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
         if registration.status is not Status.OK or not (chained or self.is_correction(pose, verdict)):
@@ -236,10 +237,10 @@ class Gate:
         return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
     def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
-        """Whether `pose` is within the gate of the best prediction or of the motion model.
+        """Whether `pose` is within the gate around the best prediction or around that of the motion model.
 
         Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate.
-        Results by few points do not override the wheels, unless these seem to slip.
+        A result that few points constrain does not override the wheels, unless the wheels seem to slip.
         """
         best, motion = self.predictions.best, self.predictions.motion
         ratio = _WEAK_PRIOR_RATIO if self.weak_prior and registration.status is not Status.OK else 1.0
@@ -253,7 +254,8 @@ class Gate:
     def _is_reliable(self, registration: Registration) -> bool:
         """Whether a result may override the prediction.
 
-        It may where many points constrain it, where there is no external prior, and after `odometry.coast_time`.
+        It may if many points constrain the result, if there is no external prior, or if tracking has been lost for
+        longer than `odometry.coast_time`.
         """
         p = self._parameters
         return (self.predictions.external is None or observability_ratio(registration, p.decision) == 1.0
@@ -270,10 +272,10 @@ def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]
 
 
 _INFORMATION_RATIO = 0.5
-"""Ratio of the points that constrain a degenerate result to those of a degenerate one that it replaces, at least."""
+"""A degenerate result can replace another one only if it is constrained by at least this fraction of its points."""
 _MIN_TIME = 0.01
-"""Least time [s] in which the motion may differ from the prediction."""
+"""Least time [s] for which a difference between motion and prediction is allowed."""
 _RECENT_SCORE_RATIO = 0.55
-"""Ratio of the last score that a result outside the gates has to reach."""
+"""A result outside the gates has to reach at least this ratio of the last score, if that is recent."""
 _WEAK_PRIOR_RATIO = 0.7
 """Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Key-frame decision: whether a scan becomes a key frame.
 
-A scan becomes the latest key frame when it `is_due`. One that is not, but `completes_map`, joins the window before the
-latest one.
+A scan becomes the latest key frame if `is_due` is true. If only `completes_map` is true, the scan is inserted into the
+window before the latest key frame.
 """
 import math
 
@@ -14,7 +14,7 @@ from .references import Match
 
 
 def is_due(match: Match, aligned: Aligned, overlap: float, window: KeyFrameWindow, sensor: str, p: Parameters) -> bool:
-    """Whether a scan becomes the latest key frame: it has moved, rotated, or overlaps too little with it.
+    """Whether a scan becomes the latest key frame: far from the present one, rotated, or with too little overlap.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def is_due(match: Match, aligned: Aligned, overlap: float, window: KeyFrameWindo
 
 
 def completes_map(match: Match, aligned: Aligned, p: Parameters) -> bool:
-    """Whether a scan sees surfaces that would constrain a degenerate direction and that no key frame has."""
+    """Whether a scan sees surfaces that no key frame contains and that would constrain a degenerate direction."""
     direction, correspondences = match.degenerate_direction, aligned.correspondences
     if direction is None or correspondences is None:
         return False

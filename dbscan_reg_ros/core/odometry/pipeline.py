@@ -36,9 +36,10 @@ class Odometry:
     Parameters
     ----------
     parameters : Parameters
-        They can be replaced at any time. New values apply from the next scan on; key frames stay as they are.
+        All parameters. They can be replaced at any time; new values apply from the next scan on, and existing key
+        frames are not changed.
     backend : Backend, optional
-        Implementation of the steps; by default the compiled one where it is built.
+        Implementation of the numerical steps; by default the compiled one, if it is built.
     """
 
     def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None):
@@ -48,7 +49,7 @@ class Odometry:
 
     @property
     def backend(self) -> Backend:
-        """The implementation of the steps."""
+        """The implementation of the numerical steps (numpy or compiled)."""
         return self._backend
 
     @property
@@ -73,11 +74,12 @@ class Odometry:
         scan : Scan
         prior : Prior, optional
             Motion of the first sensor since the last scan of any sensor, from an external source (wheels, gyroscope).
-            Systematic errors of whole motions are learned (`prior.calibration_distance`). Without a prior the motion
-            model predicts, unless `odometry.prior` says otherwise.
+            If it measures translation and rotation, its systematic errors are estimated online
+            (`prior.calibration_distance`). Without a prior the motion model predicts, unless `odometry.prior` is
+            ``none``.
         sensor : Sensor
-            The sensor of the scan. Scans of several sensors are best given in the order of their stamps. A track
-            begins with the sensor of its first scan; the others join when its velocity is known.
+            The sensor of the scan. Scans of several sensors should be processed in the order of their stamps. A track
+            begins with the sensor of its first scan; other sensors are added as soon as the velocity is known.
 
         Returns
         -------
@@ -86,8 +88,8 @@ class Odometry:
         Raises
         ------
         ScanError
-            When the scan has too few returns to be used, or comes too late after one of another sensor; the state is
-            unchanged.
+            When the scan has too few returns, or is too old compared with the last scan of another sensor. The state
+            is not changed then.
         """
         state, p = self._state, self._parameters
         # Stamp: how long the scan took, and whether its motion can be removed.
@@ -122,7 +124,7 @@ class Odometry:
         return update.follow(state, outcome, gate, p)
 
     def predict_motion(self, stamp: int) -> Prior | None:
-        """Predict the motion to a scan at `stamp` [ns] by the motion model alone; None before the first scan."""
+        """Predict the motion to a scan at `stamp` [ns] with the motion model alone; None before the first scan."""
         state, p = self._state, self._parameters
         if state.window is None:
             return None
@@ -134,7 +136,7 @@ class Odometry:
         return state.motion.predict(interval, p)
 
     def _sensor_state(self, scan: Scan, sensor: Sensor) -> SensorState:
-        """Return what is remembered of the scans of a sensor; `ScanError` for a scan that comes too late."""
+        """Return the state stored for a sensor; raise `ScanError` if the scan is too old."""
         late = self._state.order.lateness(sensor.name, scan.stamp, self._parameters.time)
         if late:
             raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
@@ -142,14 +144,14 @@ class Odometry:
         return self._state.sensors.setdefault(sensor.name, SensorState())
 
     def _waits(self, scan: Scan, sensor: Sensor) -> bool:
-        """Whether the velocity is not known yet by which a scan of another sensor could be placed."""
+        """Whether a scan of another sensor cannot be added yet, because the velocity is still unknown."""
         state = self._state
         if state.window is None or sensor.name in state.window.sensors or state.tracking.mode is not Mode.STARTING:
             return False
         return state.order.time_since_last(scan.stamp) <= self._parameters.odometry.coast_time
 
     def _since_last(self, scan: Scan, sensor: Sensor, own: ScanInterval) -> ScanInterval:
-        """Return the interval since the last scan of any sensor; `own` is that since the last of the same."""
+        """Return the interval since the last scan of any sensor; `own` is the interval since the last of `sensor`."""
         state, p = self._state, self._parameters
         stamps = state.sensors[sensor.name].stamps
         interval = state.order.since_last(sensor.name, scan.stamp, own, stamps, p.time)
@@ -160,7 +162,7 @@ class Odometry:
         return interval
 
     def _joins(self, predictions: Predictions, sensor: Sensor) -> bool:
-        """Whether the map has nothing yet of a sensor, whose pose is predicted well."""
+        """Whether to add a sensor to the track: it has no key frame yet, and its pose is predicted well."""
         state = self._state
         return (sensor.name not in state.key_frames.sensors and state.tracking.mode is Mode.TRACKING
                 and predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin)
@@ -173,11 +175,11 @@ class Odometry:
         ----------
         scan : Scan
         twist : (3,) float or None
-            Velocity of the sensor of the scan [m/s, m/s, rad/s], by which it is deskewed.
+            Velocity of the sensor [m/s, m/s, rad/s] with which the scan is deskewed; None: not deskewed.
         own : SensorState
-            Of this sensor.
+            State stored for this sensor.
         again : bool
-            Whether the scan was extracted before: then it is not counted again in the estimate of the range noise.
+            Whether features of this scan were extracted before: it is then left out of the range noise estimate.
         """
         p = self._parameters
         if twist is not None:
@@ -189,7 +191,7 @@ class Odometry:
         return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
 
     def _search(self, features: Features, gate: Gate) -> Outcome:
-        """Register the scan to the references."""
+        """Register the scan to the local map and, if needed, to other references."""
         outcome = ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
         update.remember_search(self._state, outcome, gate.sensor)
         return outcome
@@ -201,7 +203,7 @@ class Odometry:
                 and gate.starts_in_motion(match.pose, match.registration, gate.sensor.pose_at(state.pose)))
 
     def _start_in_motion(self, scan: Scan, outcome: Outcome, gate: Gate) -> tuple[Features, Gate]:
-        """Deskew the first two scans of a track by their motion; return features and gate of the second."""
+        """Deskew the first two scans of a track with their motion; return features and gate of the second scan."""
         state, predictions, sensor = self._state, gate.predictions, gate.sensor
         assert outcome.match is not None
         own = state.sensors[sensor.name]
@@ -217,8 +219,8 @@ class Odometry:
 def search_parameters(parameters: Parameters) -> Parameters:
     """Return the parameters of registrations to single references.
 
-    Where the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
-    walls count as parallel as in the window.
+    If the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
+    near-parallel walls count as parallel with the same tolerance as in the window.
     """
     if parameters.odometry.reference != 'window':
         return parameters

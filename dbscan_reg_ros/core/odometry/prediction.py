@@ -25,7 +25,7 @@ class Prediction:
     prior : Prior
         Predicted motion since the last scan.
     gate_covariance : (3, 3) float
-        Covariance of `pose` in the frame of the sensor [m, m, rad], enlarged while scans are not found.
+        Covariance of `pose` in the frame of the sensor [m, m, rad], enlarged while scans cannot be registered.
     """
 
     pose: SE2
@@ -33,7 +33,7 @@ class Prediction:
     gate_covariance: NDArray[np.float64]
 
     def of(self, sensor: Sensor) -> 'Prediction':
-        """Return this prediction of the first sensor as one of another `sensor`."""
+        """Return the prediction for another `sensor` that follows from this one for the first sensor."""
         return Prediction(sensor.pose_at(self.pose), sensor.prior_of(self.prior),
                           sensor.covariance_of(self.gate_covariance))
 
@@ -45,12 +45,13 @@ class Predictions:
     Attributes
     ----------
     best : Prediction
-        By the external prior, corrected by the wheel calibration; by the motion model where there is none.
+        Prediction from the external prior, corrected by the wheel calibration; without an external prior, that of the
+        motion model.
     motion : Prediction
-        By the motion model.
+        Prediction of the motion model.
     external : Prior or None
-        A whole motion from an external source, without correction. None where there is no external prior, or one of the
-        rotation only.
+        Motion from an external source, without the wheel calibration. None without an external prior, and if the
+        external prior measures the rotation only.
     interval : ScanInterval
         Time since the last scan.
     unconstrained_time : float [s]
@@ -65,11 +66,11 @@ class Predictions:
 
     @property
     def by_motion_model(self) -> bool:
-        """Whether there is no external prior, neither of the motion nor of the rotation."""
+        """Whether there is no external prior: neither of the whole motion nor of the rotation alone."""
         return self.best is self.motion
 
     def of(self, sensor: Sensor) -> 'Predictions':
-        """Return these predictions of the first sensor as those of another `sensor`."""
+        """Return the predictions for another `sensor` that follow from these for the first sensor."""
         if sensor.is_first:
             return self
         motion = self.motion.of(sensor)
@@ -78,14 +79,14 @@ class Predictions:
 
 
 def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, parameters: Parameters) -> Predictions:
-    """Predict the pose of a scan by the motion model and, where there is one, by an external prior.
+    """Predict the pose of a scan from the motion model and, if there is one, from an external prior.
 
     Parameters
     ----------
     state : TrackState
     prior : Prior or None
-        Motion since the last scan from an external source. One with a `Prior.velocity_change` is the prediction of the
-        motion model with an external rotation.
+        Motion since the last scan from an external source. A prior with a `Prior.velocity_change` is the prediction of
+        the motion model, its rotation replaced by an external one.
     interval : ScanInterval
     parameters : Parameters
     """
@@ -98,13 +99,13 @@ def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, para
 
 
 def _prediction(state: TrackState, prior: Prior, parameters: Parameters) -> Prediction:
-    """Apply a `prior` to the last pose."""
+    """Return the prediction that results from applying a `prior` to the last pose."""
     pose = state.pose @ prior.transform
     return Prediction(pose, prior, state.motion.gate_covariance(prior, pose, state.tracking.lost_time, parameters))
 
 
 def coasting_prior(state: TrackState, predictions: Predictions, p: Parameters) -> Prior:
-    """Return the best prior; any motion is possible while the motion model has no velocity yet."""
+    """Return the best prior; while the motion model has no velocity yet, with the covariance of an unknown motion."""
     prior = predictions.best.prior
     if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
         return Prior(prior.transform, unknown_motion_covariance(predictions.interval, p))

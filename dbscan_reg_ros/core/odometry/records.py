@@ -19,7 +19,7 @@ class OdometryUpdate:
     stamp : int [ns]
         Stamp of the scan.
     pose : SE2
-        Pose of the first sensor in the odometry frame, in which it is at the origin at the first scan.
+        Pose of the first sensor in the odometry frame, whose origin is the pose of this sensor at the first scan.
     covariance : (3, 3) float
         Covariance of `pose` for (x, y, theta) in the odometry frame [m, m, rad].
     twist : (3,) float
@@ -29,7 +29,7 @@ class OdometryUpdate:
     interval : float [s]
         Filtered time since the last scan of any sensor; 0 for the first.
     increment : SE2
-        Motion of the first sensor since the last scan, in its frame at that time.
+        Motion of the first sensor since the last scan of any sensor, in its frame at the time of that scan.
     status : Status
     registration : Registration or None
         None for the first scan after a start or a reset, and for the first scan of another sensor.
@@ -38,23 +38,23 @@ class OdometryUpdate:
     reference : Features or None
         Features of the key frame that the scan was registered to.
     reference_pose : SE2
-        Pose of `reference`, of the sensor that saw it, in the odometry frame.
+        Pose in the odometry frame of the sensor that measured `reference`, at the time of that key frame.
     reference_changed : bool
         Whether this scan becomes a key frame.
     restarted : str
-        Why tracking restarted at this scan, without a `registration`; with one, what is wrong with its stamp; else
-        empty.
+        If `registration` is None: why tracking restarted at this scan. Otherwise what is wrong with the stamp of the
+        scan. Empty if there is nothing to report.
     wheel_correction : (3, 3) float
-        Systematic error E of external priors by the online calibration: m_true = (I + E) m_prior, for motions m [m, m,
-        rad] in the frame of the sensor. 0 while unknown.
+        Systematic error E of external priors, estimated by the online calibration: m_true = (I + E) m_prior, for
+        motions m [m, m, rad] in the frame of the sensor. 0 while unknown.
     number : int
-        Number of scans that this `Odometry` used before this one, resets included.
+        Number of scans that this `Odometry` processed before this one; a reset does not set it back to 0.
     reference_number : int or None
-        `number` of the scan of `reference`, whose features may have been extracted again since.
+        `number` of the scan that became the key frame `reference`.
     sensor : Sensor
         The sensor of the scan.
     joined : bool
-        Whether this is the first scan of a sensor that joins a track.
+        Whether this is the first scan of another sensor, added to a track that a first sensor started.
     """
 
     stamp: int
@@ -84,7 +84,7 @@ class OdometryUpdate:
 
     @property
     def scan_pose(self) -> SE2:
-        """Pose of the scan, which is that of its `sensor`, in the odometry frame."""
+        """Pose of the `sensor` of the scan, which need not be the first one, in the odometry frame."""
         return self.sensor.pose_at(self.pose)
 
     def __repr__(self) -> str:

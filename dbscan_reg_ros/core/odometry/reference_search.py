@@ -32,13 +32,13 @@ class ReferenceSearch:
     Parameters
     ----------
     features : Features
-        Of the scan.
+        Features of the scan.
     state : TrackState
     gate : Gate
     parameters : Parameters
-        Of the odometry.
+        Parameters of the odometry.
     search_parameters : Parameters
-        Of the registrations to single references.
+        Parameters of the registrations to single references.
     """
 
     def __init__(self, features: Features, state: TrackState, gate: Gate, parameters: Parameters,
@@ -48,14 +48,14 @@ class ReferenceSearch:
         self._search_near, self._sensor = state.tracking.search_near, gate.sensor.name
 
     def run(self) -> Outcome:
-        """Register to the map; a scan that it does not know to the scan before; after a loss also to the lost map."""
+        """Register to the local map, or else to the previous scan; after a loss also to the map before the loss."""
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
     def _search_map(self) -> Outcome:
-        """Register to the local map, and unless its match is final to `fallback_references`."""
+        """Register to the local map; unless that match is final, register to the `fallback_references` as well."""
         window, best = self._state.key_frames, self._gate.predictions.best
         static = self._features
         if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
@@ -73,15 +73,16 @@ class ReferenceSearch:
         return outcome
 
     def _match_scan_before(self, tentative: Match | None) -> Match:
-        """Register to the scan before, found or not, without a prediction; a `tentative` match is the alternative.
+        """Register to the previous scan without a prediction; a `tentative` match with the map is the alternative.
 
-        Few poles are seen from both of two places far apart: the more confident result with or without them counts.
+        The previous scan need not have been registered itself. Two scans from distant positions have few poles in
+        common: the scan is registered with and without poles, and the more confident result is returned.
         """
         matches = [self._match_pair(poles, tentative) for poles in (False, True)[:1 + bool(self._features.poles)]]
         return max(matches, key=lambda each: (each.verdict.decision is Decision.ACCEPT, each.registration.confidence))
 
     def _match_pair(self, with_poles: bool, tentative: Match | None) -> Match:
-        """Register to the scan before, with or without poles."""
+        """Register to the previous scan, with or without pole features."""
         frame = self._state.tracking.last_scan_of(self._sensor) or self._state.key_frames.frames_of(self._sensor)[-1]
         reference, current = (
             features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
@@ -94,7 +95,7 @@ class ReferenceSearch:
                      registration=registration, features=self._features, verdict=verdict)
 
     def _match_lost_map(self, chained: Match | None) -> Match | None:
-        """Register to the map before the loss; `chained` is the match with the scans since then."""
+        """Register to the map before the loss; `chained` is the match with the scans since the loss."""
         lost, best = self._state.tracking.lost, self._gate.predictions.best
         if lost is None or lost.window is self._state.window:
             return None
@@ -117,7 +118,7 @@ class ReferenceSearch:
         return None
 
     def _is_final(self, match: Match) -> bool:
-        """Whether no reference can improve the match: it is accepted, or the scan itself leaves it degenerate."""
+        """Whether no other reference can improve the match: it is accepted, or degenerate due to the scan itself."""
         if match.verdict.decision is not Decision.TENTATIVE:
             return match.verdict.decision is Decision.ACCEPT
         if match.registration.rotation_unobservable or match.unresolved_direction is None:
@@ -146,8 +147,8 @@ class ReferenceSearch:
     def _register(self, reference: Reference, static: Features, prior: Prior) -> tuple[Registration, Features]:
         """Register the `static` points; also return the features that were used.
 
-        The predicted pose determines the dynamic points. Where the registration fails but is recoverable, its result
-        determines them again, and the registration is retried.
+        The dynamic points are determined at the predicted pose. If the registration fails but its score is recoverable,
+        they are determined again at the registered pose, and the registration is retried.
         """
         p = self._parameters
         stage = SearchStage.NEAR if self._search_near else SearchStage.NORMAL

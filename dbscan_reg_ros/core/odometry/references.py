@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""References that a scan is registered to, in order, until the gate accepts a result."""
+"""References to which a scan is registered one after the other, until the gate accepts a result."""
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .verdict import LIMITS, Decision, Reason, Verdict
 
 
 class Reference(NamedTuple):
-    """Features that a scan is registered to, in the frame of a key frame."""
+    """Features to which a scan is registered, in the frame of a key frame."""
 
     key_frame: KeyFrame
     features: Features
@@ -28,14 +28,14 @@ class Match:
     Attributes
     ----------
     key_frame : KeyFrame
-        That of the reference.
+        Key frame of the reference.
     pose : SE2
-        Pose of the scan in the odometry frame; along a degenerate direction it is the predicted one.
+        Pose of the scan in the odometry frame; along a degenerate direction the position is the predicted one.
     unresolved_direction : float or None [rad]
-        `degenerate_direction`; without one, that of the tentative match before.
+        The `degenerate_direction`; if it is None, that of an earlier tentative match.
     registration : Registration
     features : Features
-        The scan without its dynamic points.
+        Features of the scan without dynamic points.
     verdict : Verdict
     """
 
@@ -48,7 +48,7 @@ class Match:
 
     @property
     def degenerate_direction(self) -> float | None:
-        """Degenerate direction [rad] of this registration in the odometry frame; None without one."""
+        """Degenerate direction [rad] of this registration in the odometry frame; None if no direction is degenerate."""
         return degenerate_direction(self.key_frame, self.registration)
 
 
@@ -58,17 +58,17 @@ class Outcome(NamedTuple):
     Attributes
     ----------
     match : Match or None
-        The match that is believed.
+        The match that is used; None if every match was rejected.
     registration : Registration
-        That of the match; without one, that of the local map.
+        Registration of the match; without a match, the registration to the local map.
     unconfirmed : SE2 or None
-        The first pose that the next scan may confirm.
+        Pose of the first rejected match that the next scan may confirm.
     search_near : bool
         As in `Tracking`.
     rejoined : Match or None
-        The match with the map before the loss, if it is believed.
+        The match with the map before the loss, if it is accepted.
     guess : SE2 or None
-        A pose that is not believed, but is more likely than the prediction.
+        Pose of a rejected match that is more likely than the prediction.
     rejection : Reason or None
         Why the gate rejected the first result whose registration did not fail.
     """
@@ -99,7 +99,7 @@ class Outcome(NamedTuple):
                                    reason='; '.join(filter(None, (registration.reason, rejection.value))))
 
     def joined(self, match: Match) -> 'Outcome':
-        """Add a match: an accepted one replaces the match, a tentative one only if there is none."""
+        """Add a match: an accepted match replaces the present one, a tentative match is used only if there is none."""
         verdict = match.verdict
         if verdict.decision is Decision.ACCEPT or (verdict.decision is Decision.TENTATIVE and self.match is None):
             return self._replace(match=match, registration=match.registration)
@@ -108,7 +108,7 @@ class Outcome(NamedTuple):
         return self._without(match)
 
     def _without(self, match: Match) -> 'Outcome':
-        """Keep what a rejected match tells: a better guess, a first pose to confirm, the first reason."""
+        """Store from a rejected `match` a better guess, the first pose to confirm, and the first reason."""
         verdict = match.verdict
         if verdict.reason is Reason.GUESS:
             return self if self.guess else self._replace(guess=match.pose)
@@ -162,19 +162,19 @@ def is_recoverable(registration: Registration, parameters: Parameters) -> bool:
 
 
 def degenerate_direction(frame: KeyFrame, registration: Registration) -> float | None:
-    """Return the degenerate direction [rad] of a registration to a key frame, in the odometry frame, if any."""
+    """Return the degenerate direction [rad] of a registration to a key frame in the odometry frame, or None."""
     direction = registration.degenerate_direction
     return None if direction is None else frame.pose.theta + direction
 
 
 def unresolved_direction(frame: KeyFrame, registration: Registration, before: float | None) -> float | None:
-    """Return the `degenerate_direction` of a registration; without one, that of results `before`."""
+    """Return the `degenerate_direction` of a registration; without one, the direction `before` of earlier results."""
     direction = degenerate_direction(frame, registration)
     return before if direction is None else direction
 
 
 def predicted_along_degenerate(frame: KeyFrame, registration: Registration, predicted: SE2) -> SE2:
-    """Return the pose of a registered scan in the odometry frame; along a degenerate direction the `predicted` one."""
+    """Return the pose of a registered scan in the odometry frame, as `predicted` along a degenerate direction."""
     pose, direction = frame.pose @ registration.transform, degenerate_direction(frame, registration)
     if direction is None:
         return pose
@@ -184,4 +184,4 @@ def predicted_along_degenerate(frame: KeyFrame, registration: Registration, pred
 
 
 _RECOVERABLE_RATIO = 0.3
-"""Ratio of `decision.min_score` from which on a failed result is retried."""
+"""A failed registration is retried if its score is at least this ratio of `decision.min_score`."""

@@ -17,7 +17,7 @@ from .state import TrackState
 
 
 class ReportedStep(NamedTuple):
-    """What is reported of one scan; `pose`, that of the first sensor, is without heading correction."""
+    """Values to report for one scan; `pose` is the pose of the first sensor, without heading correction."""
 
     pose: SE2
     interval: ScanInterval
@@ -30,7 +30,7 @@ class ReportedStep(NamedTuple):
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
-    """Publish the pose of a scan; its covariances are at least those of the resolution of a lidar."""
+    """Return the update with the published pose of a scan; variances of a lidar's resolution are added."""
     number, frame, least = state.output.number, step.key_frame, RESOLUTION ** 2 * np.eye(DOF)
     pose, increment = state.output.publish(step.pose)
     covariance = turned(coordinate_covariance(state.covariance.pose), pose.theta)
@@ -47,5 +47,5 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
 
 
 def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:
-    """Publish the last pose again for a scan of another `sensor` that is left out at the start of a track."""
+    """Return the last pose again: at the start of a track, scans of another `sensor` than the first are not used."""
     return report(state, features, ReportedStep(state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor))

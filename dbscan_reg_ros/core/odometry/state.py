@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of the odometry: all that is remembered from scan to scan."""
+"""State of the odometry: everything that is stored from one scan to the next."""
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -37,17 +37,17 @@ class Mode(Enum):
 
 @dataclass(frozen=True, eq=False)
 class LostMap:
-    """The map in which scans are not found any more, while a chain of scans may go on without it.
+    """The map to which scans cannot be registered any more; tracking may continue in a new map meanwhile.
 
     Attributes
     ----------
     window : KeyFrameWindow
     pose : SE2
-        Pose of the last scan that was found in it, in the odometry frame.
+        Pose of the last scan that was registered to this map, in the odometry frame.
     covariance : CovariancePropagation
-        That of this scan.
+        Covariance after the last scan that was registered to this map.
     time : float [s]
-        Time since this scan.
+        Time since the last scan that was registered to this map.
     """
 
     window: KeyFrameWindow
@@ -64,22 +64,25 @@ class Tracking:
     ----------
     mode : Mode
     lost_time : float [s]
-        Time since the last scan that was found; 0 while tracking.
+        Time since the last scan that was registered successfully; 0 while tracking.
     unconfirmed : SE2 or None
-        Pose of the first sensor at the last scan where it lay outside every gate; the next scan may confirm it.
+        Pose of the first sensor at the last scan, if it was rejected as outside every gate; the next scan may confirm
+        it. None otherwise.
     search_near : bool
-        Whether the last registration scored high enough for a search near the prior to suffice.
+        Whether the score of the last registration was high enough that a search near the prior suffices.
     observability : float
         How well the last scan constrained the motion, from 0 to 1.
     score : float
-        Score of the last scan that was found.
+        Score of the last scan that was registered successfully.
     found : SE2 or None
-        Pose of the first sensor at the last scan that was found, in the odometry frame; None after a start.
+        Pose of the first sensor at the last scan that was registered successfully, in the odometry frame; None after a
+        start.
     last_scans : tuple of KeyFrame
-        The last scan of each sensor, where it did not become a key frame; where it was not found, at its predicted
-        pose.
+        The last scan of each sensor, unless it became a key frame. A scan that could not be registered is stored at its
+        predicted pose.
     lost : LostMap or None
-        The map that scans were lost from, until one is found in it again, or for `odometry.restart_time`.
+        The map before tracking was lost. It is dropped when a scan is registered to it again, or after
+        `odometry.restart_time`.
     """
 
     mode: Mode = Mode.STARTING
@@ -93,18 +96,18 @@ class Tracking:
     lost: LostMap | None = None
 
     def last_scan_of(self, sensor: str) -> KeyFrame | None:
-        """Return the one of `last_scans` that is of a `sensor`."""
+        """Return the last scan of a `sensor` from `last_scans`; None if there is none."""
         return next((frame for frame in self.last_scans if frame.sensor.name == sensor), None)
 
     def scans_with(self, sensor: str, frame: KeyFrame | None) -> tuple[KeyFrame, ...]:
-        """Return `last_scans` after one more scan of a `sensor`; None where it became a key frame."""
+        """Return `last_scans` after one more scan of a `sensor`; `frame` is None if that scan became a key frame."""
         others = tuple(each for each in self.last_scans if each.sensor.name != sensor)
         return others if frame is None else (*others, frame)
 
 
 @dataclass
 class SensorState:
-    """What is remembered of the scans of one sensor.
+    """State stored for each sensor: filters of its stamps and of its range noise.
 
     Attributes
     ----------
@@ -118,17 +121,17 @@ class SensorState:
 
 @dataclass
 class TrackState:
-    """All that is remembered from scan to scan.
+    """Everything that is stored from one scan to the next.
 
     Each field is assigned in one module only: `sensors` in `pipeline`, all others in `update`.
 
     Attributes
     ----------
     pose : SE2
-        Pose of the first sensor at the last scan of any, in the odometry frame, without heading correction.
+        Pose of the first sensor at the last scan of any sensor, in the odometry frame, without heading correction.
     motion : ConstantVelocityModel
     output : PoseOutput
-        Makes the published poses.
+        Computes the published poses.
     covariance : CovariancePropagation
     heading : ManhattanHeading
     wheels : WheelCalibration
@@ -153,6 +156,6 @@ class TrackState:
 
     @property
     def key_frames(self) -> KeyFrameWindow:
-        """The window, after the first scan."""
+        """The window of key frames; must not be read before the first scan."""
         assert self.window is not None, 'a track has a key frame from its first scan on'
         return self.window

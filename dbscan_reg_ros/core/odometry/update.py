@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Update of the track by a scan.
+"""Update of the track with a scan.
 
 =============================== ======================== =========================================
 event                           mode after it            function
@@ -44,12 +44,12 @@ from .verdict import Reason
 
 
 def initial_state(pose: SE2, number: int) -> TrackState:
-    """Create the state before the first scan, which will be at `pose` and have this `number`."""
+    """Create the state before the first scan; that scan will be at `pose` and get this `number`."""
     return TrackState(pose, ConstantVelocityModel(pose), PoseOutput(pose, number))
 
 
 def start(state: TrackState, features: Features, reason: str, sensor: Sensor = FIRST) -> OdometryUpdate:
-    """Start a track at the last pose, with a `reason` where another one ended."""
+    """Start a track at the last pose; `reason` states why the previous track ended, empty for the first track."""
     state.motion = ConstantVelocityModel(state.pose, sensor.name)
     state.output.restart(state.pose)
     state.covariance.reset_twist()
@@ -67,7 +67,7 @@ def start(state: TrackState, features: Features, reason: str, sensor: Sensor = F
 
 def join(state: TrackState, features: Features, predictions: Predictions, sensor: Sensor,
          p: Parameters) -> OdometryUpdate:
-    """Add the first scan of another `sensor`, at the predicted pose: an error of its mounting moves nothing."""
+    """Add the first scan of another `sensor` at its predicted pose, so that an error of its mounting has no effect."""
     best, interval = predictions.best, predictions.interval
     _propagate(state, best.pose, best.prior, interval)
     state.pose = best.pose
@@ -79,7 +79,7 @@ def join(state: TrackState, features: Features, predictions: Predictions, sensor
 
 
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:
-    """Replace the first scan of a track by its deskewed features; set the `twist` [m/s, m/s, rad/s] since then."""
+    """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s]."""
     frame = dataclasses.replace(state.key_frames.latest, features=first)
     state.window = KeyFrameWindow((frame,))
     state.motion.start_moving(state.pose, twist, interval.middle_offset, frame.sensor.name)
@@ -93,16 +93,16 @@ def reset_velocity(state: TrackState) -> None:
 
 
 def remember_search(state: TrackState, outcome: Outcome, sensor: Sensor) -> None:
-    """Store what the next search needs of an `outcome`."""
+    """Store those results of an `outcome` that the next search needs."""
     unconfirmed = outcome.unconfirmed and sensor.first_at(outcome.unconfirmed)
     state.tracking = dataclasses.replace(state.tracking, unconfirmed=unconfirmed, search_near=outcome.search_near)
 
 
 def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
-    """Update by a scan that was not found.
+    """Update with a scan that could not be registered.
 
-    The prediction is followed for `odometry.coast_time`. After that the velocity is reset, and only external priors
-    move the pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
+    The predicted pose is used for `odometry.coast_time`. After that the velocity is reset, and only external priors
+    change the pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
     """
     predictions, sensor = gate.predictions, gate.sensor
     predicted, interval = sensor.first_at(predictions.best.pose), predictions.interval
@@ -131,14 +131,14 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
 
 
 def _forget_motion(state: TrackState) -> None:
-    """Reset the velocity, and the position that it is taken from."""
+    """Reset the velocity, and discard the positions from which it is computed."""
     if state.motion.has_velocity:
         reset_velocity(state)
     state.motion.forget_position()
 
 
 def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
-    """Return the map that scans are lost from, an `interval` later; None after the first scan of a track."""
+    """Return the map before the loss, its time increased by an `interval`; None after the first scan of a track."""
     lost, window = state.tracking.lost, state.key_frames
     if lost is None and state.tracking.mode is Mode.TRACKING:
         lost = LostMap(window, state.pose, copy.deepcopy(state.covariance), time=0.0)
@@ -146,10 +146,10 @@ def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
 
 
 def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
-    """Update by a scan that was found: align it with the map; update motion, covariances, key frames and heading.
+    """Update with a registered scan: align it with the map; update motion, covariances, key frames and heading.
 
-    A scan that only the scan before knows, which was not found either, begins a chain: a map of its own, until a scan
-    is found in the map before the loss.
+    If the scan can be registered only to the previous scan, and that one could not be registered to the map, a chain
+    begins: a new map of its own, which is used until a scan is registered to the map before the loss.
     """
     match, interval, tracking = outcome.match, gate.predictions.interval, state.tracking
     if outcome.rejoined is not None:
@@ -166,7 +166,7 @@ def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> Od
 
 
 def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> None:
-    """Begin a map of its own with a scan that was not found: the motion from there to the next scan is known."""
+    """Begin a new map with the previous scan `first`, which could not be registered to the map before."""
     state.window = KeyFrameWindow((first,))
     state.covariance.start_key_frame()
     pose = first.sensor.first_at(first.pose)
@@ -177,7 +177,7 @@ def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> 
 
 
 def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
-    """Return to the map before the loss; a chain whose scan was found there is moved to it as a whole."""
+    """Return to the map before the loss; the key frames since the loss, if there are any, are moved into that map."""
     lost, found, chained = state.tracking.lost, outcome.rejoined, outcome.match
     assert lost is not None and found is not None
     frames = lost.window.frames
@@ -195,7 +195,7 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
 
 def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterval,
                measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
-    """Propagate heading and covariances to `pose`."""
+    """Propagate the heading filter and the covariances to `pose`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
     state.covariance.propagate(step, interval.length, prior, measurement, state.key_frames.backend)
@@ -205,7 +205,7 @@ def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterva
 
 
 class _FoundScan:
-    """Update of the track by a scan that was found: by the match that the gate believes."""
+    """Update of the track with a registered scan, using the match that the gate accepted."""
 
     def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
         self._state, self._match, self._gate, self._parameters, self._sensor = state, match, gate, p, gate.sensor
@@ -251,7 +251,7 @@ class _FoundScan:
         Returns
         -------
         bool
-            Whether the scan became a key frame. Only one that is due becomes the latest.
+            Whether the scan became a key frame. It becomes the latest key frame only if it is due.
         """
         state, match, p = self._state, self._match, self._parameters
         registration = self._registration
@@ -278,7 +278,7 @@ class _FoundScan:
         state.covariance.reduce_heading(ratio)
 
     def _learn(self, motion: SE2) -> None:
-        """Learn the systematic errors of the external prior from the observed `motion`, and track from now on."""
+        """Estimate the systematic errors of the external prior from the observed `motion`; set the mode to tracking."""
         state, external, sensor = self._state, self._gate.predictions.external, self._sensor
         distance = self._parameters.prior.calibration_distance
         ok = self._registration.status is Status.OK
@@ -295,4 +295,4 @@ class _FoundScan:
 
 
 _MIN_CONSTRAINED = 0.2
-"""Least `Aligned.constrained` of a key frame from which the local map takes points."""
+"""The local map contains only points of key frames whose `Aligned.constrained` is at least this."""

@@ -5,30 +5,30 @@ from typing import NamedTuple
 
 
 class Decision(Enum):
-    """Decision about a result."""
+    """Decision of the gate about the result of a registration."""
 
     ACCEPT = 'accept'
-    """The result is believed; no further reference is tried."""
+    """The result is used, and no further reference is tried."""
     TENTATIVE = 'tentative'
-    """The result is believed unless a further reference gives one that is accepted."""
+    """The result is used unless another reference gives an accepted result."""
     REJECT = 'reject'
-    """The result is not believed."""
+    """The result is not used."""
 
 
 class Reason(Enum):
-    """Reason for a decision."""
+    """Reason for a decision of the gate."""
 
     FAILED = 'the registration failed'
     TOO_FAST = 'faster than odometry.max_speed'
     TURNS_TOO_FAST = 'faster than odometry.max_turn_rate'
-    POOR_SCORE = 'outside the gate, and the score is much lower than a moment ago'
+    POOR_SCORE = 'outside the gate, and the score is much lower than that of the last registered scan'
     WITHIN_GATE = 'within the gate of a prediction'
     INCONCLUSIVE = 'within the gate, but a direction is degenerate or another result is tentative'
     UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
-    UNKNOWN_MOTION = 'outside the gate, but within that of an unknown motion'
-    CONFIRMED = 'outside every gate, but the scan before was found at the same place'
-    GUESS = 'not reliable, but more likely than a weak prediction'
-    SCAN_BEFORE = 'registered to the scan before, without a prediction'
+    UNKNOWN_MOTION = 'outside the gate, but within the gate for an unknown motion'
+    CONFIRMED = 'outside every gate, but the previous scan was found at the same place'
+    GUESS = 'the result is not reliable, but more likely than a weak prediction'
+    SCAN_BEFORE = 'registered to the previous scan, without a prediction'
     REJOINED = 'found again in the map before the loss, which corrects the pose'
     UNCONFIRMED = 'outside every gate; the next scan may confirm it'
 
@@ -45,5 +45,5 @@ class Verdict(NamedTuple):
 
     @property
     def outlier(self) -> bool:
-        """Whether the result is a reliable one outside the gates of the predictions: a jump if accepted."""
+        """Whether a reliable result lies outside the gates of the predictions: if accepted, the pose jumps."""
         return self.reason in (Reason.UNKNOWN_MOTION, Reason.CONFIRMED, Reason.UNCONFIRMED)

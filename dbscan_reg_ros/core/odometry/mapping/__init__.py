@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The key frames, the local map, and the alignment of a scan with them."""
+"""Key frames, the local map that contains their points, and the alignment of a scan with the map."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Point-to-line correspondences of a scan with all key frames at once, and robust alignment by them."""
+"""Point-to-line correspondences of a scan with all key frames, and robust alignment of the scan with them."""
 import cmath
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class PosePrior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Points of a scan with the lines of key frames that they lie on, M pairs.
+    """M pairs of a point of a scan and the line of a key frame on which the point lies.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Correspondences:
     rotated_points : (M,) complex [m]
         Points relative to the sensor, rotated into the odometry frame.
     rows : (4, M) float
-        `point_to_line.linear_residuals` at `pose`, for rotations about the sensor.
+        The `point_to_line.linear_residuals` of the pairs at `pose`, for rotations about the sensor.
     weights : (M,) float or None
-        Weight of each point, from 0 to 1; None: all 1.
+        Weight of each pair, from 0 to 1; None: all weights are 1.
     """
 
     pose: SE2
@@ -57,9 +57,9 @@ class Correspondences:
     weights: NDArray[np.float64] | None = None
 
     def match(self, step: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return errors [m] and weights ``(M,)`` after a `step` ``(4,)``, by a kernel of the `scale` [m].
+        """Return errors [m] and weights ``(M,)`` after a `step` ``(4,)``, weighted with a kernel of the `scale` [m].
 
-        The weights of one point sum to at most 1, however many lines it lies on.
+        The weights of all pairs of one point sum to at most 1.
         """
         error = step @ self.rows
         weight = kernel(error, scale)
@@ -88,18 +88,18 @@ def _difference(one: SE2, other: SE2) -> tuple[float, float, float]:
 
 def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float],
           damping: float) -> SE2:
-    """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
+    """Align a scan with all key frames in robust point-to-line iterations, one iteration per entry of `scales` [m].
 
     Parameters
     ----------
     correspondences : Correspondences
-        Of the scan at a pose nearby.
+        Correspondences that were looked up with the scan at a pose near the result.
     start : SE2
         Initial pose in the odometry frame.
     prior : PosePrior
-        Information in the odometry frame, in units of one point's.
+        Its information is in the odometry frame, as a multiple of the information of one point.
     scales : sequence of float [m]
-        Scales of the kernel.
+        Scale of the robust kernel in each iteration.
     damping : float
         As for `symmetric_matrix.solve`.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic points, which lie in the free space of key frames (people, doors, robots), and movable objects."""
+"""Detection of dynamic points (people, doors, robots), which lie in free space of key frames, and movable objects."""
 import math
 
 import numpy as np
@@ -17,7 +17,7 @@ from .stacked_lookup import FreeSpaceStack
 def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters) -> Features:
     """Remove the dynamic points of a scan, and reduce the weights of movable objects.
 
-    Movable objects and poles keep their weight where a key frame saw them in the same position from elsewhere.
+    Movable objects and poles keep their weight if a key frame from another position contains them at the same place.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
 def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float) -> NDArray[np.bool_]:
     """Determine which points of a scan are dynamic.
 
-    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to
-    be dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a
-    long wall: then these alone are dynamic.
+    Points in free space are dynamic, and so are all points of a group of neighbouring points if many of them lie in
+    free space. If too many points of the scan would then be dynamic, only the points in free space are (a person beside
+    a long wall). If these are too many as well, the pose is wrong, and no point is dynamic.
 
     Parameters
     ----------
@@ -76,7 +76,8 @@ def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack
         Predicted pose of the scan in the odometry frame.
     free_space : FreeSpaceStack
     margin : float [m]
-        Least distance in front of what a key frame saw; and between neighbours of two runs.
+        A point is in free space if it lies at least this far in front of the returns of a key frame. Neighbouring
+        points farther apart than this belong to different groups.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack
 
 
 def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
-    """Determine which points lie close to dynamic points: most likely the rest of an object that touches a wall.
+    """Determine which points lie close to dynamic points; most likely they belong to the same object beside a wall.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) ->
         P points in beam order.
     dynamic : (P,) bool
     margin : float [m]
-        Largest distance from the last dynamic point before a point, or from the first after it.
+        Largest distance of such a point from the last dynamic point before it, or from the first one after it, in
+        beam order.
 
     Returns
     -------
@@ -118,18 +120,19 @@ def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) ->
 
 
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> NDArray[np.bool_]:
-    """Determine which points belong to small objects with larger ranges, or the end of the scan, on both sides.
+    """Determine which points belong to small detached objects: both neighbouring points are farther away, or missing.
 
     Parameters
     ----------
     points : OrientedPoints
         P points in beam order.
     size : float [m]
-        Objects are smaller than this.
+        Only objects smaller than this are detected.
     margin : float [m]
-        Least difference in depth on both sides; and least distance between neighbours of two objects.
+        Least difference in range between the object and the points on both sides. Neighbouring points farther apart
+        than this belong to different objects.
     closed : bool
-        Whether the beams cover the full circle, so that the first follows the last.
+        Whether the beams cover the full circle, so that the first beam is a neighbour of the last beam.
 
     Returns
     -------
@@ -156,17 +159,17 @@ def detached_points(points: OrientedPoints, size: float, margin: float, closed: 
 
 
 def movable_weights(points: OrientedPoints, size: float, margin: float, min_weight: float) -> NDArray[np.float64]:
-    """Return the weights of points of movable objects: the more objects elsewhere, the higher.
+    """Return the weights of points of movable objects: the more other movable objects there are, the higher.
 
-    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has the
-    full weight where the objects elsewhere have four times its own sum of weights, and `min_weight` below twice.
+    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has full
+    weight if the sum of weights of the other objects is at least four times its own, and `min_weight` if at most twice.
 
     Parameters
     ----------
     points : OrientedPoints
         P points of movable objects.
     size : float [m]
-        Objects no farther apart than this may be parts of one.
+        Objects no farther apart than this count as parts of one object.
     margin : float [m]
         As for `detached_points`.
     min_weight : float
@@ -189,12 +192,12 @@ def movable_weights(points: OrientedPoints, size: float, margin: float, min_weig
 
 
 def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float:
-    """Return which part of the information about the translation the `chosen` points (indices) have.
+    """Return the fraction of the information about the translation that the `chosen` points (indices) provide.
 
     Returns
     -------
     float
-        From 0 to 1: the ratio along the direction in which it is greatest, the largest generalised eigenvalue.
+        Largest fraction over all directions of the translation, from 0 to 1: the largest generalised eigenvalue.
     """
     (xx, xy, yy), (part_xx, part_xy, part_yy) = _information(points.normals), _information(points.normals.take(chosen))
     determinant = max(xx * yy - xy * xy, TINY)
@@ -204,27 +207,27 @@ def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float
 
 
 def _information(normals: NDArray[np.complex128]) -> tuple[float, float, float]:
-    """Return the information xx, xy, yy that points with these `normals` have about the translation."""
+    """Return the information (xx, xy, yy) that points with these `normals` provide about the translation."""
     x, y = normals.real, normals.imag
     return float(x @ x), float(x @ y), float(y @ y)
 
 
 def _cuts(points: OrientedPoints, margin: float) -> NDArray[np.bool_]:
-    """Return ``(P - 1,)``: where a point and the next are more than the `margin` [m] apart."""
+    """Return ``(P - 1,)``: whether a point and the next one are more than the `margin` [m] apart."""
     cuts: NDArray[np.bool_] = np.abs(points.points[1:] - points.points[:-1]) > margin
     return cuts
 
 
 def _run_of_point(points: OrientedPoints, margin: float) -> NDArray[np.intp]:
-    """Return ``(P,)``: the number of the run of neighbours, no more than the `margin` [m] apart, of each point."""
+    """Return ``(P,)``: index of the group of each point; neighbours in one group are at most `margin` [m] apart."""
     return np.concatenate(([0], _cuts(points, margin).cumsum()))
 
 
 _MAX_OBJECTS = 100
-"""Movable objects that each one is compared with: a sample, where there are more."""
+"""Each movable object is compared with at most this many others; if there are more, with a sample of them."""
 _MIN_RUN_RATIO = 0.3
-"""Ratio of a run in free space beyond which the whole run is dynamic."""
+"""If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic."""
 _MAX_SCAN_RATIO = 0.4
-"""Ratio of dynamic points in a scan from which on the pose is wrong."""
+"""If at least this fraction of the points of a scan would be dynamic, only points in free space are."""
 _MAX_FREE_SPACE_RATIO = 0.2
-"""Ratio of points in free space below which these alone are dynamic, where their runs are too long."""
+"""If at least this fraction of the points of a scan lie in free space, the pose is wrong and no point is dynamic."""

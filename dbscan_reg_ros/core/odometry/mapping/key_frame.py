@@ -17,9 +17,9 @@ class KeyFrame:
     pose : SE2
         Pose of the `sensor` in the odometry frame.
     constrained : bool
-        Whether the pose was constrained in every direction; only then the local map takes points from this key frame.
+        Whether the pose was constrained in every direction. If not, the local map takes no points from this key frame.
     number : int
-        `OdometryUpdate.number` of the scan; it stays when the features of the scan are extracted again.
+        `OdometryUpdate.number` of the scan; it does not change if the features of the scan are extracted again.
     sensor : Sensor
         The sensor of the scan.
     """

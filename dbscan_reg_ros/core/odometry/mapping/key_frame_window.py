@@ -21,7 +21,7 @@ from .stacked_lookup import FreeSpaceStack, LikelihoodFieldStack
 
 
 class KeyFrameWindow:
-    """The latest key frames, the latest last; immutable.
+    """The latest key frames in order of time; immutable.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class KeyFrameWindow:
     poses : FramePoses
     fields : LikelihoodFieldStack
     backend : Backend
-        That of the latest key frame.
+        Backend of the latest key frame.
     """
 
     def __init__(self, frames: Sequence[KeyFrame]):
@@ -53,13 +53,13 @@ class KeyFrameWindow:
         return self.frames[-1]
 
     def frames_of(self, sensor: str) -> tuple[KeyFrame, ...]:
-        """Return the key frames of a `sensor`, the latest last; those of all where it has none."""
+        """Return the key frames of a `sensor`, the latest last; if it has none, the key frames of all sensors."""
         return tuple(frame for frame in self.frames if frame.sensor.name == sensor) or self.frames
 
     def local_map_of(self, sensor: str) -> Features:
-        """Return the features of the latest key frame of a `sensor`, with the points around it that others saw.
+        """Return the features of the latest key frame of a `sensor`, completed by points of other key frames.
 
-        The others are all key frames whose pose was constrained, those of other sensors among them.
+        Points are taken from all key frames whose pose was constrained, also from key frames of other sensors.
         """
         if sensor not in self._local_maps:
             latest = self.frames_of(sensor)[-1]
@@ -69,7 +69,7 @@ class KeyFrameWindow:
         return self._local_maps[sensor]
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
-        """Return a window with one more key frame, as the `latest` of its sensor or as the one before that.
+        """Return a window with one more key frame: the `latest` of its sensor, or inserted before the latest.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class KeyFrameWindow:
         return KeyFrameWindow(latest_frames(frames, size))
 
     def free_space(self, frames: int) -> FreeSpaceStack:
-        """Return the free-space profiles of the latest key frames, as many `frames` for each sensor."""
+        """Return the free-space profiles of the latest `frames` x (number of sensors) key frames."""
         count = frames * len(self.sensors)
         if count not in self._free_space:
             profiles = [frame.features.free_space for frame in self.frames[-count:]]
@@ -91,12 +91,12 @@ class KeyFrameWindow:
         return self._free_space[count]
 
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
-        """Look up correspondences, as `look_up_correspondences`."""
+        """Call `look_up_correspondences` for this window with the implementation of the backend."""
         return self.backend.step(look_up_correspondences)(self, pose, points, density)
 
     def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
                   min_cosine: float) -> NDArray[np.float64]:
-        """Compare points with the lines of key frames that saw them from elsewhere: points on such a line are static.
+        """Rate how static points are: points on the lines of key frames from other positions are static.
 
         Parameters
         ----------
@@ -105,16 +105,16 @@ class KeyFrameWindow:
         points : OrientedPoints
             P points of the scan.
         distance : float [m]
-            Least distance between the sensor and the key frame.
+            Least distance between the sensor and a key frame that is used.
         scale : float [m]
             Scale of the kernel of the distances between points and lines.
         min_cosine : float
-            Least cosine of the angle between the normals of a pair.
+            Least cosine of the angle between the normals of a point and of its line.
 
         Returns
         -------
         (P,) float
-            From 0 to 1: the largest kernel value of each point.
+            Largest kernel value of each point over all key frames that are used, from 0 to 1.
         """
         confirmed = np.zeros(len(points))
         elsewhere = np.abs(self.poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
@@ -126,7 +126,7 @@ class KeyFrameWindow:
 
 
 def latest_frames(frames: Sequence[KeyFrame], size: int) -> Sequence[KeyFrame]:
-    """Return the latest key frames: at most as many as `size` for each of their sensors."""
+    """Return the latest `size` x (number of sensors) key frames."""
     return frames[-size * len({frame.sensor.name for frame in frames}):]
 
 
@@ -137,7 +137,7 @@ class FramePoses(NamedTuple):
     ----------
     origins : (K, 1) complex [m]
     rotations : (K, 1) complex
-        Unit numbers that rotate from the odometry frame into those of the key frames.
+        Unit numbers that rotate from the odometry frame into the frame of each key frame.
     """
 
     origins: NDArray[np.complex128]
@@ -156,9 +156,9 @@ class Pairs(NamedTuple):
     rotated_points : (M,) complex [m]
         Points relative to the sensor, rotated into the odometry frame.
     normals : (M,) complex
-        Conjugated normals of the lines in the odometry frame, times `OrientedPoints.inverse_noise`.
+        Conjugated normals of the lines in the odometry frame, times the `OrientedPoints.inverse_noise` of the points.
     error : (M,) float [m]
-        Signed distances of the points from the lines, times the same.
+        Signed distances of the points from the lines, times the `OrientedPoints.inverse_noise` of the points.
     """
 
     frame: NDArray[np.intp]
@@ -170,10 +170,10 @@ class Pairs(NamedTuple):
 
 def look_up_correspondences(window: KeyFrameWindow, pose: SE2, points: OrientedPoints,
                             density: DensityParameters) -> Correspondences:
-    """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
+    """Find the lines of key frames on which the `points` of a scan lie if the scan is at `pose` (odometry frame).
 
-    Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
-    subsets; each subset is looked up in several key frames, and each key frame looks up one.
+    Points of high leverage are looked up in every key frame. If a scan has many other points, these are split into
+    subsets: one subset is looked up in each key frame, and each subset in several key frames.
     """
     lookup = points_by_frame(high_leverage(points.normals), points.beams, len(window.frames),
                              density.max_points // _SUBSETS)
@@ -186,7 +186,7 @@ def look_up_correspondences(window: KeyFrameWindow, pose: SE2, points: OrientedP
 
 def look_up_pairs(stack: LikelihoodFieldStack, poses: FramePoses, pose: SE2, points: OrientedPoints,
                   lookup: NDArray[np.intp], min_cosine: float) -> Pairs:
-    """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on."""
+    """Find the lines of key frame k on which the points ``lookup[k]`` lie if the scan is at `pose`."""
     rotation, origin = cmath.rect(1.0, pose.theta), complex(pose.x, pose.y)
     rotated_points = rotation * points.points
     at, row, nearest = stack.nearest((rotated_points + origin).take(lookup))
@@ -208,7 +208,7 @@ def points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], 
                     subset_size: int) -> NDArray[np.intp]:
     """Choose the points that are looked up in each key frame.
 
-    The subset of a point depends on its beam, so that one point more or less does not change the subsets of the others.
+    The subset of a point depends on its beam only: one point more or less does not change the subsets of other points.
 
     Parameters
     ----------
@@ -218,12 +218,12 @@ def points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], 
         Beam of each point.
     frame_count : int
     subset_size : int
-        Desired number of other points for each key frame.
+        Desired number of points per key frame, apart from those that are looked up in every key frame.
 
     Returns
     -------
     (frame_count, N) int
-        Indices of points. Subsets are padded to equal size with points of their own.
+        Indices of points. Smaller subsets are padded to equal size by repeating their points.
     """
     always, others = in_every_frame.nonzero()[0], (~in_every_frame).nonzero()[0]
     count = max(min(frame_count // _MIN_FRAMES_PER_POINT, -(-len(others) // subset_size)), 1)
@@ -238,6 +238,6 @@ def points_by_frame(in_every_frame: NDArray[np.bool_], beams: NDArray[np.intp], 
 
 
 _MIN_FRAMES_PER_POINT = 3
-"""Least number of key frames in which every point is looked up."""
+"""Each point is looked up in at least this many key frames."""
 _SUBSETS = 3
-"""A subset has at most about `density.max_points` over this many points."""
+"""The size of a subset is about `density.max_points` divided by this number."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Local map: the latest key frame, and the points around it that older key frames saw."""
+"""Local map: the points of the latest key frame and the points of older key frames in its surroundings."""
 import cmath
 from collections.abc import Sequence
 
@@ -12,10 +12,10 @@ from .key_frame import KeyFrame
 
 
 def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: DensityParameters) -> OrientedPoints:
-    """Collect the points of older key frames that complete the latest, in the frame of the latest.
+    """Collect the points of older key frames that complete the latest key frame, in the frame of the latest.
 
-    In each cell of the map the points of the newest key frame are kept. Points in space that the latest key frame saw
-    to be free are dropped, and so are points farther from it than the largest range of any key frame.
+    In each cell of the map the points of the newest key frame are kept. Points in the free space of the latest key
+    frame are dropped, and so are points farther from it than the largest range of any key frame.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
 
 def newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], latest: NDArray[np.complex128],
                    cell_size: float) -> NDArray[np.bool_]:
-    """Return ``(P,)``: the `points` in whose cell no point has a higher rank, and none is one of the `latest`."""
+    """Return ``(P,)``: whether no point in the same cell has a higher rank or belongs to the `latest` key frame."""
     cells = np.concatenate((points, latest)) / cell_size
     age_rank = np.concatenate((age_rank, np.full(len(latest), len(cells))))
     _, cell = np.unique(np.rint(cells.real) * _ROW + np.rint(cells.imag), return_inverse=True)
@@ -53,4 +53,4 @@ def newest_in_cell(points: NDArray[np.complex128], age_rank: NDArray[np.intp], l
 
 
 _ROW = 2.0 ** 26
-"""Cells in a row of the map; more than any map has."""
+"""Cells per row of the map: larger than any map, so that each cell has a unique index."""

@@ -27,14 +27,14 @@ from .key_frame_window import KeyFrameWindow
 
 
 class InitialAlignment(NamedTuple):
-    """A scan as registered to a single reference.
+    """Pose of a scan from its registration to a single reference, from which the alignment with the map starts.
 
     Attributes
     ----------
     pose : SE2
         Pose of the scan in the odometry frame.
     direction : float or None [rad]
-        Degenerate direction of the translation in the odometry frame; None without one.
+        Degenerate direction of the translation in the odometry frame; None if no direction is degenerate.
     rotation_unobservable : bool
         Whether the reference does not constrain the rotation.
     """
@@ -52,11 +52,11 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     ----------
     window : KeyFrameWindow
     features : Features
-        Of the scan.
+        Features of the scan.
     initial : InitialAlignment
-        Where the rotation is unobservable, it is left to the prior: the alignment starts at the prior's pose.
+        Result of the registration. If its rotation is unobservable, the alignment starts at the pose of the prior.
     prior : PosePrior
-        Information in the frame of the scan [1/m^2, 1/rad^2]; zero where it contradicts `initial`.
+        Its information is in the frame of the scan [1/m^2, 1/rad^2], and zero if it contradicts `initial`.
     p : Parameters
 
     Returns
@@ -82,9 +82,9 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
 
 def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,
                      p: Parameters) -> Correspondences:
-    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], if any.
+    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad].
 
-    Without one, the direction that is constrained least is used, if it is weakly constrained.
+    If `direction` is None, the least constrained direction is used instead, if it is weakly constrained.
     """
     correspondences = window.correspondences(pose, features.oriented_points, p.density)
     information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:DOF, :DOF]
@@ -103,8 +103,8 @@ def _strengthened(information: NDArray[np.float64], features: Features, correspo
                   initial: InitialAlignment, p: Parameters) -> NDArray[np.float64]:
     """Strengthen the prior's `information` ``(3, 3)`` along degenerate motions.
 
-    Most of what the points seem to constrain of such a motion is noise of their normals. The prior's information is
-    multiplied by the ratio of the points' information to the part of it that both scans share.
+    The points seem to constrain a degenerate motion, but mostly due to noise of their normals. To compensate, the
+    prior's information is multiplied by the ratio of all information of the points to the part that both scans share.
     """
     _, weight = correspondences.match(NO_STEP, p.refinement.map_first_scale)
     rows, own = correspondences.rows[:DOF], _own_jacobian(features, correspondences.pose, correspondences)
@@ -129,9 +129,9 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
     Returns
     -------
     covariance : (3, 3) float
-        In the frame of the scan [m, m, rad].
+        Covariance in the frame of the scan [m, m, rad].
     observability : Observability
-        Directions in the odometry frame.
+        Observability; its direction is in the odometry frame.
     """
     error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
     own = _own_jacobian(features, pose, correspondences)
@@ -141,9 +141,9 @@ def alignment_uncertainty(features: Features, pose: SE2, correspondences: Corres
 
 
 def information_along(features: Features, pose: SE2, angle: float, p: Parameters) -> NDArray[np.float64]:
-    """Return ``(P,)`` information of each point of a scan at `pose` about the translation along `angle` [rad].
+    """Return ``(P,)``: information of each point of a scan at `pose` about the translation along `angle` [rad].
 
-    Points that hardly face along the direction have none.
+    It is zero for points whose normal is nearly perpendicular to this direction.
     """
     points = features.oriented_points
     cosine = (points.normals * cmath.rect(1.0, pose.theta - angle)).real
@@ -153,9 +153,10 @@ def information_along(features: Features, pose: SE2, angle: float, p: Parameters
 
 def sees_new_surface(features: Features, pose: SE2, correspondences: Correspondences, angle: float,
                      p: Parameters) -> bool:
-    """Whether points that no key frame has would constrain the translation along a degenerate `angle` [rad].
+    """Whether points on surfaces that no key frame contains would constrain the translation along `angle` [rad].
 
-    They have to be most of the points that face along it: noise makes a few of every wall seem new.
+    They must provide at least half of all information along this degenerate direction, because noise makes a few
+    points of every wall seem new.
     """
     _, weight = correspondences.match(correspondences.step(pose), p.refinement.map_first_scale)
     information = information_along(features, pose, angle, p)
@@ -171,8 +172,8 @@ def _own_jacobian(features: Features, pose: SE2, correspondences: Correspondence
 
 
 _WELL_CONSTRAINED = 0.02
-"""A direction is well constrained when its information is at least this fraction of that across it."""
+"""A direction is well constrained if its information is at least this fraction of the information across it."""
 _MAX_DISPLACEMENT = 0.25
-"""Mean displacement of the points, as a ratio of the cell size, beyond which correspondences are looked up again."""
+"""If the points move by more than this ratio of the cell size on average, correspondences are looked up again."""
 _MIN_SHARED_RATIO = 1e-3
-"""Least part of the points' information that is assumed to be shared."""
+"""At least this fraction of the points' information is assumed to be shared by both scans."""

@@ -21,17 +21,17 @@ class LikelihoodFieldStack:
     origins : (K, 1) complex [m]
         Positions of the key frames in the odometry frame.
     rotations : (K, 1) complex
-        Unit numbers that rotate from the odometry frame into those of the key frames.
+        Unit numbers that rotate from the odometry frame into the frame of each key frame.
 
     Attributes
     ----------
     normals, offsets, along, extents : (N,) arrays
-        Those of all fields, as in `LikelihoodField`.
+        The arrays of the same name of all fields, concatenated; see `LikelihoodField`.
     first : (K,) int
-        Index of the first point of each field in these.
+        Index of the first point of each field in the concatenated arrays.
     fields : tuple of LikelihoodField
     compiled_tables : object or None
-        The tables of the fields as the compiled look-up needs them; made when it is first used.
+        The tables of the fields in the form that the compiled look-up needs; None before its first use.
     """
 
     def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128],
@@ -50,16 +50,16 @@ class LikelihoodFieldStack:
             for name in ('normals', 'offsets', 'along', 'extents'))
 
     def nearest(self, points: NDArray[np.complex128]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Look up the map points nearest to `points` ``(K, P)`` [m, odometry frame]; M of them have one.
+        """Find the nearest map point of each of the `points` ``(K, P)`` [m, odometry frame]; M points have one.
 
         Returns
         -------
         index : (M,) int
             Index of the point in the flattened `points`.
         row : (M,) int
-            Its row, which is the index of the key frame.
+            Row of the point in `points`, which is the index of the key frame.
         nearest : (M,) int
-            Index of the map point in `normals`.
+            Index of the nearest map point in `normals`, `offsets`, `along` and `extents`.
         """
         cells = points * self._scale
         cells -= self._corner
@@ -90,7 +90,7 @@ class FreeSpaceStack:
     near : (N,) float [m]
         `FreeSpaceProfile.nearby` of all profiles.
     size, first : (K, 1) int
-        Number of bins of each, and index of its first in `near`.
+        Number of bins of each profile, and index of its first bin in `near`.
     """
 
     def __init__(self, profiles: Sequence[FreeSpaceProfile], origins: NDArray[np.complex128],
@@ -102,7 +102,7 @@ class FreeSpaceStack:
         self.first = self.size.cumsum(axis=0) - self.size
 
     def contains(self, points: OrientedPoints, pose: SE2, margin: float) -> NDArray[np.bool_]:
-        """Determine which points of a scan lie in space that a key frame saw to be free.
+        """Determine which points of a scan lie in space that at least one key frame observed as free.
 
         Parameters
         ----------
@@ -111,7 +111,8 @@ class FreeSpaceStack:
         pose : SE2
             Pose of the scan in the odometry frame.
         margin : float [m]
-            Least distance in front of what the key frame saw; larger for points with more noise.
+            A point is in free space if it is nearer to the key frame than the returns there by more than this; the
+            margin is larger for points with more noise.
 
         Returns
         -------

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of motion, time, covariance, wheels and heading, one a module."""
+"""Models of the odometry: motion, time stamps, covariance, wheel calibration and heading; one module for each."""

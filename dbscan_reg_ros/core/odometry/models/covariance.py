@@ -16,9 +16,10 @@ class PoseMeasurement(NamedTuple):
     Attributes
     ----------
     gain : (3, 3) float
-        Kalman gain, in the frame of the scan: the identity takes the pose from the map, 0 from the prediction.
+        Kalman gain, in the frame of the scan: with the identity the corrected pose is the aligned one, with 0 the
+        predicted one.
     covariance : (3, 3) float
-        Covariance of the pose by the map alone, in the frame of the scan [m, m, rad].
+        Covariance of the pose from the alignment with the map alone, in the frame of the scan [m, m, rad].
     """
 
     gain: NDArray[np.float64]
@@ -30,14 +31,14 @@ NO_MEASUREMENT = PoseMeasurement(np.zeros((DOF, DOF)), np.zeros((DOF, DOF)))
 
 _POSE, _SINCE_KEY_FRAME, _TWIST, _TWIST_CHANGE, _PREDICTION, _MEASUREMENT = (
     slice(DOF * block, DOF * (block + 1)) for block in range(6))
-"""Rows of six independent errors: the joint covariance's pose, pose since the latest key frame and twist; change of the
-twist, rest of the prediction error, and measurement."""
+"""Rows of the errors: of the pose, of the pose relative to the latest key frame, and of the twist (joint covariance);
+of the change of the twist, of the rest of the prediction, and of the measurement."""
 
 
 class CovariancePropagation:
     """Joint covariance of the errors of pose and twist, in the frame of the sensor [m, m, rad; m/s, m/s, rad/s].
 
-    Along a degenerate direction the error of the twist is kept, and the error of the pose grows with it.
+    Along a degenerate direction the error of the twist remains, and the error of the pose grows accordingly.
     """
 
     def __init__(self) -> None:
@@ -55,7 +56,7 @@ class CovariancePropagation:
         return self._joint[_TWIST, _TWIST]
 
     def reset_twist(self) -> None:
-        """Reset the twist covariance to that of an unknown twist."""
+        """Reset the twist covariance to the covariance of an unknown twist."""
         self._joint[_TWIST] = self._joint[:, _TWIST] = 0.0
         self._joint[_TWIST, _TWIST] = np.eye(DOF)
 
@@ -65,11 +66,11 @@ class CovariancePropagation:
         self._joint[:, 2] *= ratio
 
     def start_key_frame(self) -> None:
-        """Make the current pose the latest key frame's."""
+        """Start a key frame at the current pose: from now on, errors are accumulated relative to this pose."""
         self._joint[_SINCE_KEY_FRAME] = self._joint[:, _SINCE_KEY_FRAME] = 0.0
 
     def add_unknown_motion(self) -> None:
-        """Add an unknown motion, after which a new key frame starts."""
+        """Add the covariance of an unknown motion, and start a new key frame."""
         self._joint[_POSE, _POSE] += np.eye(DOF)
         self.start_key_frame()
         self.reset_twist()
@@ -78,7 +79,8 @@ class CovariancePropagation:
                   backend: Backend = REFERENCE) -> None:
         """Propagate all covariances over a `step`; arguments as for `propagate_errors`.
 
-        An `interval` of 0 resets the twist; a negative one, where the state goes back, counts as one forward.
+        An `interval` of 0 resets the twist. If it is negative, because the scan is older than the state, its absolute
+        value is used.
         """
         interval = abs(interval)
         self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
@@ -87,7 +89,7 @@ class CovariancePropagation:
         self._bound_twist()
 
     def _bound_twist(self) -> None:
-        """Scale the error of the twist where it exceeds that of `reset_twist` in any direction."""
+        """Scale the twist covariance down if it exceeds the covariance set by `reset_twist` in any direction."""
         if self.twist.trace() <= 1.0:
             return
         variance, directions = np.linalg.eigh(self.twist)
@@ -98,11 +100,11 @@ class CovariancePropagation:
 
 
 def coordinate_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance ``(3, 3)`` of x, y and theta from that of the tangent space, to second order.
+    """Convert a pose `covariance` ``(3, 3)`` in the tangent space to one of x, y and theta, to second order.
 
-    The error of a pose is a twist in the frame of the sensor. A long one with a rotation is an arc, which ends beside
-    its tangent: by half of the product of rotation and translation. For covariances in the tangent space see Barfoot
-    and Furgale, "Associating Uncertainty With Three-Dimensional Poses for Use in Estimation Problems", 2014.
+    The error of a pose is a twist in the frame of the sensor. A translation combined with a rotation is an arc: it ends
+    beside its tangent, at a distance of half the product of rotation and translation. Source: Barfoot and Furgale,
+    "Associating Uncertainty With Three-Dimensional Poses for Use in Estimation Problems", 2014.
     """
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
     across = -(xy * tt + 2.0 * xt * yt)
@@ -113,7 +115,7 @@ def coordinate_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64
 
 def propagate_errors(joint: NDArray[np.float64], step: SE2, interval: float, prior: Prior,
                      measurement: PoseMeasurement) -> NDArray[np.float64]:
-    """Propagate the joint covariance of pose, pose since the key frame and twist over a `step`.
+    """Propagate the joint covariance of pose, pose relative to the latest key frame, and twist over a `step`.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from ...scan import Scan
 
 
 def deskew(scan: Scan, twist: NDArray[np.float64] | Sequence[float]) -> Scan:
-    """Move every beam to where it would have been measured at the stamp of the scan.
+    """Transform every beam to what the sensor would have measured at the stamp of the scan.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def deskew(scan: Scan, twist: NDArray[np.float64] | Sequence[float]) -> Scan:
     Returns
     -------
     Scan
-        With one bearing for each beam; `scan` itself where nothing moves, or all beams were measured at once.
+        The deskewed scan, with one bearing per beam; `scan` itself if the twist or its `time_increment` is 0.
     """
     if scan.time_increment == 0.0 or not np.any(twist):
         return scan

@@ -26,20 +26,20 @@ class ManhattanHeading:
         self._forget()
 
     def _forget(self) -> None:
-        """Drop the dominant direction; the variance of the drift remains."""
+        """Discard the dominant direction; the variance of the heading drift is kept."""
         self._direction: float | None = None
         self._deviation = 0.0
         self._aligned_length = self._total_length = 0.0
         self._path = self._distance = 0.0
 
     def propagate(self, step: SE2) -> None:
-        """Add the length of a `step` since the last scan: the drift grows with it at the next observation."""
+        """Add the length of a `step` to the distance travelled, by which the drift grows at the next observation."""
         distance = math.hypot(step.x, step.y)
         self._distance += distance
         self._path += math.hypot(distance, step.theta)
 
     def observe(self, segments: Segments, heading: float, parameters: ManhattanParameters) -> tuple[float, float]:
-        """Estimate the heading drift by the visible walls.
+        """Estimate the heading drift from the visible walls.
 
         Parameters
         ----------
@@ -54,7 +54,7 @@ class ManhattanHeading:
         rotation : float [rad]
             Correction to add to the heading.
         ratio : float
-            Standard deviation of the heading drift after the correction, as a ratio of that before it.
+            Standard deviation of the heading drift after the correction divided by the one before the correction.
         """
         p = parameters
         self._predict(p)
@@ -82,7 +82,7 @@ class ManhattanHeading:
         return -gain[0] * innovation, ratio
 
     def _count_walls(self, aligned_length: float, total_length: float, min_ratio: float) -> bool:
-        """Count the lengths [m] of walls, and return whether enough of them are along the dominant direction."""
+        """Add the lengths [m] of walls, and return whether enough of the length is along the dominant direction."""
         self._aligned_length += aligned_length
         self._total_length += total_length
         ratio = self._aligned_length / self._total_length
@@ -91,7 +91,7 @@ class ManhattanHeading:
         return ratio >= min_ratio and bool(aligned_length)
 
     def _predict(self, p: ManhattanParameters) -> None:
-        """Kalman prediction: process noise and fading since the last observation."""
+        """Kalman prediction: add process noise and fade the deviation for the distance since the last observation."""
         fading = math.exp(-self._distance / p.correlation_distance)
         transition = np.array((1.0, fading, 1.0))
         self._covariance = transition[:, None] * self._covariance * transition
@@ -103,7 +103,7 @@ class ManhattanHeading:
 
 
 def _densest_direction(directions: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> float:
-    """Return the one of the `directions` [rad] with the greatest length [m] of walls within about `sigma` [rad]."""
+    """Return the direction [rad] around which walls within about `sigma` [rad] have the greatest length [m]."""
     density = kernel(wrap_period(directions[:, None] - directions, RIGHT_ANGLE), sigma) @ length
     return float(directions[density.argmax()])
 
@@ -119,16 +119,16 @@ def _mean_shift(offsets: NDArray[np.float64], length: NDArray[np.float64], sigma
 
 
 _MIN_WALL_LENGTH = 0.7
-"""Shorter segments [m] are furniture."""
+"""Segments shorter than this [m] are not used as walls: they are mostly furniture."""
 _OBSERVATION_SIGMA = 0.009
-"""Standard deviation [rad] of the direction that one scan observes by `_REFERENCE_LENGTH` of walls."""
+"""Standard deviation [rad] of the direction observed in one scan from `_REFERENCE_LENGTH` of walls."""
 _REFERENCE_LENGTH = 3.0
-"""Length of aligned walls [m] below which an observation is less certain."""
+"""An observation from a smaller length of aligned walls [m] gets a larger standard deviation."""
 _UNKNOWN_SIGMA = 2.0
-"""Standard deviation [rad] of an unknown direction."""
+"""Standard deviation [rad] assumed for an unknown direction."""
 _GATE = 2.0
-"""Standard deviations beyond which the visible walls have another direction."""
+"""If the visible walls deviate by more standard deviations than this, they have another dominant direction."""
 _ITERATIONS = 3
-"""Iterations of the mean shift."""
+"""Number of iterations of the mean shift."""
 _FORGET_RATIO = 0.5
-"""Ratio of `manhattan.min_aligned_ratio` below which another dominant direction is sought."""
+"""If the ratio of aligned walls is below this fraction of `manhattan.min_aligned_ratio`, the direction is discarded."""

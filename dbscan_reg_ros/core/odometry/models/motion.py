@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constant-velocity motion model: predicts the motion to the next scan where no external prior does."""
+"""Constant-velocity motion model: predicts the motion to the next scan if there is no external prior."""
 import math
 from typing import NamedTuple
 
@@ -20,9 +20,9 @@ class MotionConstraints(NamedTuple):
     Attributes
     ----------
     direction : float or None [rad]
-        Degenerate direction of the translation in the odometry frame; None without one.
+        Degenerate direction of the translation in the odometry frame; None if no direction is degenerate.
     constrained : float
-        From 0 to 1: how well the scan constrains the translation along it.
+        How well the scan constrains the translation along `direction`, from 0 to 1.
     rotation_unobservable : bool
     """
 
@@ -32,10 +32,10 @@ class MotionConstraints(NamedTuple):
 
 
 class ConstantVelocityModel:
-    """Constant-velocity model, updated by the poses of scans.
+    """Constant-velocity model, updated with the poses of scans.
 
-    The velocity comes from scans of the same sensor: between those of different sensors too little time passes, and an
-    error of the mounting would count as motion. All poses and velocities are those of the first sensor.
+    The velocity is computed from successive scans of the same sensor. Between scans of different sensors too little
+    time passes, and an error of the mounting would count as motion. All poses and velocities are of the first sensor.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class ConstantVelocityModel:
     twist: NDArray[np.float64]
     unconstrained_time: float
     _middles: dict[str, ScanMiddle]
-    """Last scan of each sensor, by its name, that was found; empty where the position is unknown."""
+    """Last scan of each sensor that was registered successfully, by sensor name; empty if the position is unknown."""
     _constrained_count: int
     """Number of scans that constrained every direction."""
     _constrained_middle: SE2
     """Pose in the middle of the last scan that constrained every direction."""
     _degenerate_direction: float | None
-    """The direction [rad] that is degenerate since then."""
+    """The direction [rad] that has been degenerate since that scan; None if none is."""
     _increment: SE2 | None
     """Predicted increment; None where it is unknown."""
     _velocities: list[NDArray[np.float64]]
@@ -72,7 +72,7 @@ class ConstantVelocityModel:
         self.start_moving(pose, self.twist, 0.0, sensor)
 
     def reset_velocity(self) -> None:
-        """Predict no motion."""
+        """Reset the velocity to 0, and discard the velocities measured so far."""
         self._increment, self._velocities, self._last_interval, self._regular = SE2(), [], 0.0, True
         self.twist = np.zeros(DOF)
 
@@ -84,20 +84,20 @@ class ConstantVelocityModel:
         self._constrained_middle, self.unconstrained_time = self._middles[sensor].pose, 0.0
 
     def join(self, pose: SE2, middle_offset: float, sensor: str) -> None:
-        """Add the first scan of a `sensor`, at a `pose` from which no velocity follows; as `start_moving`."""
+        """Add the first scan of a `sensor`, without an update of the velocity; parameters as for `start_moving`."""
         middle = pose @ integrate(self.twist, middle_offset)
         self._middles[sensor] = ScanMiddle(middle, -middle_offset, False, self._constrained_count)
 
     def forget_position(self) -> None:
-        """Forget the last pose: the displacement from there to the next scan is a correction, not a motion."""
+        """Discard the last poses: the displacement from them to the next scan is a correction, not a motion."""
         self._middles.clear()
 
     def forget_sensor(self, sensor: str) -> None:
-        """Forget the last scan of a `sensor` that was silent: the mean velocity since then is not the present one."""
+        """Discard the last scan of a `sensor` after a gap: the mean velocity since that scan is not the present one."""
         self._middles.pop(sensor, None)
 
     def move(self, correction: SE2) -> None:
-        """Apply a `correction` of the odometry frame, which is no motion."""
+        """Move all stored poses by a `correction` of the odometry frame, without an update of the velocity."""
         self._constrained_middle = correction @ self._constrained_middle
         for middle in self._middles.values():
             middle.pose = correction @ middle.pose
@@ -106,7 +106,7 @@ class ConstantVelocityModel:
 
     @property
     def position_unknown(self) -> bool:
-        """Whether the pose of the last scan that was found is unknown."""
+        """Whether no pose is stored from which a velocity could be computed."""
         return not self._middles
 
     @property
@@ -115,13 +115,13 @@ class ConstantVelocityModel:
         return bool(self._velocities)
 
     def elapse(self, interval: float) -> None:
-        """Add an `interval` [s] to the times since a scan was found, and since one constrained every direction."""
+        """Add an `interval` [s] to the age of each stored scan, and to `unconstrained_time`."""
         self.unconstrained_time += interval
         for middle in self._middles.values():
             middle.time += interval
 
     def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
-        """Predict the last increment once more; its covariance grows with the interval and with the increment."""
+        """Predict the same increment as the last one; its covariance grows with the interval and with the increment."""
         p, increment = parameters.prior, self._increment
         unknown = increment is None or parameters.odometry.prior == 'none'
         if increment is None or unknown or interval.jump:
@@ -148,18 +148,19 @@ class ConstantVelocityModel:
         Parameters
         ----------
         prior : Prior
-            An external prior is returned as it is.
+            The prediction; the covariance of an external prior is returned unchanged.
         predicted : SE2
             Pose that the prior predicts, in the odometry frame.
         lost_time : float [s]
-            Time in which scans were not found: the covariance grows with it in every direction. Along a degenerate
-            direction it grows with the time since a scan last constrained it, up to `degeneracy.search_distance`.
+            Time since scans could not be registered any more: the covariance grows with it in every direction. Along a
+            degenerate direction the standard deviation grows with `unconstrained_time`, by at most
+            `degeneracy.search_distance`.
         parameters : Parameters
 
         Returns
         -------
         (3, 3) float
-            In the frame of the sensor [m, m, rad].
+            Covariance in the frame of the sensor [m, m, rad].
         """
         covariance = prior.covariance
         if prior.velocity_change is None:
@@ -176,18 +177,18 @@ class ConstantVelocityModel:
 
     def update(self, pose: SE2, interval: ScanInterval, constraints: MotionConstraints, parameters: Parameters,
                sensor: str = '') -> SE2:
-        """Update the velocity by the pose of a scan.
+        """Update the velocity from the pose of a scan.
 
-        The scan was deskewed by the last twist. An error of that twist shifts the pose at the stamp, but not the pose
-        in the middle of the scan: the new twist comes from the poses in the middle. Along a degenerate direction the
-        velocity is kept. The first scan that constrains this direction again updates the velocity by the displacement
-        since the last one that did. Where the rotation is unobservable too, translation and rotation are coupled: no
-        velocity is kept.
+        The scan was deskewed with the last twist. An error of that twist shifts the pose at the stamp, but not the pose
+        in the middle of the scan: the new twist is computed from the poses in the middle of the scans. Along a
+        degenerate direction the velocity is kept. The next scan that constrains this direction updates the velocity
+        from the displacement since the last scan that constrained it. If the rotation is unobservable too, translation
+        and rotation are coupled: no velocity is kept.
 
         Parameters
         ----------
         pose : SE2
-            Pose of the scan at its stamp in the odometry frame, deskewed by the last twist.
+            Pose of the scan at its stamp in the odometry frame; the scan was deskewed with the last twist.
         interval : ScanInterval
         constraints : MotionConstraints
         parameters : Parameters
@@ -197,7 +198,7 @@ class ConstantVelocityModel:
         Returns
         -------
         SE2
-            Pose of the scan at its stamp, by the new twist.
+            Pose of the scan at its stamp, computed from its pose in the middle with the new twist.
         """
         direction = constraints.direction
         if constraints.rotation_unobservable:
@@ -227,31 +228,31 @@ class ConstantVelocityModel:
         return middle @ integrate(self.twist, interval.middle_offset).inverse()
 
     def _is_unconstrained_since(self, scan: ScanMiddle) -> bool:
-        """Whether a `scan` left a direction degenerate that no other sensor has constrained since."""
+        """Whether a direction was degenerate for a `scan`, and no other sensor has constrained it since."""
         return scan.degenerate and scan.constrained_count == self._constrained_count
 
     def _catch_up(self, predicted: NDArray[np.float64], middle: SE2, direction: float) -> None:
-        """Set the velocity along a `direction` [rad] that was degenerate by the displacement in the meantime."""
+        """Set the velocity along a `direction` [rad] from the displacement while this direction was degenerate."""
         displacement = (middle.inverse() @ self._constrained_middle).as_array()
         change = -displacement[:2] / self.unconstrained_time - predicted
         self._correct_velocity(predicted + _RANDOM_WALK_GAIN * change, direction - middle.theta, 1.0)
 
     def _correct_velocity(self, velocity: NDArray[np.float64], angle: float, gain: float) -> None:
-        """Move the twist by a `gain` towards a `velocity` [m/s, m/s] along `angle` [rad] (frame of the sensor)."""
+        """Correct the twist along `angle` [rad] (sensor frame) by `gain` times its difference from `velocity` [m/s]."""
         along = np.array((math.cos(angle), math.sin(angle)))
         self.twist[:2] += gain * ((velocity - self.twist[:2]) @ along) * along
 
     def _differs_from_last(self, interval: ScanInterval) -> bool:
-        """Whether an `interval` differs from the last one by more than jitter of the stamps."""
+        """Whether an `interval` differs from the last interval by more than the jitter of the stamps."""
         if interval.of_others or not self._regular:
             return True
         return interval.steady and not 1.0 / _SAME_INTERVAL < interval.length / self._last_interval < _SAME_INTERVAL
 
     def _mean_twist(self) -> NDArray[np.float64]:
-        """Return the predicted twist: the mean of the last velocities, and the last turn rate.
+        """Return the predicted twist: the mean of the latest linear velocities, and the latest turn rate.
 
-        Scans constrain the rotation well, but the translation along walls poorly: a single step that noise lengthens
-        would be predicted again and confirm itself.
+        The turn rate needs no mean, as scans constrain the rotation well. They constrain the translation along walls
+        poorly: without a mean, a step too long because of noise would be predicted again and confirm itself.
         """
         vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
         return np.array((vx, vy, self.twist[2]))
@@ -279,7 +280,7 @@ def displacement_covariance(time: float, parameters: Parameters) -> NDArray[np.f
 
 
 def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, float]:
-    """Return the standard deviations [m], [rad] of the displacement by unknown accelerations in a `time` [s]."""
+    """Return the standard deviations [m], [rad] of the displacement due to unknown accelerations over `time` [s]."""
     p, half = parameters.prior, 0.5 * time ** 2
     return p.acceleration * half, min(p.angular_acceleration * half, _MAX_ROTATION_SIGMA)
 
@@ -292,6 +293,7 @@ def integrate(twist: NDArray[np.float64], time: float) -> SE2:
 _MAX_ROTATION_SIGMA = 1.0
 """Largest standard deviation [rad] of an unknown rotation."""
 _SAME_INTERVAL = 1.5
-"""Intervals with a smaller ratio differ by jitter of the stamps only."""
+"""Two intervals whose ratio is below this differ by jitter of the stamps only."""
 _RANDOM_WALK_GAIN = 1.5
-"""Kalman gain for a velocity that is a random walk: its last value differs by this ratio of the change of the mean."""
+"""Correction of the velocity per difference between the mean velocity over an interval and the predicted velocity: for
+a random walk, the velocity at the end of the interval has changed by this much more than its mean."""

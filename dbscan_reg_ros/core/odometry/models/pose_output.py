@@ -8,9 +8,9 @@ from .zero_velocity import ZeroVelocityUpdate
 
 
 class PoseOutput:
-    """Turns the poses by which scans are registered into published poses.
+    """Converts the poses of registered scans to published poses.
 
-    The heading correction applies to the published poses only; scans are registered without it.
+    The heading correction is applied to the published poses only; scans are registered without it.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class PoseOutput:
     Attributes
     ----------
     number : int
-        Number of the next scan: how many were published before it, resets included.
+        Number of the next scan: the number of scans published before it; a reset does not set it back to 0.
     """
 
     def __init__(self, pose: SE2, number: int):
@@ -47,7 +47,7 @@ class PoseOutput:
         return self._zero_velocity.update(pose, covariance, interval, gate)
 
     def publish(self, pose: SE2) -> tuple[SE2, SE2]:
-        """Return the published pose for `pose`, and the increment since the last published one, in that one's frame."""
+        """Return the published pose for `pose`, and the increment in the frame of the previously published pose."""
         self.number += 1
         before, self._published = self._published, self.corrected(pose)
         return self._published, before.inverse() @ self._published

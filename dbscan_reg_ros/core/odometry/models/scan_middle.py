@@ -14,11 +14,11 @@ class ScanMiddle:
     pose : SE2
         Pose of the first sensor in the middle of this scan, in the odometry frame.
     time : float [s]
-        Time from there to the stamp of the last scan of any sensor.
+        Time from the middle of this scan to the stamp of the last scan of any sensor.
     degenerate : bool
-        Whether this scan left a direction degenerate.
+        Whether a direction of the translation was degenerate for this scan.
     constrained_count : int
-        Number of scans of all sensors until then that constrained every direction.
+        Number of scans of all sensors, up to this scan, that constrained every direction.
     """
 
     pose: SE2

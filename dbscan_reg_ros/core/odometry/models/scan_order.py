@@ -13,7 +13,7 @@ class ScanOrder:
         self._last: tuple[str, int] | None = None
 
     def lateness(self, sensor: str, stamp: int, parameters: TimeParameters) -> float:
-        """Return by how much [s] a scan comes too late after one of another sensor; 0 where the stamps jumped."""
+        """Return by how much [s] a scan is older than the last scan of another sensor; 0 if tolerable or a jump."""
         if self._last is None or self._last[0] == sensor:
             return 0.0
         late = seconds(self._last[1] - stamp)
@@ -34,14 +34,14 @@ class ScanOrder:
         own : ScanInterval
             Interval since the last scan of the same sensor.
         stamps : StampFilter
-            Of this sensor.
+            Filter of the stamps of this sensor.
         parameters : TimeParameters
 
         Returns
         -------
         ScanInterval
-            `own` where the last scan was of the same sensor; else the difference of the stamps, which is negative for a
-            scan that is older: then the state goes back to its stamp.
+            `own` if the last scan was of the same sensor; otherwise the difference of the stamps. It is negative if the
+            new scan is older than the last one: then the state is predicted back to the stamp of the new scan.
         """
         last, self._last = self._last, (sensor, stamp)
         if last is None or last[0] == sensor:
@@ -58,4 +58,4 @@ class ScanOrder:
 
 
 _MAX_LATE = 0.25
-"""Time [s] by which a scan may be older than the last one: slow lidars send a scan that long after its first beam."""
+"""A scan may be older than the last one by this time [s]: slow lidars send a scan so long after its first beam."""

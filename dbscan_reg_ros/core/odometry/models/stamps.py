@@ -13,7 +13,7 @@ from ...scan import SECOND, Scan
 
 
 class Jump(Enum):
-    """A jump of the stamps."""
+    """Direction of a jump of the stamps."""
 
     FORWARD = 'forward'
     BACKWARD = 'backward'
@@ -25,9 +25,9 @@ class ScanTiming(NamedTuple):
     Attributes
     ----------
     duration : float [s]
-        Time from the first beam to the last by `Scan.time_increment`; 0 for all beams at once.
+        Time from the first beam to the last according to `Scan.time_increment`; 0 if all beams are measured at once.
     ratio : float
-        Ratio of `duration` that the scan may really take: clocks and drivers can be wrong.
+        Ratio of the estimated true duration to `duration`, at most 1: drivers may report a wrong `time_increment`.
     deskews : bool
         Whether the motion within the scan can be removed.
     """
@@ -48,20 +48,20 @@ class ScanInterval:
     Attributes
     ----------
     length : float [s]
-        Difference of the stamps where it is plausible; else the running median, or a whole multiple of it where scans
-        would overlap. 0 while unknown.
+        Difference of the stamps if it is plausible; otherwise the running median, or a whole multiple of the median if
+        scans would overlap. 0 while unknown.
     elapsed : float [s]
-        Difference of the stamps; 0 for stamps that go back.
+        Difference of the stamps; 0 if the stamps went back.
     middle_offset : float [s]
         Time from the stamp of the scan to the middle of its beams.
     jump : Jump or None
         Direction of a jump of the stamps by more than `time.max_jump`.
     reason : str
-        The jump in words; empty without one.
+        Description of the jump; empty without a jump.
     steady : bool
-        Whether the stamps are regular: then a long interval means dropped scans.
+        Whether the stamps are regular, so that a long interval means dropped scans.
     of_others : bool
-        Whether the last scan was of another sensor: then intervals of every length follow each other.
+        Whether the last scan was of another sensor, so that successive intervals may differ in length.
     """
 
     length: float
@@ -74,11 +74,11 @@ class ScanInterval:
 
     @property
     def gap(self) -> bool:
-        """Whether the last velocity does not predict the motion: scans are missing for long, or the stamp is wrong."""
+        """Whether the last velocity cannot predict the motion: scans are missing for long, or the stamp is wrong."""
         return self.jump is not None or self.elapsed > _GAP_RATIO * abs(self.length)
 
     def measures_velocity(self, time: float) -> bool:
-        """Whether a velocity follows from the last scan of the same sensor, a `time` [s] ago."""
+        """Whether a velocity can be computed from the last scan of the same sensor, which is `time` [s] old."""
         known = time > 0.0 if self.of_others else self.length > 0.0 and self.elapsed > 0.0
         return known and not self.gap
 
@@ -98,7 +98,7 @@ class StampFilter:
         self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
 
     def timing(self, scan: Scan, parameters: Parameters) -> ScanTiming:
-        """Determine how long a `scan` takes; this becomes `duration`."""
+        """Return how long a `scan` takes, and store its duration as `duration`."""
         duration = abs(scan.time_increment) * scan.geometry.size if parameters.odometry.deskew else 0.0
         self.duration = duration if duration < parameters.time.max_jump else 0.0
         deskews = bool(self.duration) and not self.jumps(scan.stamp, parameters.time)
@@ -108,8 +108,8 @@ class StampFilter:
              scan_duration: float) -> ScanInterval:
         """Add a stamp and determine the interval since the last one.
 
-        A scan does not begin before the last one ends. Stamps that contradict this jitter: intervals are then rounded
-        to whole multiples of the median.
+        A scan cannot begin before the previous one ends. If the stamps contradict this, they jitter: intervals are
+        rounded to whole multiples of the median.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class StampFilter:
             Time from the stamp to the middle of the scan.
         parameters : TimeParameters
         scan_duration : float [s]
-            0 for all beams at once.
+            Time from the first beam to the last; 0 if all beams are measured at once.
         """
         jumps, last, self._last = self.jumps(stamp, parameters), self._last, stamp
         if last is None:
@@ -137,7 +137,7 @@ class StampFilter:
         return ScanInterval(elapsed if plausible else typical, max(elapsed, 0.0), middle_offset, steady=steady)
 
     def _rounded(self, elapsed: float, scan_duration: float) -> float:
-        """Round `elapsed` [s] to a multiple, at least one, of the median of the intervals without dropped scans."""
+        """Round `elapsed` [s] to a whole multiple (at least 1) of the median interval between successive scans."""
         recent = self._positive()
         if not recent:
             return 0.0
@@ -150,7 +150,7 @@ class StampFilter:
         return self._last is not None and seconds(abs(stamp - self._last)) > parameters.max_jump
 
     def ratio(self, scan_duration: float) -> float:
-        """Return the ratio of its stated duration [s] that a scan may take: the median interval is its upper limit."""
+        """Return the ratio, at most 1, by which to reduce `scan_duration` [s] so that it fits the median interval."""
         if scan_duration <= 0.0:
             return 1.0
         typical = self.typical
@@ -171,7 +171,7 @@ class StampFilter:
 
 
 def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
-    """Return the time [s] from the stamp to the middle of the returns, if a scan took a `ratio` of its duration."""
+    """Return the time [s] from the stamp to the middle of the returns, with the scan's duration times `ratio`."""
     return ratio * scan.time_increment * float(features.beams.mean())
 
 
@@ -181,12 +181,12 @@ def seconds(nanoseconds: int) -> float:
 
 
 _MEDIAN_SIZE = 51
-"""Intervals of the running median."""
+"""Number of intervals in the running median."""
 _GAP_RATIO = 10.0
-"""Ratio of the median from which on an interval is a gap: jitter leaves up to eight intervals between regular scans."""
+"""An interval longer than this multiple of the median is a gap; jitter alone may reach eight times the median."""
 _OVERLAP_RATIO = 0.9
-"""Ratio of its duration after which a scan may seem to end: stamps of a good clock jitter as well."""
+"""A scan overlaps the next one if the interval is below this ratio of its duration; below 1 for jitter of stamps."""
 _MIN_INTERVAL = 0.001
-"""Shorter intervals [s] are no intervals: no lidar is faster."""
+"""Intervals shorter than this [s] are ignored: no lidar is that fast."""
 _MAX_RATIO = 2.05
-"""Ratio of the median up to which a single interval is plausible: one dropped scan, and jitter."""
+"""An interval up to this multiple of the median is plausible: it allows for one dropped scan and jitter."""

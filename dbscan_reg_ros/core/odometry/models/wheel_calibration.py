@@ -10,16 +10,16 @@ from ...registration.records import Prior
 
 
 class WheelCalibration:
-    """Linear model of the systematic errors of an external prior, and of the noise that remains.
+    """Linear model of the systematic errors of an external prior, and of the noise that remains after correction.
 
-    Wheels larger than configured make every distance too short, unequal wheels add a rotation, and a sensor that is not
-    where its mounting says moves sideways when the robot rotates. Ridge regression of the errors on the motions of the
-    prior [m, m, rad] estimates all nine coefficients.
+    If the wheels are larger than configured, measured distances are too short. Unequal wheels add a rotation. With a
+    wrong mounting, the sensor seems to move sideways when the robot rotates. Ridge regression of the errors on the
+    motions measured by the prior [m, m, rad] estimates all nine coefficients.
 
     Attributes
     ----------
     matrix : (3, 3) float
-        E of the correction m_true = (I + E) m_prior, in the frame of the sensor.
+        Matrix E of the correction m_true = (I + E) m_prior for motions m, in the frame of the sensor.
     """
 
     def __init__(self) -> None:
@@ -36,12 +36,12 @@ class WheelCalibration:
         self._sigma_ratio: NDArray[np.float64] = np.sqrt(variance_ratio)
 
     def corrected(self, prior: Prior) -> Prior:
-        """Remove the systematic error from a `prior`; its covariance stays."""
+        """Remove the systematic error from the motion of a `prior`; its covariance is not changed."""
         motion = prior.transform
         return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), prior.covariance)
 
     def tightened(self, prior: Prior) -> Prior:
-        """Reduce the covariance of a `prior` to the noise of the motions so far; it never grows."""
+        """Reduce the covariance of a `prior` to the noise observed so far; it is never increased."""
         return Prior(prior.transform, prior.covariance * np.outer(self._sigma_ratio, self._sigma_ratio))
 
     def learn(self, prior: Prior, observed: SE2, weight: float, memory: float) -> None:
@@ -50,13 +50,13 @@ class WheelCalibration:
         Parameters
         ----------
         prior : Prior
-            Motion by the external source.
+            Motion measured by the external source.
         observed : SE2
-            The same motion by the scans.
+            The same motion estimated from the scans.
         weight : float
             Weight of this motion, from 0 to 1.
         memory : float [m]
-            Distance after which the weight of a motion has faded to 1 / e; 1 rad counts as 1 m.
+            Distance travelled after which the weight of an earlier motion has faded to 1 / e; 1 rad counts as 1 m.
         """
         motion, error = prior.transform.as_array(), (prior.transform.inverse() @ observed).as_array()
         distance = math.sqrt(motion @ motion)
@@ -73,10 +73,10 @@ class WheelCalibration:
 
 
 _RIDGE = 0.1
-"""Ridge of the regression [m^2, rad^2]: coefficients of about 6 %, if single steps have errors of 2 cm."""
+"""Ridge term of the regression [m^2, rad^2]: it expects coefficients of about 6 % if each step has an error of 2 cm."""
 _INITIAL_DISTANCE = 1.0
-"""Distance [m] over which the residuals are initially assumed to match the covariance of the prior."""
+"""Initial estimate of the noise: as if residuals over this distance [m] had matched the covariance of the prior."""
 _MAX_COEFFICIENT = 0.2
-"""Largest coefficient: larger errors are not systematic ones of wheels."""
+"""Largest absolute value of a coefficient: larger errors are not systematic errors of wheels."""
 _MIN_SIGMA_RATIO = 0.15
-"""Least ratio by which the standard deviation of a prior is reduced."""
+"""The standard deviation of a prior is reduced to no less than this ratio of the original."""

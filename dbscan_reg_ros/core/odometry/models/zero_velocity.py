@@ -10,19 +10,19 @@ from ...geometry.symmetric_matrix import mahalanobis
 
 
 class ZeroVelocityUpdate:
-    """Detects rest and averages poses at rest.
+    """Detects whether the sensor is at rest, and averages its poses while it is.
 
     Parameters
     ----------
     pose : SE2
-        First pose of the sensor, which is at rest there.
+        First pose of the sensor, which is assumed to be at rest.
     """
 
     def __init__(self, pose: SE2):
         self._mean, self._count, self._rest_time = pose, 1, math.inf
 
     def update(self, pose: SE2, covariance: NDArray[np.float64], interval: float, gate: float) -> SE2:
-        """Average the pose of a scan with those before it, if the sensor is at rest.
+        """Average the pose of a scan with the poses of earlier scans, if the sensor is at rest.
 
         Parameters
         ----------
@@ -33,12 +33,12 @@ class ZeroVelocityUpdate:
         interval : float [s]
             Time since the last scan.
         gate : float
-            Mahalanobis distance from the mean beyond which the sensor has moved.
+            If the Mahalanobis distance of `pose` from the mean exceeds this, the sensor has moved.
 
         Returns
         -------
         SE2
-            The mean since the sensor came to rest, once it has rested for 1 s; before that `pose`.
+            The mean pose since the sensor came to rest, if it has been at rest for more than 1 s; otherwise `pose`.
         """
         offset = (self._mean.inverse() @ pose).as_array()
         # A direction that is hardly constrained proves no rest: the pose of a moving sensor stays within its gate.
@@ -55,8 +55,8 @@ class ZeroVelocityUpdate:
 
 
 _MAX_SIGMA = 0.02
-"""Standard deviation [m], [rad] of a pose above which it proves no rest."""
+"""Rest is not detected from poses with a larger standard deviation [m], [rad]."""
 _MAX_COUNT = 50
-"""Scans of the running mean."""
+"""Number of scans in the running mean."""
 _MIN_REST_TIME = 1.0
-"""Time [s] within the gate that proves rest: slow motion leaves it."""
+"""The sensor is at rest if its pose stays within the gate for this time [s]: even slow motion leaves the gate."""
