@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from ..core.geometry.se2 import SE2
 from .command_line import (
     ENDING,
     FAILED,
@@ -167,6 +166,7 @@ def _report(recording, answers, mounting, out, faults):
     """
     import numpy as np
 
+    from ..core.geometry.se2 import SE2
     from ..figures.plots import plot_map
     from ..recordings import write_tum
     from ..recordings.poses import relative
