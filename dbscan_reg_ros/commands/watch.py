@@ -16,9 +16,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     parser = make_parser('watch', 'Serve a page that shows a running node: the scans on the growing map, the pose and '
-                         'its covariance, speed and status. It subscribes to scan, odom and /diagnostics while a '
-                         'browser shows the page, and sends nothing to the node. Ctrl-C ends it. ROS arguments may '
-                         'follow, such as --ros-args -r scan:=laser.')
+                         'its covariance, speed and status. It subscribes to scan, to other scans that the node '
+                         'subscribes to, to odom and /diagnostics while a browser shows the page, and sends nothing '
+                         'to the node. Ctrl-C ends it. ROS arguments may follow, such as --ros-args -r scan:=laser.')
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
                         help='address of this computer that browsers connect to (default: %(default)s, this computer '
                         'alone). With another one everybody in the network who knows the printed address sees the page')

@@ -63,7 +63,8 @@ SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved
 SIMULATED = ('node', 'watch', 'soak', 'covariance', 'overlap', *SEEDED)
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
-           'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'dropped', 'noise', 'person',
+           'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
+           'scanner_rear', 'scanners', 'scanners_merged', 'dropped', 'noise', 'person',
            'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup', 'curved', 'stops', 'pillar', 'doors',
            'companions')
 

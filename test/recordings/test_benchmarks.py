@@ -14,18 +14,23 @@ from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
 from benchmarks.intel import Intel
 from benchmarks.odometry import courses, drift
+from benchmarks.odometry.course import Course
+from benchmarks.odometry.drift import drive
 from benchmarks.registration import pairs, relations, speed, synthetic
 from benchmarks.registration.covariance import calibration
 from benchmarks.report import Report
 from benchmarks.trials import Outcome, Trial, summarise
 
-from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
+from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.records import Prior, Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
-from dbscan_reg_ros.evaluation.methods import FACTORIES, method
+from dbscan_reg_ros.evaluation.methods import FACTORIES, BenchmarkError, method
 from dbscan_reg_ros.evaluation.trackers import PRIORS, Step
 from dbscan_reg_ros.recordings import read_csv
+from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
 
 
 @pytest.fixture(scope='module')
@@ -360,3 +365,39 @@ def test_every_method_answers_with_a_transform_and_a_status(log):
     for name in ('dbscan', 'icp', 'idc', 'icl', 'identity'):
         result = method(name)(item.reference, item.current)
         assert isinstance(result.transform, SE2) and isinstance(result.status, Status)
+
+
+def test_the_second_scanner_is_used_besides_the_first_and_by_our_odometry_alone():
+    """Two seconds of a course: the poses are those of the front scanner, and differ from those that it finds alone."""
+    world = rooms(seed=1)
+    path = follow(world.tour)
+    path = Path(path.times[path.times < 2.0], path.poses[path.times < 2.0])
+    front, rear = (simulate(world, path, Lidar(271, math.radians(-135.0), math.radians(1.0), rate=rate, mounting=at,
+                                               phase=phase), seed)
+                   for seed, (rate, at, phase) in enumerate(((12.5, courses.FRONT, 0.0), (15.0, courses.REAR, 0.019))))
+    alone = Course(front.scans, reference=front.truth)
+    both = dataclasses.replace(alone, others=((Sensor('rear', courses.FRONT.inverse() @ courses.REAR), rear.scans),))
+    found, other = drive('dbscan', both, 'both'), drive('dbscan', alone, 'alone')
+    assert found.poses.shape == other.poses.shape == (len(front.scans), 3)
+    assert not np.allclose(found.poses, other.poses, atol=1e-5)
+    off = found.poses - relative(front.truth[:1], front.truth)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.02
+    with pytest.raises(BenchmarkError, match='several lidars take no other method than dbscan'):
+        drive('small_gicp', both, 'both')
+
+
+def test_a_merged_scan_has_the_nearest_return_of_both_scanners():
+    """At rest and without noise: in each beam one of the returns, at most half a beam from its middle."""
+    lidars = [Lidar(271, math.radians(-135.0), math.radians(1.0), noise=0.0, mounting=at)
+              for at in (courses.FRONT, courses.REAR)]
+    world = rooms(seed=1)
+    path = Path(np.array([0.0, 0.1]), np.tile(follow(world.tour).poses[0], (2, 1)))
+    front, rear = (simulate(world, path, lidar, 0).scans[0] for lidar in lidars)
+    whole = courses.merged(front, rear)
+    points = np.concatenate([at.apply(scan.points[scan.valid])
+                             for at, scan in ((courses.FRONT, front), (courses.REAR, rear))])
+    ranges, bearings = np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])
+    assert 271 < whole.valid.sum() <= len(points)
+    for k in np.flatnonzero(whole.valid):
+        near = np.abs(wrap(bearings - whole.geometry.bearings[k])) <= math.radians(0.25) + 1e-9
+        assert whole.ranges[k] == pytest.approx(ranges[near].min(), abs=1e-6)

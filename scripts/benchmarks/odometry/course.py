@@ -27,6 +27,8 @@ class Course:
         Pose of the sensor by the wheels at each scan.
     axis : float or None
         Unobservable direction [rad] in the frame of `reference`.
+    others : tuple of (Sensor, list of Scan)
+        Further lidars, on sensors in the frame of that of `scans`, with their scans in order; used besides.
     """
 
     scans: list
@@ -36,6 +38,7 @@ class Course:
     relations: object = None
     wheels: np.ndarray | None = None
     axis: float | None = None
+    others: tuple = ()
 
     def __post_init__(self):
         if self.judged is None:

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings and simulated worlds with the truth that odometry is judged by, and Intel made harder."""
 import dataclasses
+import functools
 import itertools
 import math
 
 import numpy as np
 
-from dbscan_reg_ros.core.geometry.se2 import as_vectors
+from dbscan_reg_ros.core.geometry.se2 import SE2, as_vectors
+from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.recordings import interpolate, open_recording
 from dbscan_reg_ros.recordings.poses import compose
-from dbscan_reg_ros.simulation import LIDARS, Lidar, Person, World, corridor, hall, rooms
+from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, World, corridor, follow, hall, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, sides
 
@@ -23,6 +27,10 @@ CHAIRS_CLEAR, TRUNKS_CLEAR = 0.4, 0.8
 BURST, BURST_PERIOD = 2.0, 3.0
 OUTAGE_AFTER, OUTAGE_PERIOD = 11.0, 15.0
 """Scans of the first seconds of each period remain."""
+FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
+"""Mountings of two scanners at opposite corners of a base of 0.7 x 0.5 m."""
+SCANNED = 25.0
+"""Length of their drives [s]."""
 URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
 
 
@@ -219,12 +227,72 @@ def outages(folder) -> list:
     return [course.take(course.seconds % OUTAGE_PERIOD < OUTAGE_AFTER) for course in courses]
 
 
+def scanner_front(folder) -> list:
+    """Return the front scanner of `scanners` alone."""
+    return [dataclasses.replace(course, others=()) for course in scanners(folder)]
+
+
+def scanner_rear(folder) -> list:
+    """Return the rear scanner of `scanners` alone."""
+    return [Course(rear.scans, reference=rear.truth) for _, rear in _scanned()]
+
+
+def scanners(folder) -> list:
+    """Return two safety scanners of 270 deg at opposite corners of a base, not synchronised, each with its own scans.
+
+    They drive through furnished rooms, corridors whose doors are recesses, and halls. Poses are those of the front one.
+    """
+    sensor = Sensor('rear', FRONT.inverse() @ REAR)
+    return [Course(front.scans, reference=front.truth, others=((sensor, rear.scans),)) for front, rear in _scanned()]
+
+
+def scanners_merged(folder) -> list:
+    """Return the scans of `scanners` merged as other programs need them: the latest of both, at each front one.
+
+    One scan from the middle of the base has in each of 720 beams the nearest return of both; nothing is compensated.
+    """
+    courses = []
+    for front, rear in _scanned():
+        latest = np.searchsorted(rear.stamps, front.stamps, side='right') - 1
+        chosen = np.flatnonzero(latest >= 0)
+        scans = [merged(front.scans[k], rear.scans[latest[k]]) for k in chosen]
+        base = compose(front.truth[chosen], FRONT.inverse().as_array()[None])
+        courses.append(Course(scans, reference=base))
+    return courses
+
+
+def merged(front, rear) -> Scan:
+    """Return the scan in the frame of the base that has the returns of both scanners, as if measured at once."""
+    points = np.concatenate([pose.apply(scan.points[scan.valid]) for pose, scan in ((FRONT, front), (REAR, rear))])
+    step = math.radians(0.5)
+    beams = np.round((np.arctan2(points[:, 1], points[:, 0]) + math.pi) / step).astype(int) % 720
+    ranges = np.full(720, np.inf)
+    np.minimum.at(ranges, beams, np.hypot(points[:, 0], points[:, 1]))
+    return Scan(front.stamp, ranges, ScanGeometry(-math.pi, step, 720, 0.05, 30.0))
+
+
+@functools.cache
+def _scanned() -> list:
+    """Simulate both scanners in each world and seed; return pairs of `Simulation`, front and rear."""
+    lidars = [Lidar(541, math.radians(-135.0), math.radians(0.5), 0.05, 30.0, rate, duration=0.75 / rate, noise=0.01,
+                    resolution=0.01, mounting=mounting, phase=phase)
+              for mounting, rate, phase in ((FRONT, 12.5, 0.0), (REAR, 15.0, 0.019))]
+    pairs = []
+    for make, seed in itertools.product((rooms, corridor, hall), SEEDS):
+        world = make(seed=seed)
+        path = follow(world.tour)
+        path = Path(path.times[path.times < SCANNED], path.poses[path.times < SCANNED])
+        pairs.append(tuple(simulate(world, path, lidar, seed + 100 * k) for k, lidar in enumerate(lidars)))
+    return pairs
+
+
 COURSES = {
     'intel': intel, 'aces': aces, 'urg04lx': urg04lx, 'lms511': lms511, 'rooms': simulated_rooms,
     'corridors': simulated_corridors, 'halls': simulated_halls, 'featureless': featureless, 'round': round_room,
     'chairs': chairs, 'trees': trees, 'lidars': lidars, 'leader': leader, 'far_noise': far_noise, 'losses': losses,
     'bursts': bursts,
-    'outages': outages, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
+    'outages': outages, 'scanner_front': scanner_front, 'scanner_rear': scanner_rear, 'scanners': scanners,
+    'scanners_merged': scanners_merged, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
     **moving_courses.COURSES,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

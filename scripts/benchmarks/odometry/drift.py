@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
+import heapq
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.evaluation.metrics import evaluate, path_lengths
-from dbscan_reg_ros.evaluation.trackers import PRIORS, tracker
+from dbscan_reg_ros.evaluation.trackers import PRIORS, Ours, tracker
 from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
 
@@ -42,7 +46,7 @@ BOUNDS = {
     'intel': {name: at_most(limit) for name, limit in INTEL.items()},
     **{course: {name: at_most(HARDER_FACTOR * limit) for name, limit in INTEL.items()} for course in HARDER},
     **{course: {name: at_most(limit) for name, limit in SIMULATED.items()} | {'within': WITHIN}
-       for course in ('rooms', 'corridors', 'halls')},
+       for course in ('rooms', 'corridors', 'halls', 'scanners')},
     'lms511': {'drift_m': at_most(0.001), 'drift_deg': at_most(0.02)},
     'chairs': {'rpe_5m_mean_m': at_most(0.05), 'within': WITHIN},
     'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
@@ -78,7 +82,33 @@ class Drive:
 
 def drive(name, course, title, prior='none') -> Drive:
     """Run a new tracker over a course; `prior` names the source of the external prior, one of `PRIORS`."""
-    return follow(tracker(name), course, title, prior)
+    if not course.others:
+        return follow(tracker(name), course, title, prior)
+    if name != OURS or prior != 'none':
+        raise BenchmarkError(f'{title}: several lidars take no other method than {OURS}, and no prior')
+    return follow(SeveralLidars(course.others), course, title)
+
+
+class SeveralLidars(Ours):
+    """The package's own `Odometry` with the scans of the `others` of a `Course` besides."""
+
+    def __init__(self, others):
+        super().__init__(Parameters())
+        self._scans = heapq.merge(*([(scan.stamp, k, sensor, scan) for scan in scans]
+                                    for k, (sensor, scans) in enumerate(others)))
+        self._next = next(self._scans, None)
+        self._begun = False
+
+    def process(self, scan, external=None):
+        """Process the older scans of the other lidars, then a `scan` of the first; return the step of the latter."""
+        while self._next and self._next[0] < scan.stamp:
+            _, _, sensor, other = self._next
+            if self._begun:
+                with suppress(ScanError):
+                    self._odometry.process(other, None, sensor)
+            self._next = next(self._scans, None)
+        self._begun = True
+        return super().process(scan, external)
 
 
 def follow(track, course, title, prior='none') -> Drive:
@@ -161,7 +191,7 @@ def measure(args) -> Report:
         if name not in COURSES:
             raise BenchmarkError(f'unknown course {name!r}; expected {", ".join(COURSES)}')
         courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
-        rows, methods = {}, args.method or ((OURS,) if name in HARDER else METHODS)
+        rows, methods = {}, args.method or ((OURS,) if name in (*HARDER, 'scanners') else METHODS)
         if args.copies:
             report.add(f'{name}, {args.copies} copies', in_copies(courses, methods, args), {}, SHOWN,
                        prefix='' if name == 'intel' else f'{name}_')
