@@ -22,12 +22,6 @@ def wrap(angle: Angle) -> Angle:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def inverses(motions: FloatArray) -> FloatArray:
-    """Return the inverse of each of the `motions` ``(H, 3)`` (x, y [m], theta [rad])."""
-    back: ComplexArray = -unit_complex(-motions[:, 2]) * as_complex(motions[:, :2])
-    return np.column_stack((back.real, back.imag, wrap(-motions[:, 2])))
-
-
 def turn_matrix(theta: float) -> FloatArray:
     """Return the ``(3, 3)`` matrix that rotates (x, y, theta) by `theta` [rad]."""
     c, s = math.cos(theta), math.sin(theta)

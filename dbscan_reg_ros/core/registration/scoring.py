@@ -61,7 +61,7 @@ def promising(candidates: FloatArray, fits: point_to_line.Fit, scale: float,
 
 
 def score(fits: point_to_line.Fit, reference: Features, current: Features, scale: float,
-          parameters: DensityParameters) -> tuple[FloatArray, FloatArray]:
+          parameters: DensityParameters) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Score each hypothesis by the points of the current scan.
 
     Parameters
@@ -79,12 +79,15 @@ def score(fits: point_to_line.Fit, reference: Features, current: Features, scale
         Weighted fraction of the points on the reference's surfaces less the fraction in its free space; at most 1.
     overlap : (H,) array
         Unweighted fraction of the points on the reference's surfaces.
+    conflict : (H,) array
+        Weighted fraction of the points in the reference's free space.
     """
     weight, points = fits.weight(scale), current.sampled_points
     violation = reference.free_space.violation(fits.places, points.tolerance(parameters.violation_tolerance))
+    conflict: FloatArray = violation @ current.leverage
     violation *= 1.0 - weight
     value: FloatArray = (weight - parameters.violation_weight * violation) @ current.leverage
-    return value, weight.sum(axis=1) / max(len(points), 1)
+    return value, weight.sum(axis=1) / max(len(points), 1), conflict
 
 
 def reverse_violation(candidates: FloatArray, reference: Features, current: Features,

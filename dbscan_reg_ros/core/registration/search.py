@@ -63,6 +63,8 @@ class Ranking(NamedTuple):
         x, y [m] and theta [rad].
     score, overlap : (H,) float
         From `scoring.score`, the score less the penalties.
+    conflict : (H,) float
+        Weighted fraction of the current scan's points in free space of the reference.
     equations : (H, 4, 4) float
         The normal equations of the last iteration.
     odds : (H,) float
@@ -74,6 +76,7 @@ class Ranking(NamedTuple):
     candidates: FloatArray
     score: FloatArray
     overlap: FloatArray
+    conflict: FloatArray
     equations: FloatArray
     odds: FloatArray
     best: Fit
@@ -83,13 +86,13 @@ class Ranking(NamedTuple):
         best = self.best if self.score[0] >= other.score[0] else other.best
         parts = [np.concatenate(each) for each in zip(self[:-1], other[:-1], strict=True)]
         order = (-parts[1]).argsort(kind='stable')
-        candidates, value, overlap, equations, odds = (part[order] for part in parts)
-        return Ranking(candidates, value, overlap, equations, odds, best)
+        candidates, value, overlap, conflict, equations, odds = (part[order] for part in parts)
+        return Ranking(candidates, value, overlap, conflict, equations, odds, best)
 
     def select(self, chosen: list[int] | IntArray) -> 'Ranking':
         """Return the hypotheses with the `chosen` indices, which begin with the best."""
-        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.equations[chosen],
-                       self.odds[chosen], self.best)
+        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.conflict[chosen],
+                       self.equations[chosen], self.odds[chosen], self.best)
 
     def with_best(self, candidate: FloatArray, best: Fit) -> 'Ranking':
         """Return the ranking with another pose ``(3,)`` and fit of the best hypothesis."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
-from ..geometry.se2 import DOF, inverses
+from ..geometry.se2 import DOF
 from ..geometry.tolerance import TINY
 from .confidence.ranking import rank_by_evidence
 from .degeneracy import search_degenerate_direction, weakest_direction
@@ -121,10 +121,8 @@ def plausibility(problem: Problem, ranking: Ranking) -> FloatArray:
     Few points that contradict a hypothesis tell more than the points that agree: without the roots, motions that share
     much of the view with another place of the building outrank the right one that shares little.
     """
-    reference, current, density = problem.reference, problem.current, problem.parameters.density
-    forward = reverse_violation(inverses(ranking.candidates), current, reference, density)
-    back = reverse_violation(ranking.candidates, reference, current, density)
-    value: FloatArray = ranking.score - np.sqrt(forward) - np.sqrt(back)
+    back = reverse_violation(ranking.candidates, problem.reference, problem.current, problem.parameters.density)
+    value: FloatArray = ranking.score - np.sqrt(ranking.conflict) - np.sqrt(back)
     return value
 
 
@@ -158,7 +156,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
     p, current = problem.parameters, problem.current
     candidates, equations = problem.refine(candidates, points, scales, fits)
     found = problem.fit(candidates, current.sampled_points)
-    value, overlap = score(found, problem.reference, current, p.refinement.score_scale, p.density)
+    value, overlap, conflict = score(found, problem.reference, current, p.refinement.score_scale, p.density)
     if both_ways:
         reverse = reverse_violation(candidates, problem.reference, current, p.density)
         value = value - p.density.violation_weight * reverse
@@ -167,7 +165,8 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
         value = value - p.prior.weight * np.minimum(distance, 1.0)
     order = (-value).argsort(kind='stable')
     best = found.select(slice(order[0], order[0] + 1))
-    return Ranking(candidates[order], value[order], overlap[order], equations[order], np.zeros(len(order)), best)
+    return Ranking(candidates[order], value[order], overlap[order], conflict[order], equations[order],
+                   np.zeros(len(order)), best)
 
 
 def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatArray:

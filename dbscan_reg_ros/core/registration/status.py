@@ -104,15 +104,16 @@ def failed(reason: str) -> Registration:
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
           parameters: DecisionParameters) -> tuple[Status, str]:
     """Return the status of a result from its score, evidence and confidence, and the reason for it, '' for ``OK``."""
-    if score < parameters.min_score and probability(log_odds(evidence)) < LIKELY:
-        return Status.FAILED, f'score {score:.2f}; expected at least {parameters.min_score}'
+    too_low = f'score {score:.2f}; expected at least {parameters.min_score}' if score < parameters.min_score else ''
+    if too_low and probability(log_odds(evidence)) < LIKELY:
+        return Status.FAILED, too_low
     if observed.weak < parameters.min_information:
         return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
     if observed.rotation < parameters.min_information:
         return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
                                    f'expected at least {parameters.min_information}')
-    if score < parameters.min_score:
-        return Status.AMBIGUOUS, f'score {score:.2f}; expected at least {parameters.min_score}'
+    if too_low:
+        return Status.AMBIGUOUS, too_low
     if certainty < parameters.min_confidence:
         return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}'
     return Status.OK, ''

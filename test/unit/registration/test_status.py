@@ -49,7 +49,8 @@ def test_hypotheses_are_slid_along_a_direction_to_the_best():
 
 def ranking(candidates, odds, best):
     size = len(odds)
-    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.zeros((size, 4, 4)), np.array(odds), best)
+    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.zeros(size), np.zeros((size, 4, 4)),
+                   np.array(odds), best)
 
 
 def test_a_rival_along_a_constrained_direction_makes_ambiguous():

@@ -106,7 +106,7 @@ cdef rank_finely(Comparison comparison, coarse):
     """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways."""
     problem, p = comparison.problem, comparison.problem.parameters
     top = top_candidates(comparison, coarse)
-    close = with_shifted(problem, top[0], top[3])
+    close = with_shifted(problem, top[0], top[4])
     scales = np.array(p.refinement.fine_scales())
     if len(close) > 1:
         return improved(comparison, close, comparison.own, scales, True)
@@ -123,8 +123,7 @@ cdef top_candidates(Comparison comparison, coarse):
     s, d = p.selection, p.decision
     if choose_distinct(coarse[0], 2, s.same_distance, s.same_angle, np.zeros(len(coarse[0]), dtype=bool)) == 1:
         return [part[:1] for part in coarse]
-    value = (coarse[1] - np.sqrt(conflicts(comparison, coarse[0], False))
-             - np.sqrt(conflicts(comparison, coarse[0], True)))
+    value = coarse[1] - np.sqrt(coarse[3]) - np.sqrt(reverse_conflicts(comparison, coarse[0]))
     order = (-value).argsort(kind='stable')
     order = order[value[order] >= value[order[0]] - s.max_score_gap]
     ranked, chosen = [part[order] for part in coarse], np.zeros(len(order), dtype=bool)
@@ -173,20 +172,20 @@ cdef with_shifted(problem, candidates, equations):
 cdef improved(Comparison comparison, candidates, PointViews views, const double[::1] scales, bint both_ways):
     """Refine all hypotheses by some points of the current scan, and rank them by all sampled points; return arrays."""
     problem, poses, count = comparison.problem, np.array(candidates), len(candidates)
-    values, overlaps, tables = np.zeros(count), np.zeros(count), np.zeros((count, 4, 4))
+    values, overlaps, lost, tables = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros((count, 4, 4))
     refine_poses(views, comparison.field, comparison.min_cosine, comparison.damping, scales, poses, tables)
-    add_scores(comparison, comparison.own, poses, values, overlaps)
+    add_scores(comparison, comparison.own, poses, values, overlaps, lost)
     if both_ways:
-        values -= comparison.against * conflicts(comparison, poses, True)
+        values -= comparison.against * reverse_conflicts(comparison, poses)
     if problem.prior is not None:
         subtract_prior(problem.prior, poses, problem.parameters.prior, values)
     order = (-values).argsort(kind='stable')
-    return poses[order], values[order], overlaps[order], tables[order]
+    return poses[order], values[order], overlaps[order], lost[order], tables[order]
 
 
 cdef int add_scores(Comparison comparison, PointViews views, const double[:, ::1] poses, double[::1] value,
-                    double[::1] overlap) except -1 nogil:
-    """Add score and overlap of each hypothesis by points of the current scan, as `core.registration.scoring.score`."""
+                    double[::1] overlap, double[::1] conflict) except -1 nogil:
+    """Add score, overlap and conflict of each hypothesis by the current scan's points, as `scoring.score`."""
     cdef double factor = -0.5 / (comparison.score_scale * comparison.score_scale), weight, lost, e
     cdef Py_ssize_t h, k
     cdef Match found
@@ -199,22 +198,19 @@ cdef int add_scores(Comparison comparison, PointViews views, const double[:, ::1
             e = found.error * views.inverse_noise[k]
             weight = exp(factor * e * e) if found.alike else 0.0
             lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
-                             comparison.tolerance / views.inverse_noise[k]) * (1.0 - weight)
-            value[h] += (weight - comparison.against * lost) * comparison.share[k]
+                             comparison.tolerance / views.inverse_noise[k])
+            value[h] += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
             overlap[h] += weight
+            conflict[h] += lost * comparison.share[k]
         overlap[h] /= <double> max(views.size, 1)
     return 0
 
 
-cdef conflicts(Comparison comparison, const double[:, ::1] poses, bint back):
-    """Return the weighted fraction ``(H,)`` of the current scan's points in free space of the reference.
-
-    With `back` it is that of the reference's points in free space of the current scan.
-    """
-    reference, current = comparison.problem.reference, comparison.problem.current
-    cdef PointViews views = PointViews(reference.sampled_points) if back else comparison.own
-    cdef const double[::1] near = current.free_space.near if back else comparison.near
-    cdef const double[::1] share = reference.leverage if back else comparison.share
+cdef reverse_conflicts(Comparison comparison, const double[:, ::1] poses):
+    """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
+    reference = comparison.problem.reference
+    cdef PointViews views = PointViews(reference.sampled_points)
+    cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
     cdef Py_ssize_t h, k
     cdef double x, y
     cdef Pose pose
@@ -224,13 +220,9 @@ cdef conflicts(Comparison comparison, const double[:, ::1] poses, bint back):
         for h in range(poses.shape[0]):
             read_pose(poses, h, &pose)
             for k in range(views.size):
-                x, y = views.points[k].real, views.points[k].imag
-                if back:
-                    x, y = x - pose.x, y - pose.y
-                    x, y = pose.c * x + pose.s * y, pose.c * y - pose.s * x
-                else:
-                    x, y = pose.c * x - pose.s * y + pose.x, pose.s * x + pose.c * y + pose.y
-                fraction[h] += share[k] * violation(near, x, y, comparison.tolerance / views.inverse_noise[k])
+                x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
+                fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
+                                                    comparison.tolerance / views.inverse_noise[k])
     return fractions
 
 

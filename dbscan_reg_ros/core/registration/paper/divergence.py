@@ -43,7 +43,7 @@ def select_by_divergence(problem: Problem) -> Registration:
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     winner = hypotheses[0]
     best = problem.fit(candidates[leaders[:1]], current.sampled_points)
-    _, overlap = score(best, reference, current, p.refinement.score_scale, p.density)
+    _, overlap, _ = score(best, reference, current, p.refinement.score_scale, p.density)
     covariance = _scatter(winner.transform, int(key[leaders[0]]), rotations, translations)
     matches = partial(match_segments, reference.segments, current.segments, winner.transform)
     return Registration(winner.transform, covariance, Status.OK, overlap=float(overlap[0]), score=winner.score,
