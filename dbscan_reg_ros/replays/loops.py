@@ -49,6 +49,18 @@ class Stop(NamedTuple):
     covariance: np.ndarray
 
 
+class Loop(NamedTuple):
+    """A place seen again.
+
+    `pair` are the numbers of two key frames, the earlier first; `motion` (3,) is the pose of the later one in the frame
+    of the earlier, and `covariance` (3, 3) belongs to it, in the frame of the later one.
+    """
+
+    pair: tuple[int, int]
+    motion: np.ndarray
+    covariance: np.ndarray
+
+
 class Loops:
     """Collect the key frames of a drive; `close` corrects the poses."""
 
@@ -87,10 +99,13 @@ class Loops:
         loops : (L, 2) int array
             Numbers of the two scans of each loop.
         """
-        numbers = np.array([frame.number for frame in self._frames], dtype=int)
-        found = list(self._loops(poses, path_lengths(poses)[numbers], parameters, yaw))
+        return self.correct(poses, list(self.find(poses, parameters, yaw)), yaw)
+
+    def correct(self, poses, found, yaw=0.0):
+        """Correct the poses by loops; parameters and result are those of `close`, `found` is a list of `Loop`."""
         if not found:
             return poses, np.empty((0, 2), dtype=int)
+        numbers = self.numbers
         pairs, motions, covariances = (np.array(part) for part in zip(*found))
         steps = np.column_stack((np.arange(len(numbers) - 1), np.arange(1, len(numbers))))
         before = poses[numbers]
@@ -99,9 +114,14 @@ class Loops:
                       np.concatenate(([turned(frame.covariance, -yaw) for frame in self._frames[1:]], covariances)))
         return _carried(poses, numbers, after), numbers[pairs]
 
-    def _loops(self, poses, way, parameters, yaw):
-        """Yield (pair of key frames, motion between them, covariance of this motion) for each loop."""
-        turn, places = SE2(theta=yaw), poses[[frame.number for frame in self._frames]]
+    @property
+    def numbers(self):
+        """(K,) int number of the scan of each key frame."""
+        return np.array([frame.number for frame in self._frames], dtype=int)
+
+    def find(self, poses, parameters, yaw=0.0):
+        """Yield each `Loop` of a drive; the parameters are those of `close`."""
+        turn, places, way = SE2(theta=yaw), poses[self.numbers], path_lengths(poses)[self.numbers]
         for late, frame in enumerate(self._frames):
             apart = np.hypot(*(places[:late, :2] - places[late, :2]).T)
             since = way[late] - way[:late]
@@ -115,7 +135,7 @@ class Loops:
                 motion = (turn.inverse() @ found.transform @ turn).as_array()
                 off = relative(relative(places[early][None], places[late][None]), motion[None])[0]
                 if np.hypot(*off[:2]) <= NEAR + DRIFT * since[early] and abs(off[2]) <= TURNED:
-                    yield (early, late), motion, turned(found.covariance + np.diag(STEP_SPREAD) ** 2, -yaw)
+                    yield Loop((early, late), motion, turned(found.covariance + np.diag(STEP_SPREAD) ** 2, -yaw))
                     break
 
 
