@@ -87,7 +87,8 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     Raises
     ------
     RecordingError
-        When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or nothing would be kept.
+        When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or the part `kept` contains
+        no message.
     """
     source, target = Path(source), Path(target)
     check_target(target)
@@ -136,7 +137,7 @@ def check_target(target):
 
 
 def _timed(records, start, end):
-    """Yield strictly increasing record times [ns] and the records from `start` to `end` [s] after the first one."""
+    """Yield strictly increasing record times [ns] and the records from `start` to `end` [s] after the first record."""
     first = time = None
     passed, kept = 0.0, False
     for record in records:

@@ -21,12 +21,12 @@ PLANE = np.ix_([0, 1, 5], [0, 1, 5])
 UNKNOWN_VARIANCE = 1e6
 """Variance of z, roll and pitch [m^2, rad^2], which a planar lidar does not measure."""
 LEAST_VARIANCE = 1e-9
-"""Added to the planar variances [m^2, rad^2]: filters cannot use a covariance of zero, as the first pose has."""
+"""Added to the variances of x, y and yaw [m^2, rad^2]: filters cannot use the zero covariance of the first pose."""
 UNKNOWN = np.diag(np.full(6, UNKNOWN_VARIANCE))
 LEAST = LEAST_VARIANCE * np.eye(3)
 LINE_WIDTH = 0.03
 LINE_LIST, ADD, DELETE = 5, 0, 2
-"""Constants of visualization_msgs/Marker: one type, two actions."""
+"""Constants of visualization_msgs/Marker: the type LINE_LIST and the actions ADD and DELETE."""
 COLORS = {
     ('reference', 'matched'): {'r': 0.0, 'g': 0.45, 'b': 0.7, 'a': 1.0},
     ('reference', 'unmatched'): {'r': 0.6, 'g': 0.6, 'b': 0.6, 'a': 1.0},
@@ -120,7 +120,7 @@ def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
 
 
 def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
-    """Return the fields of a MarkerArray of the segments of reference and scan; matched ones have stronger colours.
+    """Return the fields of a MarkerArray of reference and scan segments; matched segments have stronger colours.
 
     The array always has the same four markers. The action of a marker is ADD if it has lines, otherwise DELETE.
 

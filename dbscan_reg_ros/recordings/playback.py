@@ -43,7 +43,7 @@ class Played(NamedTuple):
     Attributes
     ----------
     content : Scan, bytes or dict
-        A scan; else a message as the bytes that ROS 2 sends, or as its fields.
+        A scan; or another message, as the bytes that ROS 2 sends or as its fields.
     time : int
         Record time of the scan or message [ns].
     channel : Channel or None

@@ -72,21 +72,21 @@ class Recording:
         return self._watch
 
     def look_through(self, most=None) -> ScanWatch:
-        """Return `watch` after all scans, or the first `most`, were read."""
+        """Read all scans, or the first `most`, unless a pass has read them already; return the warnings about them."""
         if self._watch.seen < (self.count if most is None else min(self.count, most)):
             for _ in islice(self.scans(), most):
                 pass
         return self._watch
 
     def scans(self):
-        """Return iterator of `Scan` in the order of the file, the order of measurement, in which stamps may go back.
+        """Return an iterator over the scans in the order of the file, which is that of measurement; stamps may go back.
 
         Scans with equal beam angles share one `ScanGeometry`.
         """
         raise NotImplementedError
 
     def records(self):
-        """Return iterator of `Record`, one for each scan, in the order of `scans`."""
+        """Return an iterator over the `Record` of each scan, in the order of `scans`."""
         raise NotImplementedError
 
     def stamps(self) -> list:
@@ -129,7 +129,7 @@ class Recording:
             self._watch = watch
 
     def _choose(self, counts, topic):
-        """Set `topic` and `count` from `counts` (topic -> number of scans); a `topic` that is given must be in it."""
+        """Set `topic` and `count` from `counts` (topic -> number of scans), which must contain a given `topic`."""
         held = ', '.join(sorted(counts)) or 'none'
         if not counts:
             raise RecordingError(f'{self.path}: holds no laser scan')

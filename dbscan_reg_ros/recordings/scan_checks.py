@@ -19,23 +19,25 @@ OTHER_SIZE = 0.1
 RECENT = 20
 """Number of latest stamps that are compared with one another."""
 REPEATED = 3
-"""Number of repeated stamps among the `RECENT` ones that causes a warning; fewer come from messages sent twice."""
+"""Number of repeated stamps among the last `RECENT` stamps that causes a warning; messages sent twice cause fewer."""
 RESTART = 2.0
 """A step back in time by more than this [s] causes a warning, even a single one."""
 DISORDER = 4, 0.4
-"""Number of steps back among the `RECENT` stamps, and their fraction, that cause a warning; real drivers reach 0.25."""
+"""A warning is given if at least this number and this fraction of the last `RECENT` stamps go back; real drivers reach
+0.25."""
 FEWEST_INTERVALS = 2
 """The duration of a scan is compared with the mean of at least this many intervals between stamps."""
 TOO_LONG = 1.15, 2.0
-"""Limit of the ratio of a scan's duration to the mean of n intervals: the first plus, for jitter, the second over n."""
+"""A scan is too long if its duration exceeds (1.15 + 2 / n) times the mean of n intervals between stamps; 2 / n allows
+for jitter."""
 MILLIMETRES = 100.0
 """Median range above which ranges are taken as millimetres: in metres no scan exceeds it, in millimetres nearly all."""
 BEYOND = 1.05
 """Ratio of the median range to `range_max` above which the difference is no rounding error."""
 NEAREST = 0.05
-"""Drivers write reasons for a missing return as ranges below this [m]."""
+"""Ranges below this [m] are codes: drivers state with them why a return is missing."""
 SAME = 0.999
-"""Ranges above this fraction of the greatest count as equal to it; if there are several, they mean a missing return."""
+"""Ranges above this fraction of the greatest range are regarded as equal; several such ranges mean missing returns."""
 SAMPLE, FEWEST = 256, 8
 """Approximate number of beams whose ranges are checked, and the minimum number of their returns for a warning."""
 EVERY = 10
@@ -90,7 +92,7 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
-        """Return the fields of a `Scan` from a file; `angle_max` is computed, and a stamp of 0, valid here, is 1 ns."""
+        """Return the fields of a `Scan` from a file; a stamp of 0, which is valid in a file, is changed to 1 ns."""
         g = scan.geometry
         return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
                    g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
@@ -266,7 +268,7 @@ class Sighting:
 
 
 class ScanWatch:
-    """Collect the warnings of `ScanChecks` on a recording: the first of each kind, and their number.
+    """Store the first warning of each kind that `ScanChecks` gives on a recording, and the number of each kind.
 
     Attributes
     ----------

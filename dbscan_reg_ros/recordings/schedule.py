@@ -25,7 +25,7 @@ class Schedule:
 
 
 class Timeline:
-    """Times at which messages are due: scans by their stamps, others as long after the last scan as when recorded."""
+    """Times at which messages are due: scans at their stamps, others as long after the last scan as recorded."""
 
     def __init__(self):
         self._schedule = Schedule()

@@ -32,7 +32,7 @@ def data_folder(argument=None) -> Path:
 
 
 def find_recording(path, data=None) -> Path:
-    """Return `path` if it exists, else `path` below the data folder; a folder that was named must exist."""
+    """Return `path` if it exists, else `path` below the data folder if it exists there."""
     path = Path(path)
     if path.exists() or path.is_absolute():
         return path
@@ -90,7 +90,7 @@ def load_relations(path) -> Relations:
 
 
 def interpolate(stamps, poses, at):
-    """Return poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly, headings over the smaller angle.
+    """Return poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly (headings over the shorter arc).
 
     Poses are NaN before the first and after the last of the `stamps` ``(N,)``, which need not be in order.
     """

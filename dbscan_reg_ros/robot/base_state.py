@@ -65,7 +65,7 @@ def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: I
     origin : SE2
         Pose of the sensor in the odometry frame when the odometry started.
     sensor_pose : SE2
-        `Mounting.aligned_pose` at the time of the scan, in the base frame.
+        Pose of the sensor in the base frame at the time of the scan: `Mounting.aligned_pose`.
     initial : InitialPose
         Pose of the base when the odometry started.
     """
@@ -80,5 +80,5 @@ def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: I
 
 
 def _lever_arm(at: SE2, other: SE2) -> NDArray[np.float64]:
-    """Jacobian ``(3, 3)``: small motion (x, y, theta) of a rigid body at pose `at` -> its motion at pose `other`."""
+    """Jacobian ``(3, 3)`` of the motion (x, y, theta) of a rigid body's point `other` by that of its point `at`."""
     return np.array([[1.0, 0.0, at.y - other.y], [0.0, 1.0, other.x - at.x], [0.0, 0.0, 1.0]])

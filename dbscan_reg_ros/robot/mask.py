@@ -28,10 +28,11 @@ class Mask:
         Parameters
         ----------
         scan : Scan
-            A scan of a lidar with this `mounting`, converted to one with a yaw of 0 as `Scan.from_message` does.
+            Scan of the lidar as `Scan.from_message` returns it: its bearings are those of an upright lidar with a yaw
+            of 0.
         mounting : Mounting
-            The bearings of the sectors are those of the scan before this conversion; `Mounting()` if it was not
-            converted.
+            Mounting of the lidar, needed because the sectors are given in the frame of the lidar; `Mounting()` if the
+            bearings of `scan` are in that frame, too.
         parameters : InputParameters
         """
         limit, masked = parameters.mask_range, self._in_sectors(scan, mounting, parameters)

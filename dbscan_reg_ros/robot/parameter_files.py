@@ -33,15 +33,17 @@ DEFAULTS = NodeParameters()
 
 HEAD = """\
 The parameters of scan_matcher with their defaults.
-Made by `python -m dbscan_reg_ros.robot.parameter_files --write`; copy it and keep only the lines that you change."""
+Made by `python -m dbscan_reg_ros.robot.parameter_files --write`. To set other values, copy this file, and keep only
+the lines of the parameters that you change."""
 
 REFERENCE_HEAD = """\
 # Parameters
 
 All parameters of `scan_matcher`, with their defaults: first those of the node and the basic ones of the method, which
-depend on the sensor and the robot, then the advanced ones, which are seldom changed. Parameters of the method are the
-same in every command that takes `--params-file`; in Python they are attributes of `Parameters`, without `advanced`.
-[method.md](method.md) describes the steps of the method that use them; [node.md](node.md) describes how to set them.
+depend on the sensor and the robot, then the advanced ones, which are seldom changed. Every command that takes
+`--params-file` accepts the same parameters of the method. In Python they are attributes of `Parameters`; the prefix
+`advanced.` is omitted there. [method.md](method.md) describes the steps of the method that use the parameters;
+[node.md](node.md) describes how to set them.
 
 Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 [config/scan_matcher.yaml](../config/scan_matcher.yaml); a test compares this page and that file with the program.
@@ -51,10 +53,10 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
     """Read the parameters that a file sets for `node`; all other parameters have their defaults.
 
-    `path` is that of the file, or the name of a ready-made parameter set, such as ``paper`` or ``lds``.
+    `path` is the path of a parameter file, or the name of a ready-made one, such as ``paper`` or ``lds``.
 
-    The name of a section is that of the node, with or without its namespace, or a wildcard (``/**``); names of
-    parameters may be nested or joined by dots. Sections of other nodes are ignored.
+    A section has the name of the node, with or without its namespace, or a wildcard (``/**``). The parts of a
+    parameter's name may be nested or joined by dots. Sections of other nodes are ignored.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def format_reference() -> str:
 
 
 def describe_limits(description: Description) -> str:
-    """Describe the bounds or else the unit of a parameter, and whether it is read-only; empty if nothing applies."""
+    """Return the bounds of a parameter, or its unit if it has no bounds, and whether it is read-only."""
     bounds = description.bounds or description.unit
     return '; '.join(filter(None, [bounds, 'read-only' if description.read_only else '']))
 
@@ -142,8 +144,8 @@ def _load(path: str | Path) -> Any:
             raise ParameterError(f'{path}: more than {LARGEST} characters; expected a file of parameters')
         return yaml.load(text, _Loader)
     except FileNotFoundError as error:
-        raise ParameterError(f'{path}: cannot be read: {error.strerror}; expected a parameter file, or a '
-                             f'parameter set: {", ".join(ready_made())}') from None
+        raise ParameterError(f'{path}: cannot be read: {error.strerror}; expected the path of a parameter '
+                             f'file, or the name of a ready-made one: {", ".join(ready_made())}') from None
     except OSError as error:
         raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:

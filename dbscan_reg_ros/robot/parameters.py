@@ -40,7 +40,7 @@ class InputParameters(ParameterGroup):
     max_wait: float = parameter(
         0.05, unit='s', bounds=(0.0, 10.0),
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
-             'at its stamp. Larger values tolerate slower sources and delay the pose; 0 never waits.')
+             'at the stamp of the scan. Larger values tolerate slower sources and delay the pose; 0 never waits.')
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
         help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '
@@ -59,10 +59,10 @@ class NodePriorParameters(PriorParameters):
 
     source: str = parameter(
         'constant_velocity', choices=SOURCES, read_only=True,
-        help='Source of the predicted motion. Without an external prior: none or constant_velocity '
-             '(advanced.odometry.prior applies). With an external prior: odometry (topic wheel_odom), imu (yaw rate '
-             'on the topic imu, translation of the motion model) or tf (base in the frame prior.frame). Where the '
-             'external source has no data, the motion model predicts.')
+        help='Source of the predicted motion between scans: none; constant_velocity (the motion model that '
+             'advanced.odometry.prior selects); or an external prior: odometry (topic wheel_odom), imu (yaw rate on '
+             'the topic imu, translation from the motion model) or tf (pose of the base in the frame prior.frame). '
+             'While the external prior has no data, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
         help='Odometry frame that another node publishes on /tf. Used only if prior.source is tf.')
@@ -73,8 +73,8 @@ class NodePriorParameters(PriorParameters):
     translation_by_rotation: float = parameter(
         0.1, unit='m/rad', bounds=(0.0, 10.0),
         help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest '
-             'value from this parameter, prior.translation and prior.translation_min applies. Larger values trust the '
-             'wheels less while the robot rotates; smaller values trust them more.')
+             'of the standard deviations from this parameter, prior.translation and prior.translation_min applies. '
+             'Larger values trust the wheels less while the robot rotates; smaller values trust them more.')
     translation_min: float = parameter(
         0.02, unit='m', bounds=(0.0001, 10.0),
         help='Lower limit of the standard deviation of the translation of wheel odometry. Larger values trust small '
@@ -86,15 +86,15 @@ class NodePriorParameters(PriorParameters):
     rotation_by_distance: float = parameter(
         0.1, unit='rad/m', bounds=(0.0, 10.0),
         help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest '
-             'value from this parameter, prior.rotation and prior.rotation_min applies. Larger values trust the '
-             'wheels less while the robot drives; smaller values trust them more.')
+             'of the standard deviations from this parameter, prior.rotation and prior.rotation_min applies. '
+             'Larger values trust the wheels less while the robot drives; smaller values trust them more.')
     rotation_min: float = parameter(
         0.03, unit='rad', bounds=(0.0001, 3.2),
         help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
              'rotations less; smaller values trust them more.')
 
     def wheel_sigma(self, motion: SE2) -> tuple[float, float, float]:
-        """Return the standard deviations of x, y, theta [m, m, rad] of an external `motion`, in its end frame."""
+        """Return the standard deviations of x, y, theta [m, m, rad] of a measured `motion`, in the frame at its end."""
         distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
         translation = max(self.translation_min, self.translation * distance, self.translation_by_rotation * angle)
         rotation = max(self.rotation_min, self.rotation * angle, self.rotation_by_distance * distance)
@@ -183,7 +183,7 @@ class NodeParameters(Parameters):
                                  'neither odom_frame nor base_frame')
 
     def for_odometry(self) -> Parameters:
-        """Return the parameters for the odometry: `prior.source` none overrides `advanced.odometry.prior`."""
+        """Return the parameters for `Odometry`: if `prior.source` is none, `advanced.odometry.prior` is none, too."""
         return self.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
     def unused(self, used: Collection[str]) -> list[str]:

@@ -8,11 +8,12 @@ from ..core.geometry.se2 import SE2, wrap
 SPAN = 10_000_000_000
 """Duration [ns] for which poses are kept."""
 LATE = 1_000_000_000
-"""A pose whose stamp is more than this [ns] before the newest stamp is not late: time has gone back."""
+"""A pose that is older than the newest one by at most this [ns] is late, and is ignored; if it is older, time has gone
+back."""
 
 
 class PoseHistory:
-    """Planar poses of the last 10 s to 20 s by stamp, interpolated between the stamps."""
+    """Stores the planar poses of the last 10 s to 20 s, and interpolates between their stamps."""
 
     def __init__(self) -> None:
         self._stamps: list[int] = []

@@ -117,8 +117,8 @@ def test_a_parameter_set_is_named_like_a_file(tmp_path, monkeypatch):
     assert read_parameters('paper') == read_parameters(parameter_file('paper')) != NodeParameters()
     write_parameters('paper')
     assert read_parameters('paper') == NodeParameters(), 'a file of this name comes first'
-    with pytest.raises(ParameterError, match=r'^papers: cannot be read: No such file.*expected a parameter file, or '
-                                             r'a parameter set: hokuyo_urg04lx, .*, paper'):
+    with pytest.raises(ParameterError, match=r'^papers: cannot be read: No such file.*expected the path of a parameter '
+                                             r'file, or the name of a ready-made one: hokuyo_urg04lx, .*, paper'):
         read_parameters('papers')
 
 

@@ -23,9 +23,9 @@ LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 class Bag(Recording):
     """A ROS 1 ``.bag``, or a ROS 2 bag: its folder, or one sqlite3 or mcap file.
 
-    Messages come in order of record time. An odometry topic with *truth* in its name is ground truth, one with
-    *laser_pose* has the poses of the laser. Of the other odometry topics, the only one, or the only one with *wheel* in
-    its name, is the wheel odometry.
+    Messages come in order of record time. An odometry topic with *truth* in its name is the ground truth; an odometry
+    topic with *laser_pose* in its name contains the poses of the laser. The wheel odometry is the only other odometry
+    topic, or the only one of them with *wheel* in its name.
     """
 
     def __init__(self, path, topic=None):
@@ -45,7 +45,7 @@ class Bag(Recording):
         self.frame_id = first.frame_id
 
     def scans(self):
-        """Return iterator of the `Scan` objects on the chosen topic, in order of record time."""
+        """Return an iterator over the scans on the chosen topic, in order of record time."""
         return (played.content for played in self.play(()))
 
     def channels(self):
@@ -112,7 +112,7 @@ class Bag(Recording):
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
 
     def _messages(self, topics, passed=()):
-        """Yield number in its topic (from 1), topic, record time [ns] and message (bytes on the topics `passed`)."""
+        """Yield number on its topic (from 1), topic, record time [ns] and message; on the topics `passed` as bytes."""
         numbers = Counter()
         with open_reader(self.path) as reader:
             connections = [c for c in reader.connections if c.topic in topics or c.topic in passed]
@@ -138,7 +138,7 @@ def _topics(connections, kind):
 
 
 def _wheel_topic(topics):
-    """Return the wheel topic: of the `topics` without truth or laser poses, the only one, or the one with *wheel*."""
+    """Return the wheel topic: the only one of `topics` without truth or laser poses, or the one with *wheel*."""
     others = [name for name in topics if 'truth' not in name and 'laser_pose' not in name]
     return only(others) or only(name for name in others if 'wheel' in name)
 
@@ -178,7 +178,7 @@ def safely(reader, connections, report, **window):
             return
         except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
             topics = ', '.join(sorted({connection.topic for connection in connections}))
-            report(f'{reader.path.name}: cannot be read from message {number} on {topics} on: {describe(error)}')
+            report(f'{reader.path.name}: messages from number {number} of {topics} cannot be read: {describe(error)}')
             return
         yield message
 
@@ -189,7 +189,7 @@ def describe(error):
 
 
 def _at(stamps, trajectory):
-    """Return poses ``(N, 3)`` at the `stamps` ``(N,)``, interpolated unless the stamps are equal; zeros without any."""
+    """Return the poses ``(N, 3)`` of a `trajectory` interpolated at `stamps` ``(N,)``; zeros if it is None."""
     if trajectory is None:
         return np.zeros((len(stamps), 3))
     known, poses = trajectory

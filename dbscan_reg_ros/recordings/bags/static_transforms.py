@@ -10,7 +10,7 @@ TOPIC = 'tf_static'
 
 
 def static_mounting(path, base_frame, frame) -> Mounting | None:
-    """Return the mounting of the lidar `frame` from the transforms of a bag; None if they do not connect both frames.
+    """Return the mounting of the lidar `frame` from the static transforms of a bag; None if it is unknown.
 
     Raises
     ------

@@ -15,15 +15,15 @@ from ..trajectories import finite_numbers
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}
 """Names of the ``PARAM`` lines that are read and written, and their default values [m, s]."""
 FLASER_RANGE_MAX = 50.0
-"""Maximum range of ``FLASER`` and similar lines [m], which state none; greater readings (81.83, 81.91) are codes."""
+"""Maximum range [m] of ``FLASER`` and similar lines, which do not state it; greater readings mean a missing return."""
 FLASER_NO_RETURN = 81.83
 """Reading [m] that is written for a missing return."""
 UNLIMITED = 1e6
 """Maximum range [m] that is written for a sensor without a maximum range."""
 ODOMETRY_VALUES = 9
-"""Values of an ``ODOM`` line: pose, two velocities, acceleration, stamp, host, stamp of the logger."""
+"""Number of values of an ``ODOM`` line: pose, two velocities, acceleration, stamp, host, stamp of the logger."""
 FEWEST_READINGS = 2
-"""A ``FLASER`` with fewer readings has no angles."""
+"""Fewest readings of a ``FLASER`` line with which the angles of its beams are defined."""
 FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
 """Stamps [ns] between these can be corrected: those of 32-bit counters, and some negative ones."""
 
@@ -166,7 +166,7 @@ def _flaser_geometry(n: int, range_min: float) -> ScanGeometry:
 
 
 def _before(limit):
-    """Return the `range_max` of a scan: the float below the maximum range of a log, which is no return itself."""
+    """Return the next float below the maximum range `limit` of a log: a reading of `limit` is a missing return."""
     return np.nextafter(np.float32(limit), np.float32(0.0))
 
 

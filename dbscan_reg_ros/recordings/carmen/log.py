@@ -68,7 +68,7 @@ class CarmenLog(Recording):
             yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
 
     def stamps(self):
-        """Return the stamps of all scans [ns], corrected as by `stamps.mend`, without reading the file again."""
+        """Return the stamps of all scans [ns], corrected by `stamps.mend`, without reading the file again."""
         return list(self._found.stamps)
 
     def wheel_odometry(self):
@@ -138,7 +138,7 @@ class CarmenLog(Recording):
 
 
 def _named(counts):
-    """Return the most frequent kinds of lines, with their numbers, as text."""
+    """Return the most frequent kinds of lines as text, with the number of lines of each kind."""
     kinds = counts.most_common(MOST_KINDS)
     return ', '.join(f'{count} {kind}' for kind, count in kinds) or 'none that is known'
 

@@ -7,10 +7,10 @@ import numpy as np
 WIDTH = 0.001
 """Readings within this fraction of the greatest one form a group: a sensor has several codes, 81.83 to 81.91."""
 FEWEST = 20
-"""Minimum number of readings in the group for it to mean "no return"."""
+"""Fewest readings, within `WIDTH` of the greatest reading of a file, that can mean "no return"."""
 BAND = 0.01
-"""Readings below the group, but within this fraction of the greatest one, may not outnumber the group: ranges of walls
-become rarer towards the maximum, without a peak."""
+"""The greatest readings mean "no return" only if they are a peak, unlike the ranges of walls, which become rarer
+towards the maximum: at most as many other readings may lie within this fraction of the greatest reading."""
 JUMP = 0.1
 """Two adjacent readings that differ by more than this fraction lie on different surfaces, not on one wall."""
 DIGITS = 5
@@ -25,7 +25,7 @@ class NoReturn:
         self._values = {}
 
     def add(self, ranges, range_max=math.inf):
-        """Add the readings ``(N,)`` [m] of a scan, in the order of the beams; those beyond `range_max` do not count."""
+        """Add the readings ``(N,)`` [m] of a scan, in the order of the beams; ignore readings beyond `range_max`."""
         with np.errstate(invalid='ignore'):
             longest = range_max if range_max > 0.0 else math.inf
             usable = ranges[(ranges > 0.0) & np.isfinite(ranges) & ~(ranges > longest)]
@@ -51,8 +51,8 @@ class NoReturn:
     def limit(self):
         """Return the smallest range [m] that means "no return"; None if the file has none.
 
-        On a wall at the longest range, the adjacent readings are only a little shorter. The group is therefore accepted
-        only if most of the readings next to it lie across a jump.
+        The greatest readings are accepted only if most of the readings of adjacent beams differ from them by more than
+        `JUMP`: on a wall at the longest range, readings of adjacent beams are only a little shorter.
         """
         least = (1.0 - WIDTH) * self._greatest
         group = [found for value, found in self._values.items() if value >= least]

@@ -15,7 +15,8 @@ NOWHERE = (0.0, 0.0, 0.0)
 SAME = 1e-6
 """Poses that differ by at most this [m, rad] are taken as the same pose, written twice."""
 DETOUR, SLACK = 1.05, 0.01
-"""A pose lies between two others if the detour over it is at most this times the direct motion plus this [m, rad]."""
+"""A pose lies between two others if the motion via this pose is at most `DETOUR` times the direct motion plus
+`SLACK`."""
 
 
 class Survey:
@@ -60,7 +61,7 @@ class Survey:
 
 
 class Poses(NamedTuple):
-    """Poses ``(N, 3)`` [m, m, rad] of the laser and of the robot, as in `Findings`, and a note of the assumption."""
+    """Poses ``(N, 3)`` [m, m, rad] of laser and robot, as in `Findings`; `note` states what was assumed about them."""
 
     laser: np.ndarray
     robot: np.ndarray
@@ -97,7 +98,8 @@ class Wheels:
     """Wheel odometry of the ``ODOM`` lines, interpolated at the scans between them.
 
     In a log that was corrected afterwards, an ``ODOM`` line repeats the corrected pose of the scan before it, and the
-    next ``ODOM`` lines continue from that pose. The pieces are joined to one trajectory of the wheels.
+    next ``ODOM`` lines continue from that pose. The pieces of wheel odometry between such repetitions are joined to one
+    trajectory.
     """
 
     def __init__(self):
@@ -140,7 +142,7 @@ class Wheels:
         return 2 * self._different >= max(len(self._scans) // 3 - 1, 1)
 
     def _repeats(self, pose):
-        """Whether the `pose` of an ``ODOM`` line is that of the scan before it, and not that of the last line."""
+        """Whether the `pose` of an ``ODOM`` line is that of the last scan, and not that of the last ``ODOM`` line."""
         robot = self._open[-1][2] if self._open else None
         return robot is not None and _same(robot, pose) and not _same(self._last[1], pose)
 
