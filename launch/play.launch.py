@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a recording to scan_matcher: ``ros2 launch dbscan_reg_ros play.launch.py recording:=FILE``.
 
-It has the arguments of scan_matcher.launch.py, too. ``use_sim_time`` is true, and ``mounting`` is tf where the
-recording has static transforms and none otherwise, unless ``sensor``, ``params_file`` or an argument sets them.
+The arguments of scan_matcher.launch.py apply, too. Unless ``sensor``, ``params_file`` or an argument sets them,
+``use_sim_time`` is true, and ``mounting`` is tf if the recording has static transforms, otherwise none.
 """
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 

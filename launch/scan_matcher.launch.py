@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start scan_matcher: ``ros2 launch dbscan_reg_ros scan_matcher.launch.py``; ``--show-args`` lists the arguments.
 
-Each of these overrides those before it: the defaults of the node, ``sensor``, ``params_file``, the other arguments.
+A parameter has the value from the other arguments, else from ``params_file``, else from ``sensor``, else its default.
 """
 from launch.actions import OpaqueFunction
 

@@ -29,7 +29,7 @@ class Grade(IntEnum):
 
 @dataclass
 class Counters:
-    """Counts of scans of one lidar since the node started, results of the latest, and warnings since the last report.
+    """Numbers of scans of one lidar since the node started, result of its latest scan, and warnings not reported yet.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class Counters:
         Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None if it constrains
         every direction.
     sensor_pose : SE2
-        `Mounting.aligned_pose` of the latest scan.
+        Pose of the sensor in the base frame at the latest scan: `Mounting.aligned_pose`.
     skip_reason : str
         Why the latest scan was skipped; empty when it was processed.
     warnings : dict
-        Warnings about scans since the last report: kind -> text.
+        Warnings about scans since the last diagnostics report: kind -> text.
     """
 
     processed: int = 0
@@ -75,7 +75,7 @@ class Counters:
         origin : SE2
             Pose, in `odom_frame`, of the frame in which `update` expresses poses.
         sensor_pose : SE2
-            `Mounting.aligned_pose` of the scan, in the base frame.
+            Pose of the sensor in the base frame at the scan: `Mounting.aligned_pose`.
         duration : float
             Processing time [s].
         """
@@ -94,7 +94,7 @@ class Counters:
 
     @property
     def wheel_correction(self) -> NDArray[np.float64] | None:
-        """Estimated `OdometryUpdate.wheel_correction` ``(3, 3)`` in the base frame; None if nothing is estimated."""
+        """Estimated correction ``(3, 3)`` of wheel odometry in the base frame; None if no correction is estimated."""
         if not self.update or not self.update.wheel_correction.any():
             return None
         pose = self.sensor_pose
@@ -107,7 +107,7 @@ class Counters:
         self.skip_reason = reason
 
     def add_warnings(self, warnings: Iterable[ScanWarning]) -> None:
-        """Keep the warnings about a scan for the next report."""
+        """Store the warnings about a scan for the next diagnostics report."""
         self.warnings.update((warning.kind, warning.text) for warning in warnings)
 
     def take_warnings(self) -> list[str]:
@@ -130,7 +130,7 @@ class Counters:
         return Grade.TRACKING, 'tracking'
 
     def _along(self) -> str:
-        """Describe the degenerate direction in words; empty if the heading is degenerate instead of a direction."""
+        """Return the degenerate direction as text; empty if only the heading is unobservable."""
         if self.degenerate_direction is None:
             return ''
         degrees = math.degrees(math.remainder(self.degenerate_direction, math.pi))

@@ -29,7 +29,7 @@ SWITCHES = 'publish_tf', 'use_sim_time'
 
 
 def scan_matcher_arguments() -> list[Any]:
-    """Declare the launch arguments of `scan_matcher_actions`; an empty one sets no parameter."""
+    """Declare the launch arguments of `scan_matcher_actions`; an empty argument sets no parameter."""
     from launch.actions import DeclareLaunchArgument
 
     def argument(name: str, description: str, default: str = '', *,
@@ -41,11 +41,11 @@ def scan_matcher_arguments() -> list[Any]:
     return [
         argument('namespace', 'namespace of the node and its topics'),
         argument('remap_tf', 'true: /tf and /tf_static are in the namespace of the node, too', 'true'),
-        argument('scan_topic', 'topic that the scans are published on, instead of scan'),
-        argument('sensor', 'parameter file of a common sensor, in config', choices=sensors),
-        argument('params_file', 'parameter file; overrides sensor, and is overridden by the arguments below'),
-        argument('odom_frame', 'frame of the published pose'),
-        argument('base_frame', 'frame whose pose and twist are published'),
+        argument('scan_topic', 'topic of the scans; by default scan'),
+        argument('sensor', 'name of the ready-made parameter file of a common sensor', choices=sensors),
+        argument('params_file', 'parameter file; overrides the argument sensor, and is overridden by those below'),
+        argument('odom_frame', 'frame in which the pose is published'),
+        argument('base_frame', 'frame of the robot base, whose pose and twist are published'),
         argument('publish_tf', 'true: publish the transform between odom_frame and base_frame'),
         argument('mounting', 'source of the pose of the laser on the base', choices=MOUNTINGS),
         argument('prior', 'prior.source: external source of the motion since the last scan', choices=SOURCES),
@@ -53,7 +53,7 @@ def scan_matcher_arguments() -> list[Any]:
         argument('lifecycle', 'true: start the lifecycle node, scan_matcher_lifecycle', 'false'),
         argument('autostart', 'true: configure and activate the lifecycle node', 'true'),
         argument('rviz', 'true: start rviz2 with config/scan_matcher.rviz', 'false'),
-        argument('log_level', 'least severity that is logged: debug, info, warn, error or fatal'),
+        argument('log_level', 'lowest severity of logged messages: debug, info, warn, error or fatal'),
     ]
 
 
@@ -138,7 +138,7 @@ class LaunchArguments:
         return ['--log-level', level] if level else []
 
     def transform_remappings(self) -> list[tuple[str, str]]:
-        """Return the remappings of /tf and /tf_static."""
+        """Return the remappings of /tf and /tf_static into the node's namespace; empty if ``remap_tf`` is false."""
         return [('/tf', 'tf'), ('/tf_static', 'tf_static')] if self.switch('remap_tf') else []
 
     def remappings(self) -> list[tuple[str, str]]:

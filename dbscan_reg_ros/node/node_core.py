@@ -47,7 +47,7 @@ class NodeCore:
     Raises
     ------
     ParameterError
-        When a parameter needs a package that is not installed, or a quality of service that does not exist.
+        When a parameter needs a package that is not installed, or sets an invalid quality of service.
     """
 
     def __init__(self, node: Node, live: LiveParameters) -> None:

@@ -38,18 +38,18 @@ class Priors:
     node : rclpy.node.Node
         The node that subscribes to the source.
     parameters : NodeParameters
-        May be replaced at any time.
+        Parameters of the node; may be replaced at any time.
     transforms : TransformListener or None
-        None where tf2_msgs is not installed.
+        Received transforms; None if tf2_msgs is not installed.
     log : ThrottledLog
         Log for data that is missing or invalid.
     on_data : callable
-        Called when the source has received data.
+        Function that is called when the source has received data.
 
     Raises
     ------
     ParameterError
-        When transforms are to be read and tf2_msgs is not installed.
+        When ``prior.source`` is tf and tf2_msgs is not installed.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog,
@@ -76,7 +76,7 @@ class Priors:
             self._source.restart()
 
     def ready(self, frame: str, stamp: int) -> bool:
-        """Whether the scan in `frame` at `stamp` [ns] need not wait for its prior: it is known or will stay unknown.
+        """Whether the prior of the scan in `frame` at `stamp` [ns] is known, or no scan waits for priors any more.
 
         If the newest data is older than the last scan, the source has stopped, and the scan does not wait.
         """
@@ -95,7 +95,7 @@ class Priors:
         mounting : Mounting
             Mounting of the lidar at the scan.
         predict : callable
-            ``predict(stamp)``: prediction of the motion model.
+            ``predict(stamp)`` returns the prediction of the motion model at `stamp` [ns].
 
         Returns
         -------
@@ -158,7 +158,7 @@ class _Source(Protocol):
         """Whether the source has data at `stamp` [ns] or later."""
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
-        """Prior of the motion of the base in the interval; None if the source lacks data there."""
+        """Return the prior of the motion of the base in the interval; None if the source has no data for it."""
 
 
 def _measured(motion: SE2, parameters: NodePriorParameters) -> Prior:

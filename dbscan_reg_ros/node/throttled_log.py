@@ -18,7 +18,7 @@ class ThrottledLog:
     logger : rclpy logger
         Logger that the warnings go to.
     subject : str
-        Text before each warning: what the warnings are about.
+        Prefix of each warning, which names what the warnings are about.
     period : float
         Minimum time between two warnings of one kind [s].
     """

@@ -59,10 +59,10 @@ class NodePriorParameters(PriorParameters):
 
     source: str = parameter(
         'constant_velocity', choices=SOURCES, read_only=True,
-        help='Source of the predicted motion between scans: none; constant_velocity (the motion model that '
-             'advanced.odometry.prior selects); or an external prior: odometry (topic wheel_odom), imu (yaw rate on '
-             'the topic imu, translation from the motion model) or tf (pose of the base in the frame prior.frame). '
-             'While the external prior has no data, the motion model predicts.')
+        help='Source of the predicted motion between scans. Without an external prior: none, or constant_velocity (the '
+             'motion model that advanced.odometry.prior selects). External priors: odometry (topic wheel_odom), imu '
+             '(yaw rate on the topic imu, translation from the motion model) or tf (pose of the base in the frame '
+             'prior.frame). While an external prior has no data, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,
         help='Odometry frame that another node publishes on /tf. Used only if prior.source is tf.')

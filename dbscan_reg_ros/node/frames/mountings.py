@@ -17,12 +17,12 @@ class Mountings:
     parameters : NodeParameters
         The parameter ``mounting`` selects the source of the mounting.
     transforms : TransformListener or None
-        None where tf2_msgs is not installed.
+        Received transforms; None if tf2_msgs is not installed.
 
     Raises
     ------
     ParameterError
-        When transforms are to be read and tf2_msgs is not installed.
+        When ``mounting`` is tf and tf2_msgs is not installed.
     """
 
     def __init__(self, parameters: NodeParameters, transforms: TransformListener | None) -> None:
@@ -35,7 +35,7 @@ class Mountings:
                                  "'laser_pose' or 'none'")
 
     def ready(self, frame: str, stamp: int) -> bool:
-        """Whether a scan need not wait for its mounting in `frame` at `stamp` [ns]: it is known or will stay unknown.
+        """Whether the mounting of the lidar `frame` at `stamp` [ns] is known, or no scan waits for it any more.
 
         If the mounting is unknown even at the stamp of the last scan, the transforms have stopped, and no scan waits.
         """
@@ -51,9 +51,9 @@ class Mountings:
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
     def find(self, frame: str, stamp: int, log: ThrottledLog) -> Mounting:
-        """Return the mounting of the lidar in `frame` at `stamp` [ns]; if unknown then, that at the nearest known time.
+        """Return the mounting of the lidar `frame` at the known time that is nearest to `stamp` [ns].
 
-        `log` is that of the lidar.
+        `log` is the log for warnings about the lidar.
 
         Raises
         ------

@@ -6,9 +6,10 @@ from enum import Enum
 WAIT = 5.0
 """Silence [s] after which another sender of the transform counts as stopped; it doubles with each conflict."""
 LONGEST = 80.0
-"""Upper limit of that silence [s]; after sending for this time without a conflict, the silence is `WAIT` again."""
+"""Upper limit [s] of the silence that doubles with each conflict; it is `WAIT` again after this time without a
+conflict."""
 LISTEN = 0.5
-"""Time [s] to listen before sending, plus the same for each sender with precedence; longer than a scan interval."""
+"""Time [s] to listen for other senders before sending; each sender with precedence adds the same time."""
 DISCOVERY = 0.2
 """Time [s] until other nodes have discovered a publisher that was destroyed and created again."""
 
@@ -22,17 +23,18 @@ class State(Enum):
 
 
 class RightOfWay:
-    """Decides when our transform is sent: not while another node sends one, and again when that node has stopped.
+    """Decides when our transform is sent: only while no other node sends a transform to the same child frame.
 
     All times [s] are read from the same steady clock.
 
     Attributes
     ----------
     state : State
-        LISTENING: the publisher exists and is about to send. SENDING. WAITING: another node sends, the publisher is
-        destroyed.
+        LISTENING: our publisher exists, but does not send yet. SENDING: our publisher sends. WAITING: another node
+        sends, and our publisher is destroyed.
     wait : float
-        Silence of the other sender [s] that is waited for, now or in the last conflict; 0 before the first conflict.
+        Time [s] for which the other sender must be silent before our transform is sent again; 0 before the first
+        conflict.
     """
 
     def __init__(self) -> None:
@@ -71,8 +73,8 @@ class RightOfWay:
         now : float
             Time of the steady clock [s].
         candidates_before : callable
-            Returns the number of other possible senders that have precedence; None when there are no other possible
-            senders.
+            Function that returns the number of other possible senders with precedence; None if there are no other
+            possible senders.
         """
         if self.state is State.LISTENING and self._has_listened(now, candidates_before()):
             self.state, self._since = State.SENDING, now

@@ -21,11 +21,11 @@ from .right_of_way import RightOfWay
 
 DEPTH = 100
 REMEMBERED = 500
-"""Number of our latest transforms that are recognised as ours when /tf returns them."""
+"""Number of our latest transforms that are recognised as ours when they are received on /tf."""
 
 
 def transform_type() -> Any:
-    """Return the TFMessage type, or None where tf2_msgs is not installed."""
+    """Return the TFMessage type, or None if tf2_msgs is not installed."""
     try:
         from tf2_msgs.msg import TFMessage
     except ModuleNotFoundError:
@@ -40,13 +40,13 @@ class _Conflict:
     Attributes
     ----------
     parent, topic : str
-        Parent frame and topic of its latest transform.
+        Parent frame and topic of the latest transform of the other sender.
     static_publishers : set of bytes
         Gids of the publishers on /tf_static, one of which sent the transform; empty if it was received on /tf.
     is_new : bool
         Whether a transform was received since the last timer callback.
     names : str
-        Names of the nodes that may be the sender.
+        Names of the nodes that may be the other sender.
     text : str
         Log message that describes the conflict; empty at first.
     logged_names : str
@@ -116,7 +116,7 @@ class TransformSender:
 
         With `insist` the publisher is created even if another node sends a transform to our child frame.
 
-        Without tf2_msgs log a warning once and send nothing.
+        If tf2_msgs is not installed, log a warning once and send no transform.
         """
         self._max_jump = parameters.time.max_jump * SECOND
         if not parameters.publish_tf:
@@ -151,11 +151,11 @@ class TransformSender:
         return {gid: endpoint for gid, endpoint in publishers(self._node, topic).items() if gid != self._own_gid}
 
     def restart(self) -> None:
-        """Send the next transform whatever its stamp: the odometry was reset, or tracking restarted."""
+        """Send the next transform even if its stamp is not newer: the odometry was reset, or tracking restarted."""
         self._last_stamp = None
 
     def send(self, state: BaseState) -> None:
-        """Send the pose of the base, unless another node may send it or a pose with this or a newer stamp was sent.
+        """Send the pose of the base, unless another node may send it or a pose with the same or a newer stamp was sent.
 
         TF ignores transforms that go back in time. If the stamp is more than ``time.max_jump`` before the last one, the
         last stamp was wrong, and the transform is sent.

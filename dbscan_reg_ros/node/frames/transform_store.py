@@ -32,8 +32,8 @@ class TransformStore:
     """Buffer of transforms: composes them along the tree of frames and interpolates between stamps.
 
     If a transform is more than `SPAN` older than the newest one between the same frames, time has gone back, and the
-    buffer is cleared. If a frame has a static transform, transforms to it on /tf are used only while several arrive:
-    a single one is an outlier.
+    buffer is cleared. If a frame has a static transform, transforms to this frame on /tf are used only if several
+    arrive within `SILENT`: a single transform is regarded as an outlier.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class TransformStore:
         self._moving: dict[str, _Edge] = {}
 
     def add(self, message: TransformStamped, static: bool) -> None:
-        """Add a transform; one whose values are not a valid transform is ignored."""
+        """Add a transform, unless its values are invalid."""
         pose = pose_from_message(message.transform)
         if pose is None:
             return
@@ -56,7 +56,7 @@ class TransformStore:
         edge.add(stamp, pose)
 
     def clear(self) -> None:
-        """Forget the transforms on /tf: time has gone back."""
+        """Remove the transforms that were received on /tf, because time has gone back."""
         self._moving.clear()
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
@@ -161,7 +161,7 @@ class _Edge:
 
 
 class Tf2Store:
-    """`TransformStore` on top of a tf2_ros buffer.
+    """Buffer of tf2_ros with the interface of `TransformStore`.
 
     Raises
     ------
@@ -193,12 +193,12 @@ class Tf2Store:
             self._buffer.set_transform(message, 'scan_matcher')
 
     def clear(self) -> None:
-        """Forget the transforms on /tf: time has gone back."""
+        """Remove the transforms that were received on /tf, because time has gone back."""
         self._buffer.clear()
         self._newest.clear()
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Look up a transform as `TransformStore.lookup` does; if it is unknown at `stamp`, return the latest one."""
+        """Look up a transform as `TransformStore.lookup` does; if it is unknown then, return the latest transform."""
         from rclpy.time import Time
         try:
             if stamp >= 0:

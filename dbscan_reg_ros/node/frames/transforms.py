@@ -24,15 +24,15 @@ MOVING_DEPTH = 1000
 class TransformListener:
     """Subscribes to /tf and /tf_static; needs tf2_msgs.
 
-    Without `store`, transforms are received only to detect other senders of our transform. If no other node publishes
-    on /tf, or our transform is not sent, there is no subscription to /tf: it would receive only our own transforms.
+    If `store` is false, transforms are received only to detect other senders of our transform. /tf is then subscribed
+    to only while another node publishes on it, because a subscription receives our own transforms, too.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node that subscribes.
     on_transform : callable
-        Function of each received TransformStamped and its topic.
+        Function that is called with each received TransformStamped and its topic.
     store : bool
         Store the transforms for `lookup`.
     is_urgent : callable
@@ -69,7 +69,7 @@ class TransformListener:
                                                       event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def on_timer(self) -> None:
-        """Poll /tf; when a publisher on /tf_static has gone, receive the latched transforms of the others again.
+        """Poll /tf; when a publisher on /tf_static has gone, receive the latched transforms of all others again.
 
         The publisher that has gone may have replaced transforms of the remaining publishers between the same frames.
         """
@@ -80,19 +80,19 @@ class TransformListener:
         self._static_publishers = set(latched)
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Poll /tf, then look up a transform as `TransformStore.lookup` does; requires ``store``."""
+        """Poll /tf, then look up a transform as `TransformStore.lookup` does; requires that `store` is true."""
         self.poll()
         assert self._store
         return self._store.lookup(target, source, stamp)
 
     def restart(self) -> None:
-        """Forget the transforms on /tf: time has gone back."""
+        """Remove the transforms that were received on /tf, because time has gone back."""
         self.poll()
         if self._store:
             self._store.clear()
 
     def poll(self) -> None:
-        """Process the messages that have arrived on /tf; without ``store``, also update the subscription to /tf."""
+        """Process the messages that have arrived on /tf; if `store` is false, also update the subscription to /tf."""
         if self._moving:
             for message in taken(self._moving):
                 self._on_moving(message)

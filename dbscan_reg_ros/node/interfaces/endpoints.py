@@ -39,7 +39,7 @@ def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> 
     Raises
     ------
     ParameterError
-        When an override is not a valid quality of service.
+        When a parameter that overrides the quality of service has an invalid value.
     """
     return _made(node, topic, 'publisher', lambda options: node.create_publisher(
         kind, topic, copy.copy(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))

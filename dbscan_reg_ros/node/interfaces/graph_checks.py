@@ -17,14 +17,14 @@ POLICIES = {'reliability': (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_E
 
 
 def full_name(endpoint: TopicEndpointInfo) -> str:
-    """Name of the node of an endpoint, with its namespace; `UNNAMED` while it is not discovered."""
+    """Name of the node of an endpoint, with its namespace; `UNNAMED` while the node is not discovered."""
     if endpoint.node_name == UNKNOWN:
         return UNNAMED
     return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def named(endpoints: Iterable[TopicEndpointInfo]) -> str:
-    """Names of the nodes of `endpoints` without repetitions, separated by commas; empty if `endpoints` is."""
+    """Names of the nodes of `endpoints` without repetitions, separated by commas; empty if there are no endpoints."""
     return ', '.join(sorted({full_name(endpoint) for endpoint in endpoints}))
 
 
@@ -88,7 +88,7 @@ def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:
 
 
 def shared(node: Node, publisher: Publisher) -> str:
-    """Warning that other nodes publish on the topic of our `publisher`, with a remedy; empty if none does."""
+    """Warning that other nodes publish on the topic of our `publisher`, with a remedy; empty if no other node does."""
     names = named(other_publishers(node, publisher.topic_name))
     if not names:
         return ''

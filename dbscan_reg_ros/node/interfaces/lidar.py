@@ -33,14 +33,14 @@ class Lidar:
     Attributes
     ----------
     label : str
-        Text before what is reported about this lidar: with several lidars its topic; empty for a single one.
+        Prefix of messages about this lidar: its topic if there are several lidars; empty for a single lidar.
     log : ThrottledLog
         Log for warnings about its scans.
     counters : Counters
     reader : ScanReader
     stamps : StampFilter
     inbox : ScanInbox or None
-        None while the node is not subscribed.
+        Pending scans; None while the node is not subscribed to the topic.
     """
 
     def __init__(self, topic: str, several: bool, node: Node) -> None:
@@ -53,7 +53,7 @@ class Lidar:
 
     def subscribe(self, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
                   handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
-        """Subscribe to the scans; `handle` is called with this lidar and each scan; see `ScanInbox` for the rest."""
+        """Subscribe to the scans; call `handle` with this lidar and each scan; see `ScanInbox` for `is_ready`."""
         self.inbox = ScanInbox(self._node, parameters, is_ready, lambda message: handle(self, message), self.topic)
         return self.inbox
 
@@ -68,7 +68,7 @@ class Lidar:
         return Sensor(self.topic, mounting.aligned_pose) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
-        """Return the pose, in the base frame, of what the odometry tracks: the only lidar, or with several the base."""
+        """Return the pose of the tracked frame in the base frame: the only lidar, or the base if there are several."""
         return SE2() if self._several else mounting.aligned_pose
 
 
@@ -94,8 +94,8 @@ class OdometryTrigger:
     def is_due(self, lidar: int, stamp: int) -> bool:
         """Store the `stamp` [ns] of a scan of a lidar, and return whether odometry is published for this scan.
 
-        It is published unless an earlier lidar of the list published a scan within its last two scan periods, or, with
-        several lidars, the stamp is not newer than that of the last odometry.
+        Odometry is published unless an earlier lidar of the list published a scan within its last two scan periods, or,
+        with several lidars, the stamp is not newer than that of the last odometry.
         """
         self._stamps[lidar].append(stamp)
         if any(self._is_alive(stamps, stamp) for stamps in self._stamps[:lidar]):

@@ -23,8 +23,8 @@ class LiveParameters:
     Parameters
     ----------
     node : rclpy.node.Node
-        Created with ``automatically_declare_parameters_from_overrides=True``, so that the values of parameter files and
-        of the command line are known.
+        Node created with ``automatically_declare_parameters_from_overrides=True``, so that the values of parameter
+        files and of the command line are known.
 
     Attributes
     ----------
@@ -119,6 +119,6 @@ def describe(description: Description) -> ParameterDescriptor:
 
 
 def _limits(description: Description, unbounded: tuple[float, float]) -> tuple[float, float]:
-    """Minimum and maximum of a parameter; a bound that it lacks is replaced by that of `unbounded`."""
+    """Return minimum and maximum of a parameter; a missing bound is replaced by that of `unbounded`."""
     low, high = description.minimum, description.maximum
     return unbounded[0] if low is None else low, unbounded[1] if high is None else high

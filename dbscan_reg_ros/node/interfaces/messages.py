@@ -25,7 +25,7 @@ class PoseError(DbscanRegError, ValueError):
 
 
 def scan_to_message(scan: Scan) -> LaserScan:
-    """Convert a scan to the LaserScan message that `Scan.from_message` converts to the same scan.
+    """Convert a scan to a LaserScan message, which `Scan.from_message` converts back to the same scan.
 
     Raises
     ------
@@ -94,5 +94,5 @@ def planar_from_message(pose: Pose) -> SE2:
 
 
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame: str) -> MarkerArray:
-    """Convert the segments of the reference scan and of the current scan to the markers of `segments_fields`."""
+    """Convert the segments of the reference scan and of the current scan to a MarkerArray message."""
     return filled(MarkerArray(), segments_fields(update, origin, odom_frame))

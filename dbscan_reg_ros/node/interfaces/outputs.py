@@ -35,7 +35,7 @@ class Outputs:
     node : rclpy.node.Node
         The node that publishes.
     parameters : NodeParameters
-        May be replaced at any time.
+        Parameters of the node; may be replaced at any time.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Outputs:
             self.publish_pictures()
 
     def keep(self, update: OdometryUpdate) -> None:
-        """Keep the last ``odometry.key_frames`` key frames of each lidar for the map."""
+        """Store the last ``odometry.key_frames`` key frames of each lidar for ``local_map``."""
         if update.starts_track:
             self._key_frames.clear()
         if update.reference_changed:

@@ -44,7 +44,8 @@ def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> Nod
         response = client.call(GetParameters, 'get_parameters', GetParameters.Request(names=names))
     values = [parameter_value_to_python(value) for value in response.values]
     if len(values) != len(names) or None in values:
-        raise RemoteError(f'{name} does not have the parameters of scan_matcher; give the name of one with --node')
+        raise RemoteError(f'{name} does not have the parameters of scan_matcher; give the name of a scan_matcher '
+                          'node with --node')
     return NodeParameters().replace(dict(zip(names, values, strict=True)))
 
 

@@ -17,7 +17,7 @@ from .messages import stamp_from_message
 from .subscriptions import WakingCallbackGroup, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Depth of the subscription, enough to count the scans that arrive while one scan is processed."""
+"""Quality of service of the subscription; its depth suffices to count the scans that arrive while one is processed."""
 
 
 class ScanInbox:
@@ -30,9 +30,9 @@ class ScanInbox:
     node : rclpy.node.Node
         The node that subscribes.
     parameters : NodeParameters
-        May be replaced at any time.
+        Parameters of the node; may be replaced at any time.
     is_ready : callable
-        Function that returns whether a scan need not wait for its mounting or prior.
+        Function that returns whether a scan can be processed now; otherwise it waits for its mounting or prior.
     handle : callable
         Function that processes each scan.
     topic : str
@@ -70,7 +70,7 @@ class ScanInbox:
         return incompatibilities(self._node, self._subscription)
 
     def has_pending(self) -> bool:
-        """Whether a scan waits for its mounting or prior."""
+        """Whether a scan waits for its mounting or external prior."""
         return bool(self._pending)
 
     def retry_pending(self) -> None:

@@ -45,7 +45,7 @@ class ScanReader:
         self._checks.restart()
 
     def read(self, message: LaserScan, mounting: Mounting, parameters: NodeParameters) -> Scan:
-        """Convert a message to the scan of a sensor at `mounting.aligned_pose`, without the returns in ``input.mask``.
+        """Convert a LaserScan message to the scan of a sensor at `mounting.aligned_pose`, without masked returns.
 
         Raises
         ------

@@ -22,7 +22,7 @@ from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 
 ROUNDING = 1e-9
-"""A negative eigenvalue of a covariance counts as zero down to this fraction of its largest element."""
+"""A negative eigenvalue of a covariance counts as zero if it is at most this fraction of the largest element."""
 
 
 class Services:
@@ -33,9 +33,9 @@ class Services:
     node : rclpy.node.Node
         The node that offers the services.
     parameters : NodeParameters
-        May be replaced at any time.
+        Parameters of the node; may be replaced at any time.
     log : ThrottledLog
-        Log for poses that are refused.
+        Log for the poses on ``set_pose`` that are refused.
     reset : callable
         Function of a reason and an `InitialPose` that resets the odometry.
 

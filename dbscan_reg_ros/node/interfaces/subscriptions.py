@@ -17,13 +17,13 @@ def taken(subscription: Subscription) -> Iterator[Any]:
 class WakingCallbackGroup(MutuallyExclusiveCallbackGroup):
     """Callback group whose entities wake the executor only under a condition; otherwise they are polled by `taken`.
 
-    Waking the executor for each message takes far longer than reading the message, and the more entities can wake
-    the executor, the longer.
+    Waking the executor for each message takes far longer than reading the message; the time grows with the number of
+    entities that can wake it.
 
     Parameters
     ----------
     is_active : callable
-        Whether the entities may wake the executor now.
+        Function that returns whether the entities may wake the executor now.
     """
 
     def __init__(self, is_active: Callable[[], bool]) -> None:

@@ -58,12 +58,12 @@ class ScanMatcherLifecycleNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy everything but the parameters."""
+        """Destroy the publishers, subscriptions, services and timers; keep the parameters."""
         self._close_core()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy everything but the parameters."""
+        """Destroy the publishers, subscriptions, services and timers; keep the parameters."""
         self._close_core()
         return super().on_shutdown(state)
 

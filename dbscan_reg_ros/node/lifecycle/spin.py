@@ -35,9 +35,9 @@ def run_node(name: str, description: str, make: Callable[[str], Node], argv: Seq
     name : str
         Name of the command and of the node.
     description : str
-        Description in ``--help``.
+        Description of the command in the output of ``--help``.
     make : callable
-        Function of the name that creates the node; called when ROS is initialised.
+        Function that creates the node with the name it is given; called after ROS is initialised.
     argv : list of str, optional
         Arguments; by default those of the process.
 
@@ -67,7 +67,7 @@ def _parse(name: str, description: str, argv: list[str]) -> None:
 
 
 def _configure_libraries() -> None:
-    """Set the number of threads and how freed memory is returned; to be called before numpy is imported."""
+    """Set the number of threads of numpy and the handling of freed memory; to be called before numpy is imported."""
     for library in ('OPENBLAS', 'OMP'):
         # The matrices are small: more threads only cost time.
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
@@ -106,8 +106,9 @@ def _spin_once(executor: SingleThreadedExecutor) -> None:
     """Execute the next callback.
 
     After each callback rclpy's executor triggers its own guard condition, for other waiting threads, and thus checks
-    every entity of the node again. If the executor was idle, this function clears the guard condition with no node in
-    the executor, at a tenth of the cost; under load every ready entity is executed in turn.
+    every entity of the node again. If the executor was idle, this function clears the guard condition without checking
+    the entities of the node, in a tenth of the time. Under load it does not clear it, so that every ready entity is
+    executed in turn.
     """
     from rclpy.executors import TimeoutException
 

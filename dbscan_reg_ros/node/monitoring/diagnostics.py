@@ -42,7 +42,7 @@ class Diagnostics:
     lidars : list of Lidar
         Lidars with the counters of their scans.
     log : ThrottledLog
-        Log for faults of the graph.
+        Log for faults of the ROS graph.
     sender : TransformSender
         Sender of our transform.
     odom : rclpy publisher
@@ -66,7 +66,7 @@ class Diagnostics:
 
     @property
     def _inboxes(self) -> list[ScanInbox]:
-        """Inboxes of the lidars; empty while the node is not subscribed."""
+        """Inboxes of the lidars; empty while the node is not subscribed to scans."""
         return [lidar.inbox for lidar in self._lidars if lidar.inbox]
 
     def restart(self) -> None:
@@ -106,11 +106,11 @@ class Diagnostics:
         return received, self._total('processed'), dropped
 
     def _total(self, name: str) -> int:
-        """Return the sum of a counter of all lidars."""
+        """Return the sum of the counter `name` over all lidars."""
         return sum(getattr(lidar.counters, name) for lidar in self._lidars)
 
     def _latest(self) -> Counters:
-        """Return the counters of the lidar that the latest processed scan is from; of the first one without a scan."""
+        """Return the counters of the lidar whose scan was processed last; if there is none, of the first lidar."""
         return max((lidar.counters for lidar in self._lidars),
                    key=lambda counters: counters.update.stamp if counters.update else -1)
 
@@ -169,7 +169,7 @@ class Diagnostics:
         return [message for grade, message in self._grades(silent) if grade is Grade.LOST]
 
     def _odometry_level(self, silence: float, silent: Sequence[Lidar]) -> tuple[bytes, str]:
-        """Return level and message for the tracking of the odometry by its best lidar, without regard to the input."""
+        """Return level and message for the tracking with the best lidar; dropped scans are not considered."""
         if not self._inboxes or self._is_paused():
             return DiagnosticStatus.OK, 'paused' if self._inboxes else 'inactive'
         received = any(inbox.received for inbox in self._inboxes)
@@ -186,7 +186,7 @@ class Diagnostics:
         return LEVELS[grade], message
 
     def _no_scans(self, inbox: ScanInbox) -> str:
-        """Describe why no scan arrives on any topic."""
+        """Describe why no scan arrives on the topic of an inbox."""
         names = named(self._node.get_publishers_info_by_topic(inbox.topic))
         publishers = f'published there by {names}' if names else f'no node publishes there{self._other_scan_topics()}'
         return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'

@@ -31,7 +31,8 @@ from .answers import Answers
 
 DEPTH = 100
 WINDOW = 3
-"""Largest number of scans that await their odometry in lockstep: less than the queue depth of sensor-data QoS."""
+"""Number of scans that are published in lockstep before their odometry arrives; fewer than sensor-data QoS can
+queue."""
 CLOCK_PERIOD = 0.025
 """Interval [s] between messages on /clock."""
 POLL = 0.02
@@ -137,7 +138,7 @@ class Player:
         timeout : float
             Time to wait [s].
         answering : bool
-            Whether to wait for a node that subscribes to the scans and publishes ``odom``; else subscribing is enough.
+            If false, the node need only subscribe to the scans; if true, it must also publish ``odom``.
 
         Raises
         ------
@@ -162,7 +163,7 @@ class Player:
         return names
 
     def _wait_for_discovery(self, name: str, deadline: float, required: bool) -> None:
-        """Call a service of a node until it responds; if it does not in time and `required`, raise PlayerError."""
+        """Call a service of a node until it responds; if `required`, raise PlayerError at the `deadline`."""
         client = self._node.create_client(GetParameters, f'{name}/get_parameters')
         try:
             while time.monotonic() < deadline:
@@ -186,12 +187,12 @@ class Player:
         Parameters
         ----------
         items : iterable of Scan or Played
-            Messages of channels that were not announced are skipped.
+            Scans and messages to publish; messages of channels that were not announced are skipped.
         rate : float, optional
-            Speed relative to the stamps; without it (lockstep) each scan is published as soon as the node has published
-            the odometry of the earlier ones.
+            Speed of the playback relative to the stamps. If it is None (lockstep), each scan is published as soon as
+            the node has published the odometry for the earlier scans.
         window : int
-            Number of scans that may await their odometry in lockstep.
+            In lockstep, number of scans that are published before their odometry arrives.
         patience : float
             Time [s] to wait for the odometry of a scan; then playback goes on without this odometry.
 
@@ -230,7 +231,7 @@ class Player:
             self._publish_scan(played.content)
 
     def _publish_message(self, played: Played) -> None:
-        """Publish a message of an announced channel; damaged ones are counted."""
+        """Publish a message of an announced channel; count messages that are damaged."""
         if played.channel not in self._channels:
             return
         kind, publisher = self._channels[played.channel]

@@ -38,7 +38,8 @@ DEPTH = 20
 QUALITY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 WAITING = 50
-"""Number of scans that may wait for the odometry with the same stamp, and of odometry messages for the scan."""
+"""Largest number of scans that wait for the odometry with the same stamp, and of odometry messages that wait for the
+scan."""
 PLANAR = np.array((0, 1, 5))
 """Rows of x, y and yaw in the 6x6 covariance of an odometry message."""
 NAMES = 'mounting', 'laser_pose', 'upside_down'
@@ -52,7 +53,7 @@ class WatchedScan(NamedTuple):
     ----------
     stamp : int [ns]
     points : (P, 2) float [m]
-        Returns in the frame of the sensor, converted to that of an upright sensor if it is mounted upside down.
+        Returns in the frame of the sensor; if it is mounted upside down, in the frame of an upright sensor.
     pose : SE2
         Pose of the sensor in the odometry frame.
     covariance : (3, 3) float [m, m, rad]
@@ -70,8 +71,8 @@ class WatchedScan(NamedTuple):
 class Listener:
     """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
 
-    It also subscribes to all other scans that the node subscribes to. With several lidars, the scans of one of them
-    have the stamps of the odometry, and these are passed on.
+    If the node has several lidars, `Listener` subscribes to the scans of each, and passes on the scans whose stamps are
+    those of odometry messages.
 
     Parameters
     ----------
