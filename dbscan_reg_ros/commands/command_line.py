@@ -27,8 +27,9 @@ ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 """Signals that request the end of a command."""
 
 
-SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if there are several. Given more than once, the '
-           'first is that of the lidar whose poses are estimated, and the others are used besides'}
+SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if the recording has several topics of scans. If '
+                    'given more than once, the poses of the lidar of the first topic are estimated, and the scans of '
+                    'the other topics are used as well'}
 """Settings of ``--topic`` in commands that take several lidars."""
 
 
@@ -44,7 +45,7 @@ class CommandParser(argparse.ArgumentParser):
         self._lists = {}
 
     def end_list(self, option, belongs):
-        """End the list of `option` before the first word, except its first, for which ``belongs(word)`` is false."""
+        """End the values of `option` at the second or a later word for which ``belongs(word)`` is false."""
         self._lists[option] = belongs
 
     def parse_args(self, args=None, namespace=None):
@@ -77,10 +78,10 @@ def make_parser(command, description) -> CommandParser:
 
 
 class OneTopic(argparse.Action):
-    """Value of ``--topic`` in a command for one lidar: given twice, the command ends with one line."""
+    """Action of ``--topic`` in a command for one lidar: if given twice, the command ends with a one-line message."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        """Store the topic, or end the command."""
+        """Store the topic; end the command if a topic is stored already."""
         if getattr(namespace, self.dest) is not None:
             parser.exit(BAD_INPUT, f'{parser.prog}: {option_string} is given twice, but {parser.prog} takes one lidar; '
                         'replay, play and demo take several\n')
@@ -88,8 +89,8 @@ class OneTopic(argparse.Action):
 
 
 def add_topic(parser, settings=None):
-    """Add the argument ``--topic`` with the argparse `settings`; without any, it names one topic."""
-    one = {'action': OneTopic, 'help': 'topic of the scans; required if there are several'}
+    """Add the argument ``--topic`` with the argparse `settings`; without `settings`, it accepts one topic."""
+    one = {'action': OneTopic, 'help': 'topic of the scans; required if the recording has several topics of scans'}
     parser.add_argument('--topic', **(settings or one))
 
 
@@ -125,7 +126,7 @@ def positive(text) -> int:
 
 
 def port(text) -> int:
-    """Read an argument that is the number of a port."""
+    """Read an argument that is a port number."""
     if not text.isdecimal() or not 1 <= int(text) <= LARGEST_PORT:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a port from 1 to {LARGEST_PORT}')
     return int(text)
@@ -145,7 +146,7 @@ def shortened(problems) -> list:
 
 
 def note_unused(command, path, parameters, used):
-    """Print which parameters set in the file at `path` have no effect in `command`; `used` have an effect."""
+    """Print which parameters set in the file at `path` have no effect in `command`; those named in `used` have one."""
     if names := parameters.unused(used):
         print(f'{command}: {path}: these parameters have no effect in {command}: {", ".join(names)}', file=sys.stderr)
 

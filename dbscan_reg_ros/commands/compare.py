@@ -33,25 +33,27 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'evo computes them where true poses are known; then the paired differences of the errors over '
                          '1 m with confidence intervals (95 % for translation and rotation together). More competitors '
                          'are compared with A and reported. Exit status 0: B is not worse; 1: B is worse (with --all: '
-                         'any is); 2: an argument or a recording cannot be used; 3: no verdict, as B lacks more than '
-                         '10 % of the scans.')
+                         'any is); 2: an argument or a recording cannot be used; 3: no verdict, because B has no pose '
+                         'for more than 10 % of the scans.')
     for name in 'ab':
-        parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or a parameter set: defaults, '
+        parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or the name of a ready-made '
+                            'parameter set: defaults, '
                             f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults), '
                             'MODULE:FUNCTION; or NAME=FILE, as for --trajectory')
     add_recordings(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
-                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose of a scan in '
-                        'the frame of another; may be repeated')
+                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose of the scan '
+                        'current in the frame of the scan reference; may be repeated')
     parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
-                        'parameter file or a parameter set; may be repeated')
+                        'parameter file, or the name of a ready-made parameter set (for example lds); may be repeated')
     parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
-                        'the trajectory of another program in TUM format; NAME=FILE.tum@X,Y,DEG with the pose of the '
-                        'sensor on the body whose poses the file contains; NAME=FOLDER with a file RECORDING.tum for '
-                        'each recording; may be repeated')
+                        'the trajectory of another program in TUM format; NAME=FILE.tum@X,Y,DEG if the file contains '
+                        'poses of a body, on which the sensor has the pose X,Y,DEG; NAME=FOLDER with a file '
+                        'RECORDING.tum for each recording; may be repeated')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, for one recording: TUM, or the '
-                        'columns index,x,y,theta (default: those in or beside the recording)')
-    parser.add_argument('--all', action='store_true', help='the exit status counts all competitors, not only B')
+                        'columns index,x,y,theta (default: the true poses in the recording or in a file beside it)')
+    parser.add_argument('--all', action='store_true', help='the exit status is 1 if any competitor is worse than A, '
+                        'not only B')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the bootstrap (default: 0)')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the table, the picture and the '
                         'trajectories to DIR/compare/DATE and link it as DIR/compare/latest (default: results)')
@@ -210,7 +212,7 @@ def describe(comparison) -> str:
             verdict = f'{letter} {d.verdict}' if d.verdict and comparison.judged else ''
             lines.append(f'{name:{width}}  {what:11} [{d.unit:>3}] {d.a:10.4f} {d.b:10.4f} {d.b - d.a:+10.4f}    '
                          f'{d.low:+.4f} to {d.high:+.4f}  {verdict}'.rstrip())
-    lines += [f'{name:{width}}  {letter} has {100.0 * share:.1f} % of the scans of A'
+    lines += [f'{name:{width}}  {letter} has a pose for {100.0 * share:.1f} % of the scans with a pose of A'
               for name, share in comparison.coverage.items() if share < 1.0]
     lines.append(f'A: {comparison.a}  {letter}: {comparison.b}  {letter} {_conclusion(comparison)}.')
     return '\n'.join(lines)
@@ -218,5 +220,5 @@ def describe(comparison) -> str:
 
 def _conclusion(comparison):
     if not comparison.judged:
-        return f'is not judged: it has less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
+        return f'is not judged: it has poses for less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
     return f'is {comparison.verdict(ALL)}'

@@ -78,7 +78,7 @@ class Competitor:
         return trajectory
 
     def tracker(self):
-        """Make a tracker with ``process(scan)`` in its initial state."""
+        """Return a new tracker of this competitor, an object with the method ``process(scan)``."""
         from ..core.odometry.pipeline import Odometry
         from ..evaluation.trackers import tracker
 

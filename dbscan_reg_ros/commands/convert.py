@@ -15,7 +15,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log; NAME.bag: ROS 1 bag; '
                         'any other name: folder of a ROS 2 bag')
     parser.add_argument('--topic',
-                        help='topic of the scans; required if there are several and a log is read or written')
+                        help='topic of the scans; required if the recording has several topics of scans and a log is '
+                             'read or written')
     parser.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='topics of the bag to keep '
                         '(default: all)')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='keep messages from S seconds after the '

@@ -27,17 +27,17 @@ STARTING = 30
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('demo', 'Start the node scan_matcher in a process of its own, play a recording or a simulated '
-                         'building with known truth to it over ROS, as fast as it answers, and print the error of its '
-                         'odometry. Writes trajectory.tum and map.png.')
+    parser = make_parser('demo', 'Start the node scan_matcher in a process of its own, play a recording to it over '
+                                 'ROS, or a simulated drive with known truth, as fast as the node answers. Prints the '
+                                 'error of the odometry. Writes trajectory.tum and map.png.')
     parser.add_argument('file', metavar='FILE', nargs='?', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag '
                         '(default: the simulated building)')
     add_topic(parser, SEVERAL)
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node: a '
-                        'parameter file or set (default: the defaults)')
-    parser.add_argument('--live', action='store_true', help='in real time, with a page that shows it in a browser: '
-                        'the drive begins when the page is opened')
+    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node: a parameter file, or the name '
+                        'of a ready-made parameter set (default: the default values)')
+    parser.add_argument('--live', action='store_true', help='play in real time and show the drive on a page in a '
+                        'browser; the drive begins when the page is opened')
     parser.add_argument('--out', metavar='DIR', help='folder of the results (default: results/demo-NAME)')
     return run(parser, demo, argv)
 
@@ -62,7 +62,7 @@ def demo(args):
 
 
 def _node_words(path, parameters, topics) -> list:
-    """Return the arguments of the node: its parameter file, and what depends on the topics of the lidars."""
+    """Return the arguments of the node: its parameter file, and arguments for the topics of the lidars."""
     from ..paths import parameter_file
 
     words = ['--params-file', str(parameter_file(path))] if path else []
@@ -74,18 +74,18 @@ def _node_words(path, parameters, topics) -> list:
 
 
 def _recording(args, topics):
-    """Open the recording; raise a CommandError where several lidars, on `topics`, cannot be played from it."""
+    """Open the recording; raise CommandError if the scans of several lidars, on `topics`, cannot be played from it."""
     if args.file:
         from ..recordings import find_recording, open_recording
         from ..recordings.opening import is_bag
 
         path = find_recording(args.file, args.data)
         if topics[1:] and not is_bag(path):
-            raise CommandError(f'{path}: expected a bag for several lidars, with their transforms on /tf_static; of a '
-                               'log, use replay --topic A --topic B --mounting A X Y DEG --mounting B X Y DEG')
+            raise CommandError(f'{path}: expected a bag for several lidars, with their transforms on /tf_static; for '
+                               'a log, use replay --topic A --topic B --mounting A X Y DEG --mounting B X Y DEG')
         return open_recording(path, topics[0] if topics else None)
     if topics[1:]:
-        raise CommandError(f'the simulated building has one lidar, not {len(topics)}; give a bag of '
+        raise CommandError(f'the simulated building has one lidar, not {len(topics)}; give a bag with the topics '
                            f'{", ".join(topics)}')
     print('simulating a building ...', file=sys.stderr)
     from ..simulation import demo as simulated_building
@@ -161,8 +161,8 @@ def _wait_for(node, player):
 def _report(recording, answers, mounting, out, faults):
     """Write trajectory and map of the answered scans, print paths and errors; return the exit status.
 
-    With several lidars the odometry is that of the base, on which the first lidar has this `mounting`, and some of it
-    has the stamps of the other lidars.
+    With several lidars, the odometry messages contain poses of the base, on which the first lidar has this `mounting`;
+    some messages have the stamps of scans of other lidars.
     """
     import numpy as np
 
@@ -199,7 +199,7 @@ def _report(recording, answers, mounting, out, faults):
 
 
 def _errors(recording, stamps, poses) -> list:
-    """Describe the errors against truth or relations in words, as far as they are known."""
+    """Return a line with the errors against the relations or the true poses; an empty list if both are unknown."""
     from ..evaluation.known_motion import errors_of
 
     errors = errors_of(recording, stamps, poses)

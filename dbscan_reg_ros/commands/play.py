@@ -23,20 +23,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     own, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     parser = make_parser('play', 'Publish a recording to a running node, by default with its original timing: the '
-                         'scans on scan, and what else the node can use, where it was recorded: /tf, /tf_static, the '
-                         'wheels on wheel_odom, the IMU on imu. The messages keep their own stamps. Ctrl-C ends it. '
-                         'ROS arguments may follow, such as --ros-args -r scan:=laser, or -r /tf:=/tf_recorded where '
-                         'the recorded transforms are not wanted.')
-    add_recording(parser, SEVERAL | {'help': 'topic of the scans; required if there are several. Given more than once, '
-                  'each is published under its own name, and --lockstep waits for the odometry of the first'})
+                         'scans on the topic scan and, if recorded, /tf, /tf_static, wheel odometry on wheel_odom and '
+                         'IMU data on imu. The messages keep their own stamps. Ctrl-C ends it. '
+                         'ROS arguments may follow, such as --ros-args -r scan:=laser, or -r /tf:=/tf_recorded if the '
+                         'recorded transforms must not reach the node.')
+    add_recording(parser, SEVERAL | {'help': 'topic of the scans; required if the recording has several topics of '
+                        'scans. If given more than once, each topic is published under its own name, and --lockstep '
+                        'waits for the odometry of the first one'})
     more = parser.add_mutually_exclusive_group()
     more.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='publish these recorded topics as well')
     parser.end_list('--topics', is_topic)
     more.add_argument('--all', action='store_true', help='publish every recorded topic')
     speed = parser.add_mutually_exclusive_group()
-    speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='R times as fast (default: 1)')
+    speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='play R times as fast as recorded '
+                        '(default: 1)')
     speed.add_argument('--lockstep', action='store_true',
-                       help='as fast as the node answers on odom, so that no scan of --topic is skipped')
+                       help='publish scans as fast as the node answers on odom, so that no scan of --topic is skipped')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='wait at most S seconds for a subscriber of the scans (default: 10)')

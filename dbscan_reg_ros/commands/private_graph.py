@@ -66,7 +66,7 @@ def _lock_folder() -> Path:
 
 @contextmanager
 def _free_domain():
-    """Lock the first domain after the last one taken that no process has locked."""
+    """Lock a ROS domain that no process has locked; begin with the one after the domain that was locked last."""
     folder = _lock_folder()
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
@@ -83,4 +83,5 @@ def _free_domain():
             last.write_text(str(DOMAINS.index(domain)))
             yield domain
             return
-    raise NoFreeDomain(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use; end some of their users')
+    raise NoFreeDomain(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use; end some of the processes '
+                       'that use them')

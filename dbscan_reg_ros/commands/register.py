@@ -30,10 +30,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_topic(parser)
     add_data(parser)
     parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or a '
-                        f'parameter set: {", ".join(ready_made())} (default: the defaults; for a snapshot, the '
-                        'parameters stored in it; others register it again, without a prior)')
-    parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, of which the error is printed: '
-                        'TUM, or the columns index,x,y,theta (default: those in or beside the recording, if any)')
+                        f'parameter set: {", ".join(ready_made())} (default: the default values; for a snapshot, the '
+                        'parameters stored in it; with other parameters, its scans are registered again, without a '
+                        'prior)')
+    parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, from which the error is '
+                        'computed: TUM, or the columns index,x,y,theta (default: the true poses in the recording or '
+                        'in a file beside it, if any)')
     parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
                         'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
@@ -42,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class Pair(NamedTuple):
-    """Two scans to register; `registration` is their result and `truth` the true motion, where these are known."""
+    """Two scans to register; `registration` is a stored result and `truth` the true motion, each None if unknown."""
 
     name: str
     reference: object
@@ -124,11 +126,11 @@ def _describe_evidence(registration) -> list:
     if not registration.hypotheses:
         return []
     if evidence is None:
-        return ['confidence  not computed: selection.method divergence does not judge its result']
+        return ['confidence  not computed: selection.method divergence computes no confidence']
     rival = f'the log-odds of the best rival are {margin:.2f} less' if registration.rivals else 'no rival'
     return [f'confidence  {registration.confidence:.3f}',
             f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',
-            f'            in free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
+            f'            points in the free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
             f'current scan, {100 * evidence.conflicts_reference:.1f} % of the reference',
             f'            corners and free ends: {evidence.matched_ends} match, {evidence.unmatched_ends} that the '
             'other should see do not',
@@ -167,7 +169,7 @@ def _of_recording(path, topic, numbers, parameters, truth):
 
 
 def _true_motion(recording, first, second, truth):
-    """Return the true motion between two stamps [ns] from the file `truth`, or of the recording; None if unknown."""
+    """Return the true motion between two stamps [ns] from the file `truth`, or from the recording; None if unknown."""
     from ..evaluation.known_motion import KnownMotion
     from ..recordings.truth import read_truth
 
@@ -190,7 +192,7 @@ def _scans(path, topic, numbers):
         if count - 1 in numbers:
             scans[count - 1] = scan
     if last >= count:
-        raise CommandError(f'{path}: no scan {last}; it holds {count}, numbered from 0')
+        raise CommandError(f'{path}: no scan {last}; the recording contains {count} scans, numbered from 0')
     note_warnings('register', recording, last + 1)
     return recording, scans
 
@@ -206,7 +208,7 @@ def _of_snapshot(path, numbers, parameters):
     number = numbers[0] if numbers else max(registered, default=-1)
     if number not in registered:
         numbers = ', '.join(map(str, registered)) or 'none'
-        raise CommandError(f'{path}: scan {number} was not registered; those of the snapshot that were: {numbers}')
+        raise CommandError(f'{path}: scan {number} was not registered; the registered scans of the snapshot: {numbers}')
     update = snapshot.updates[number]
     own = NodeParameters().replace(snapshot.parameters)
     return Pair(f'{path.stem}_{number}', update.reference, update.scan, parameters or own,

@@ -35,12 +35,13 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'cannot be used; 130: interrupted; 1: any other failure.')
     add_recordings(parser, SEVERAL)
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
-                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: the '
-                        'transforms on /tf_static of a bag where several topics are given, else the parameters)')
+                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
+                        'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
     parser.add_argument('--params-file', metavar='YAML',
-                        help='parameter file as for ROS 2 nodes, or a parameter set (default: the defaults)')
+                        help='parameter file as for ROS 2 nodes, or the name of a ready-made parameter set (default: '
+                             'the default values)')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
-                        'it as DIR/NAME/latest; of several recordings, write DIR/index.html (default: results)')
+                        'it as DIR/NAME/latest; for several recordings, also write DIR/index.html (default: results)')
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
@@ -101,7 +102,7 @@ class Job:
     ----------
     path : Path
     topics : tuple of str
-        Topics of the scans, that of the first lidar first; empty where there is only one.
+        Topics of the scans, beginning with the topic of the first lidar; empty if the recording has only one.
     parameters : NodeParameters
     out : Path
         Folder below which the results are written.
@@ -124,7 +125,7 @@ class Job:
 
     @property
     def topic(self):
-        """Topic of the first lidar; None where there is only one."""
+        """Topic of the first lidar; None if the recording has only one topic of scans."""
         return self.topics[0] if self.topics else None
 
 

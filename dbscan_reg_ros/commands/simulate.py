@@ -17,11 +17,12 @@ LIDAR = (
     ('--duration', float, 'S', 'time of one scan, from its first to its last beam (not of the drive); 0: all beams at '
      'once'),
     ('--noise', float, 'M', 'smallest standard deviation of a range'),
-    ('--noise-share', float, 'FRACTION', 'standard deviation as a fraction of the range, where that is larger'),
+    ('--noise-share', float, 'FRACTION', 'standard deviation of a range as a fraction of the range, used if larger '
+                    'than the smallest one'),
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
     ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),
-    ('--phase', float, 'S', 'time of the first scan'),
+    ('--phase', float, 'S', 'time from the start of the drive to the first scan'),
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'seconds': (1.0, 86400.0), 'speed': (0.01, 100.0),
@@ -58,16 +59,16 @@ def main(argv: Sequence[str] | None = None) -> int:
                        help='number of people who walk about (default: 0)')
     world.add_argument('--laps', type=int, metavar='N', help='number of laps, alternately forwards and backwards '
                        '(default: 1, or as many as --seconds takes)')
-    world.add_argument('--seconds', type=float, metavar='S', help='time of the drive, which ends there '
-                       '(default: that of the laps)')
+    world.add_argument('--seconds', type=float, metavar='S', help='time after which the drive ends (default: when the '
+                        'laps are complete)')
     world.add_argument('--speed', type=float, default=0.8, metavar='M/S', help='largest speed (default: 0.8)')
     world.add_argument('--turn-rate', type=float, default=0.9, metavar='RAD/S', help='largest turn rate (default: 0.9)')
     parser.set_defaults(lidars=[{}])
     lidar = parser.add_argument_group('the lidar')
     lidar.add_argument('--lidar', choices=PRESETS, action=LidarOption,
                        help='lidar model; the options below override its properties. The file config/MODEL.yaml holds '
-                       'parameters for it. Given again, another lidar on the same robot, and the options after it are '
-                       'those of this lidar; the truth is that of the first (default: sick_lms200)')
+                       'parameters for it. If given again, it adds another lidar to the robot, and the options after '
+                       'it apply to that lidar; the true poses are those of the first lidar (default: sick_lms200)')
     for option, kind, unit, words in LIDAR:
         lidar.add_argument(option, type=kind, metavar=unit, action=LidarOption, help=words)
     lidar.add_argument('--mounting', '--at', type=float, action=LidarOption, nargs=3, metavar=('X', 'Y', 'DEG'),
@@ -76,7 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     others.add_argument('--wheel-scale', type=float, nargs=2, default=(1.02, 0.98), metavar=('DISTANCE', 'ROTATION'),
                         help='ratio of measured to true distance and rotation (default: 1.02 0.98)')
     others.add_argument('--wheel-noise', type=float, nargs=2, default=(0.02, 0.02), metavar=('DISTANCE', 'ROTATION'),
-                        help='noise as a fraction of the distance and rotation of each step (default: 0.02 0.02)')
+                        help='standard deviation of the error of a step, as a fraction of its distance and of its '
+                             'rotation (default: 0.02 0.02)')
     others.add_argument('--slip', type=float, nargs=3, action='append', default=[], metavar=('BEGIN', 'END', 'FACTOR'),
                         help='between these times [s] the wheels measure FACTOR times the distance; may be repeated')
     others.add_argument('--gyro-bias', type=float, default=0.002, metavar='RAD/S',

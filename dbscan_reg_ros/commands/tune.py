@@ -29,18 +29,20 @@ SEARCHED = ('advanced.refinement.map_scale', 'advanced.refinement.map_first_scal
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('tune', 'Search the parameter values with the smallest odometry error over 1 m. Writes the '
-                         'best values as a parameter file and reports the gain on held-out recordings. Running the '
+                         'best values as a parameter file and reports how much the error decreases on held-out '
+                         'recordings. Running the '
                          'same command again continues an interrupted search. The result depends on the seed, not on '
                          'the number of processes.')
     add_recordings(parser)
-    parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth '
-                        'that the search does not use; the gain is measured on them')
+    parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth that '
+                        'the search does not use; the decrease of the error is measured on them')
     parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='parameters to '
-                        'search, each with an optional range; without one, from a fifth to five times the default '
-                        f'(default: {" ".join(SEARCHED)})')
+                        'search, each with an optional range; without a range, values from a fifth to five times the '
+                        f'default are tried (default: {" ".join(SEARCHED)})')
     parser.end_list('--parameters', is_parameter)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file or set: start of the search, and '
-                        'values of all other parameters (default: the defaults)')
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file, or name of a ready-made parameter set: '
+                        'first values of the search, and values of all parameters that are not searched (default: '
+                        'the default values)')
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='number of trials (default: 100)')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
@@ -68,7 +70,7 @@ def is_parameter(word) -> bool:
 
 
 def tune(args):
-    """Search, write the best parameters and print their gain."""
+    """Search, write the best parameters and print how much they decrease the error."""
     from ..evaluation.comparison import known_motion
     from ..robot.parameter_files import read_parameters, write_parameters
     from ..robot.parameters import METHOD, NodeParameters
@@ -88,14 +90,14 @@ def tune(args):
     search = settings['search']
     folder = Path(args.out or Path('results', 'tune', searched[0].name))
     study = Study(folder, settings, axes)
-    print(f'search      {search}, {study.known} of {args.trials} trials known, kept in {folder}', flush=True)
+    print(f'search      {search}, {study.known} of {args.trials} trials known, stored in {folder}', flush=True)
     with workers(args.processes or processors(), args.scheduler) as executor:
         with progress(args.trials) as watch, said_when_interrupted(study, args.trials, folder):
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, task), watch)
         first = study.cost_of_start
         if cost >= HOPELESS:
-            raise CommandError('nothing could be judged: the drive is shorter than 1 m, or none of its scans could be '
-                               'registered; expected a longer drive, or more of its scans (--scans)')
+            raise CommandError('no error could be computed: the drive is shorter than 1 m, or none of its scans could '
+                               'be registered; expected a longer drive, or more of its scans (--scans)')
         best = start.replace(values)
         names = ', '.join(map(attrgetter('name'), searched))
         head = [f'Tuned on {names}: {first:.5f} m before, {cost:.5f} m after, over 1 m '
@@ -145,7 +147,7 @@ def _settings(args, task, start, axes):
 def _changes(before, after):
     """Return a line for each parameter whose value differs between `before` and `after` the search."""
     changed = [f'{name}: {before[name]} -> {value}' for name, value in after.items() if value != before[name]]
-    return changed or ['No other values were better: the best are those of the start.']
+    return changed or ['No other values had a lower cost: the best values are the initial ones.']
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ def evaluated(executor, trials, start, task):
 
 
 def candidate(start, values):
-    """Return the parameters `start` changed by `values` (name -> value), or None if these contradict each other."""
+    """Return the parameters `start` changed by `values` (name -> value); None if the values contradict each other."""
     try:
         return start.replace(values)
     except ParameterError:
@@ -214,11 +216,11 @@ def said_when_interrupted(study, total, folder):
 
 
 def gain(trajectories, known, seed):
-    """Describe the gain on held-out recordings; `trajectories` are pairs (before, after) for the `known` motions."""
+    """Describe the change of the error on held-out recordings; `trajectories` has a pair (before, after) for each."""
     from ..evaluation.comparison import difference, paired
 
     if not trajectories:
-        return ['No recording was held out: the gain on others is not known, and likely smaller.']
+        return ['No recording was held out: the improvement on other recordings is unknown, and probably smaller.']
     pairs = [paired(motion, *pair) for motion, pair in zip(known, trajectories, strict=True)]
     d = difference(pairs, 0, seed, confidence=0.95)
     shares = [100.0 * (1.0 - each.b / each.a) for each in (difference([pair], 0, seed) for pair in pairs)]
@@ -226,7 +228,7 @@ def gain(trajectories, known, seed):
              f'95 % between {-d.high:+.5f} and {-d.low:+.5f} m; by recording '
              + ', '.join(f'{share:+.1f} %' for share in shares) + '.']
     if not (d.worse or d.better):
-        lines.append('The gain is within the noise.')
+        lines.append('The improvement is not statistically significant (the 95 % interval contains zero).')
     elif d.worse:
         lines.append('On the held-out recordings the result is worse than the start: do not use it.')
     return lines

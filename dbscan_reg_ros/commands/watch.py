@@ -21,9 +21,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'to the node. Ctrl-C ends it. ROS arguments may follow, such as --ros-args -r scan:=laser.')
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
                         help='address of this computer that browsers connect to (default: %(default)s, this computer '
-                        'alone). With another one everybody in the network who knows the printed address sees the page')
+                        'alone). With another address, everybody in the network who knows the printed address can see '
+                        'the page')
     parser.add_argument('--port', type=port, default=PORT, metavar='N',
-                        help='port, or the next one that is free (default: %(default)s)')
+                        help='first port to try; if it is busy, the next free port is used (default: %(default)s)')
 
     def work(args):
         with interruptible(signal.SIGINT, signal.SIGTERM, once=True):
@@ -47,7 +48,7 @@ def watch(args, ros_arguments):
         print(f'page         {server.address}')
         if is_local(args.host):
             print(f'from another computer: ssh -L {server.port}:{args.host}:{server.port} '
-                  f'{getpass.getuser()}@{socket.gethostname()}, then the same address there', flush=True)
+                  f'{getpass.getuser()}@{socket.gethostname()}, then open the same address there', flush=True)
         else:
             print('watch: everybody in the network who knows this address sees the scans; nothing is encrypted',
                   file=sys.stderr, flush=True)

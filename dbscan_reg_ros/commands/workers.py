@@ -233,7 +233,7 @@ class _Worker:
             os._exit(1)
 
     def end_politely(self):
-        """Let SIGTERM only be noted from now on; `heed` then raises a KeyboardInterrupt."""
+        """From now on, SIGTERM only sets a flag; `heed` raises a KeyboardInterrupt if it is set."""
         signal.signal(signal.SIGTERM, self._stop)
 
     def _stop(self, _number, _frame):

@@ -73,7 +73,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """``worse`` or ``better`` if B is so with confidence; empty if the confidence interval contains 0."""
+        """``worse`` or ``better``, if the whole confidence interval of B - A is above or below 0; else empty."""
         return 'worse' if self.worse else 'better' if self.better else ''
 
 
@@ -109,7 +109,7 @@ class Comparison:
 
     @property
     def worse(self) -> bool:
-        """Whether the competitor is worse than A with confidence."""
+        """Whether the error of the competitor is significantly larger than the error of A."""
         return self.judged and any(d.worse for d in self.table['all'])
 
     def verdict(self, recording) -> str:
@@ -137,7 +137,7 @@ def known_motion(recording) -> KnownMotion:
 
 
 def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
-    """Compute the errors of two trajectories: of motions over 1 m of the true path, or without it, of the relations.
+    """Compute the errors of two trajectories over 1 m of the true path, or without true poses over the relations.
 
     Raises
     ------
@@ -151,8 +151,8 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     true = _true_motions(known, stamps, poses[0])
     count = len(true.first)
     if not count and known.truth and (times := outside(known.truth[0], stamps)):
-        raise TooShort(f'too few scans lie within the time of the truth, which has {times}: expected the stamps of the '
-                       'scans in it, in seconds')
+        raise TooShort(f'too few scans lie within the time of the true poses: {times}; expected true poses with the '
+                       'stamps of the scans, in seconds')
     if count < FEWEST_BLOCKS:
         raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}: compare a longer drive, '
                        'or more of its scans')
@@ -171,9 +171,10 @@ class _TrueMotions(NamedTuple):
 
 
 def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
-    """Return the true motions over 1 m of path at `stamps` ``(N,)`` [ns], or without true poses those of the relations.
+    """Return true motions over 1 m of path at `stamps` ``(N,)`` [ns], or without true poses those of `relations`.
 
-    The length is that of the true path, or without true poses that of the estimated `poses` ``(N, 3)`` [m, m, rad].
+    `_TrueMotions.length` is computed from the true path, or without true poses from the estimated `poses` ``(N, 3)``
+    [m, m, rad].
     """
     if known.truth:
         truth = interpolate(*known.truth, stamps)
@@ -193,9 +194,9 @@ def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
 def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
     """Compute the difference of the mean errors over one or several recordings with a block bootstrap.
 
-    Blocks of related errors are resampled within each recording, `DRAWS` times. The interval is that of Student's t
-    distribution about the mean, with the standard deviation of the draws and as many degrees of freedom as there are
-    blocks, less the number of recordings.
+    Blocks of successive errors, which are correlated, are resampled within each recording, `DRAWS` times. The
+    confidence interval is computed from Student's t distribution about the mean, with the standard deviation of the
+    draws and as many degrees of freedom as there are blocks, less the number of recordings.
 
     Parameters
     ----------
@@ -204,8 +205,8 @@ def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
         Errors that are compared: 0 for translation, 1 for rotation.
     seed : int
     confidence : float
-        Probability that the interval contains the true difference. By default the intervals of translation and rotation
-        both do so with a probability of 95 %.
+        Probability that the interval contains the true difference. The default gives a probability of 95 % that both
+        the interval of translation and the interval of rotation contain it.
     """
     from scipy.stats import t
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of a comparison: each competitor's errors on each recording, and in words which of these are missing."""
+"""Table of a comparison: the errors of each competitor on each recording, and notes on missing errors."""
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -29,9 +29,9 @@ class CompetitorResult:
     error_m, error_deg : float or None
         Mean errors of the motion over 1 m on the scans with poses of both A and the competitor; None if unknown.
     evo : EvoMeasures
-        Measures over all of its own poses.
+        Measures over all poses of the competitor.
     verdict : str
-        Whether it is better or worse than A; empty for A.
+        Whether the competitor is better or worse than A; empty for A.
     notes : list of str
         Which scans have a pose, and why measures are missing.
     """
@@ -50,7 +50,7 @@ class CompetitorResult:
     notes: list
 
     def as_json(self) -> dict:
-        """Return all values by their names, those of `evo` beside the others."""
+        """Return a dictionary of all values by name, including the measures in `evo`."""
         values = asdict(self)
         evo = values.pop('evo')
         return values | {name: evo[name] for name in ('ape_m', 'rpe_m', 'rpe_deg')}
@@ -91,12 +91,12 @@ def results_of(recording, folder, known, trajectories, comparisons) -> list:
     recording : str
         Name of the recording in the comparisons.
     folder : Path
-        Folder into which the trajectories are written that the measures of evo are computed from.
+        Folder for the trajectory files from which the measures of evo are computed.
     known : KnownMotion
     trajectories : list of Trajectory
         Trajectories of the competitors, beginning with A.
     comparisons : list of Comparison
-        Comparisons of the competitors after A with A.
+        Comparison with A for each competitor except A.
     """
     verdicts = ['', *(comparison.verdict(recording) for comparison in comparisons)]
     means = [_mean_errors(known, trajectories[0]),
@@ -126,7 +126,8 @@ def _mean_errors(known, trajectory) -> list:
 def _measured(folder, letter, trajectory, truth) -> EvoMeasures:
     """Compute the `EvoMeasures` of the files ``LETTER.tum`` and ``truth_of_LETTER.tum``, which are written here."""
     if truth is None:
-        return EvoMeasures(None, None, None, ['no APE and no RPE: of the true motion only relations are known'])
+        return EvoMeasures(None, None, None, ['no APE and no RPE: the recording has no true poses, only relations '
+                            'between scans'])
     stamps, first = np.unique(np.array(trajectory.stamps, dtype=np.int64), return_index=True)
     reference = interpolate(truth[0], truth[1], stamps)
     there = np.isfinite(reference).all(axis=1)
@@ -135,6 +136,6 @@ def _measured(folder, letter, trajectory, truth) -> EvoMeasures:
         write_tum(file, stamps[there], content[there])
     found = evo_measures(*(read_tum(file)[1] for file in files))
     if not there.all():
-        found.reasons.insert(0, f'{(~there).sum()} of its {len(stamps)} stamps lie outside the time of the truth, '
-                                f'which has {outside(truth[0], stamps)}')
+        found.reasons.insert(0, f'{(~there).sum()} of the {len(stamps)} stamps lie outside the time of the true poses: '
+                                f'{outside(truth[0], stamps)}')
     return found

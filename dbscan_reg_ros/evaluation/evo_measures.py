@@ -40,13 +40,13 @@ def evo_measures(poses, reference) -> EvoMeasures:
     """Return the measures that can be computed for `poses` and a `reference` at the same stamps, both ``(N, 3)``."""
     if len(poses) <= 1:
         return EvoMeasures(None, None, None, [
-            f'no APE and no RPE: {len(poses) or "none"} of its poses lies within the time of the truth'])
+            f'no APE and no RPE: {len(poses) or "none"} of the estimated poses lies within the time of the true poses'])
     ape, rpe, reasons = ape_rmse(poses, reference), rpe_rmse(poses, reference), []
     if ape is None:
-        reasons.append('no APE: its poses, or the true ones, lie at one place or on one straight line, and evo does '
-                       'not align these')
+        reasons.append('no APE: the estimated or the true poses lie at one place or on one straight line, and evo '
+                       'does not align such poses')
     if rpe is None:
-        reasons.append(f'no RPE: the true path has no two of its poses about {DELTA:g} m apart')
+        reasons.append(f'no RPE: no two poses are, along the true path, about {DELTA:g} m apart')
     metres, degrees = rpe or (None, None)
     return EvoMeasures(ape, metres, degrees, reasons)
 

@@ -46,7 +46,8 @@ class GivenTrajectory:
         except ValueError:
             raise RecordingError(f'{text}: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]') from None
         if not Path(path).exists():
-            raise RecordingError(f'{path}: no such trajectory; expected a file in TUM format, or a folder of these')
+            raise RecordingError(f'{path}: no such trajectory; expected a file in TUM format, or a folder of such '
+                                 'files')
         return cls(Path(path), (x, y, math.radians(degrees)))
 
     def file(self, recording) -> Path:

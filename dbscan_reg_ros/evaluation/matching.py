@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which scans of a recording have a pose in a trajectory, and in words why others have none."""
+"""Poses of a trajectory at the scans of a recording, and a text that explains which scans have no pose."""
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ class Matched(NamedTuple):
     poses : (N, 3) float [m, m, rad]
         NaN for scans without a pose.
     explanation : str
-        How many scans have a pose, how many have none, and why.
+        How many scans have a pose, how many have no pose, and the reasons.
     """
 
     poses: np.ndarray
@@ -29,8 +29,8 @@ class Matched(NamedTuple):
 def match(own, poses, stamps) -> Matched:
     """Find the poses of a trajectory at the stamps of scans.
 
-    A scan has the pose with its stamp, or else the one interpolated between the two poses around it, unless these are
-    further apart than `LONGEST_GAP` intervals of the scans.
+    A scan gets the pose with the same stamp. If there is none, the pose is interpolated between the previous and the
+    next pose, unless the time between them exceeds `LONGEST_GAP` median scan intervals.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def match(own, poses, stamps) -> Matched:
     found[in_gap] = np.nan
     words = [f'{at_stamp.sum()} of {count} scans have the stamp of a pose']
     if between := int(np.isfinite(found[:, 0]).sum() - at_stamp.sum()):
-        words.append(f'{between} lie between two poses, from which theirs is interpolated')
+        words.append(f'{between} lie between two poses, and their pose is interpolated')
     reasons = [times] if (times := outside(own, at)) else []
     if in_gap.any():
         reasons.append(f'{in_gap.sum()} where successive poses are more than {1e-9 * longest:.3f} s apart')
@@ -71,13 +71,13 @@ def outside(own, stamps) -> str:
         return 'no stamp'
     first, last = own.min(), own.max()
     early, late = int((stamps < first).sum()), int((stamps > last).sum())
-    return ' and '.join([*([f'{early} before its first stamp, {1e-9 * first:.3f} s'] if early else []),
-                         *([f'{late} after its last stamp, {1e-9 * last:.3f} s'] if late else [])])
+    return ' and '.join([*([f'{early} before the first pose, {1e-9 * first:.3f} s'] if early else []),
+                         *([f'{late} after the last pose, {1e-9 * last:.3f} s'] if late else [])])
 
 
 def _other_clock(first, last, stamps) -> str:
-    """Return a hint where no scan lies within the time from `first` to `last` [ns]; empty otherwise."""
+    """Return a hint if no scan lies within the time from `first` to `last` [ns]; else an empty string."""
     if not len(stamps) or ((stamps >= first - SAME_SCAN_WITHIN) & (stamps <= last + SAME_SCAN_WITHIN)).any():
         return ''
     return (f' (the stamps of the scans go from {1e-9 * stamps.min():.3f} to {1e-9 * stamps.max():.3f} s: expected '
-            'these in its file, in seconds)')
+            'the same stamps in the trajectory file, in seconds)')

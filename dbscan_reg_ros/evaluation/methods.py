@@ -19,7 +19,7 @@ from .baselines import Result, icl, icp, idc
 
 LAYERS = 0.1 * np.arange(-2, 3)
 GATE, GATE_GUESSED = 2.0, 0.5
-"""Largest distance of corresponding points in GICP [m], without and with a guess; each value gives the best results."""
+"""Largest distance of corresponding points in GICP [m], without and with a guess: the values with the best results."""
 LEAST_RETURNS = 5
 GUESS_COVARIANCE = np.diag((0.1, 0.1, 0.05)) ** 2
 
@@ -124,7 +124,7 @@ def _identity(name):
 
 
 def _small_gicp(name):
-    """Make GICP on all returns; copies of the points at several heights give GICP their normals in 3D."""
+    """Make the method GICP, which uses all returns, copied to several heights so that 3D normals can be computed."""
     import small_gicp
 
     def prepare(scan):
@@ -145,7 +145,7 @@ def _small_gicp(name):
 
 
 def _kiss_icp(name):
-    """Make KISS-ICP that registers the current scan to a map of the reference, with its initial threshold."""
+    """Make the method KISS-ICP: it registers the current scan to a map of the reference, with the initial threshold."""
     from kiss_icp.kiss_icp import KissICP
 
     def prepare(scan):

@@ -90,7 +90,7 @@ def distance_errors(poses, reference, metres) -> dict:
 
 
 def apart(reference, metres):
-    """Return indices of scans, and for each scan that of the first at least `metres` later on the reference path."""
+    """Return indices of scans, and for each the index of the first scan `metres` farther on the reference path."""
     path = path_lengths(reference)
     later = np.searchsorted(path, path + metres)
     scans = np.flatnonzero(later < len(path))
@@ -104,7 +104,7 @@ def path_lengths(poses):
 
 
 def duration(stamps, jump):
-    """Return the time [s] covered by `stamps` ``(N,)`` [ns] without gaps and clock jumps, and the number of these.
+    """Return the time [s] covered by `stamps` ``(N,)`` [ns] without gaps and jumps, and how many these are.
 
     A gap or jump is a step of more than `jump` [s] that is also more than ten times the median step, because the stamps
     of key frames lie far apart.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometries of this package, of other packages and of the baselines, all as ``process(scan, external=None) -> Step``.
+"""Odometries of this package, of other packages and of the baselines, with one interface.
 
+A tracker has the method ``process(scan, external=None) -> Step``.
 ``external(predicted)`` returns the external prior of the motion since the last scan, as a `Prior`; `predicted` is the
 `Prior` of the motion model (constant velocity). If `external` is None, there is no external prior.
 """
@@ -104,7 +105,7 @@ class KeyFrames:
 
 
 class Kiss:
-    """KISS-ICP's own pipeline, with its map and its threshold."""
+    """Odometry of KISS-ICP, with the local map and the adaptive threshold of KISS-ICP."""
 
     def __init__(self):
         from kiss_icp.kiss_icp import KissICP

@@ -81,11 +81,11 @@ def test_a_trajectory_that_leaves_out_the_hard_part_gets_no_verdict(compare, wri
         return (numbers < 150) | (numbers >= 150 + left_out * len(numbers))
     code, printed, content = compare(write('a', 0.002), write('b', 0.0, kept=kept))
     assert content['judged'] is judged and content['coverage']['hall'] == pytest.approx(1.0 - left_out, abs=0.005)
-    assert re.search(r'^hall +B has \d\d\.\d % of the scans of A$', printed.out, re.MULTILINE)
+    assert re.search(r'^hall +B has a pose for \d\d\.\d % of the scans with a pose of A$', printed.out, re.MULTILINE)
     if judged:
         assert code == 0 and 'B is better in translation' in printed.out
     else:
-        assert code == 3 and 'B is not judged: it has less than 90 % of the scans.' in printed.out
+        assert code == 3 and 'B is not judged: it has poses for less than 90 % of the scans.' in printed.out
         assert 'better' not in printed.out and 'worse' not in printed.out
 
 
@@ -118,7 +118,7 @@ def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path
 
 
 @pytest.mark.parametrize(('words', 'says'), [
-    (('x=absent.tum',), 'absent.tum: no such trajectory; expected a file in TUM format, or a folder of these'),
+    (('x=absent.tum',), 'absent.tum: no such trajectory; expected a file in TUM format, or a folder of such files'),
     (('x=absent.tum@1,2',), 'absent.tum@1,2: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]'),
     (('=a.tum',), '=a.tum: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER'),
     (('absent:align',), "method absent:align: No module named 'absent'; expected MODULE:FUNCTION, in the current "
@@ -167,8 +167,8 @@ def test_one_table_has_all_competitors_printed_and_written(compare, write, tmp_p
 
 def test_a_measure_that_cannot_be_computed_has_a_reason_instead_of_nan(compare, write, tmp_path):
     _, printed, content = compare(write('a', 0.002), 'identity')
-    reason = ('no APE: its poses, or the true ones, lie at one place or on one straight line, and evo does not align '
-              'these')
+    reason = ('no APE: the estimated or the true poses lie at one place or on one straight line, and evo does not '
+              'align such poses')
     assert f'hall, B: {reason}\n' in printed.out and 'nan' not in printed.out.lower()
     assert content['table'][1]['ape_m'] is None and content['table'][1]['notes'] == [reason]
     assert content['table'][1]['rpe_m'] > 0.5
@@ -184,7 +184,7 @@ def test_the_notes_count_which_stamps_match_and_why_others_do_not(compare, write
     count = len(stamps)
     assert content['table'][0]['notes'] == [f'{count} of {count} scans have the stamp of a pose']
     note = (f'{len(kept)} of {count} scans have the stamp of a pose; {count - len(kept) - 31} lie between two poses, '
-            f'from which theirs is interpolated; 31 have no pose: 10 before its first stamp, {1e-9 * stamps[10]:.3f} s '
+            f'and their pose is interpolated; 31 have no pose: 10 before the first pose, {1e-9 * stamps[10]:.3f} s '
             'and 21 where successive poses are more than 0.750 s apart')
     assert content['table'][1]['notes'] == [note] and f'hall, B: {note}\n' in printed.out
 
@@ -196,9 +196,9 @@ def test_stamps_of_another_clock_are_named(compare, write, truth, tmp_path):
     assert code == 3 and content['coverage']['hall'] == 0.0
     count, last = len(stamps), 1e-9 * (stamps[-1] - stamps[0]) + 1.0
     assert content['table'][1]['notes'][0] == (
-        f'0 of {count} scans have the stamp of a pose; {count} have no pose: {count} after its last stamp, {last:.3f} '
-        f's (the stamps of the scans go from {1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected these '
-        'in its file, in seconds)')
+        f'0 of {count} scans have the stamp of a pose; {count} have no pose: {count} after the last pose, {last:.3f} '
+        f's (the stamps of the scans go from {1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected the '
+        'same stamps in the trajectory file, in seconds)')
 
 
 def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_recording, capsys):
@@ -207,8 +207,9 @@ def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_record
     assert main([write('a', 0.0), 'identity', str(hall_recording), '--truth', str(tmp_path / 'other.tum'),
                  '--processes', '1', '--out', str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
-        f'compare: too few scans lie within the time of the truth, which has {len(stamps)} after its last stamp, '
-        f'{1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s: expected the stamps of the scans in it, in seconds\n')
+        f'compare: too few scans lie within the time of the true poses: {len(stamps)} after the last '
+        f'pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s; expected true poses with the '
+        'stamps of the scans, in seconds\n')
 
 
 def test_poses_outside_the_time_of_the_truth_are_counted(compare, write, truth, tmp_path):
@@ -216,8 +217,8 @@ def test_poses_outside_the_time_of_the_truth_are_counted(compare, write, truth, 
     write_tum(tmp_path / 'known.tum', stamps[5:-7], poses[5:-7])
     _, _, content = compare(write('a', 0.001), write('b', 0.001, seed=1), '--truth', tmp_path / 'known.tum')
     assert content['table'][1]['notes'][1] == (
-        f'12 of its {len(stamps)} stamps lie outside the time of the truth, which has 5 before its first stamp, '
-        f'{1e-9 * stamps[5]:.3f} s and 7 after its last stamp, {1e-9 * stamps[-8]:.3f} s')
+        f'12 of the {len(stamps)} stamps lie outside the time of the true poses: 5 before the first pose, '
+        f'{1e-9 * stamps[5]:.3f} s and 7 after the last pose, {1e-9 * stamps[-8]:.3f} s')
 
 
 def test_the_truth_beside_a_recording_is_found(tmp_path):

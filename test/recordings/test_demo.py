@@ -118,7 +118,8 @@ def test_the_simulated_building_has_one_lidar(demo, tmp_path):
     path.write_text('scan_matcher:\n  ros__parameters:\n    scan_topics: [front, rear]\n    mounting: tf\n')
     process = demo('--params-file', path)
     assert process.wait(60.0) == 2
-    assert process.output() == 'demo: the simulated building has one lidar, not 2; give a bag of /front, /rear\n'
+    assert process.output() == ('demo: the simulated building has one lidar, not 2; give a bag with the topics '
+                                '/front, /rear\n')
 
 
 def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):

@@ -203,7 +203,7 @@ def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel
     ((), r'expected the numbers of two scans, REF and CUR, from 0; got \[\]'),
     ((1,), r'expected the numbers of two scans, REF and CUR, from 0; got \[1\]'),
     ((-1, 3), r'expected the numbers of two scans, REF and CUR, from 0; got \[-1, 3\]'),
-    ((3, 5505), 'no scan 5505; it holds 5505, numbered from 0'),
+    ((3, 5505), 'no scan 5505; the recording contains 5505 scans, numbered from 0'),
 ])
 def test_scans_that_are_not_there_are_named(intel, tmp_path, capsys, words, complaint):
     assert intel(*words) == 2
@@ -212,7 +212,7 @@ def test_scans_that_are_not_there_are_named(intel, tmp_path, capsys, words, comp
 
 
 @pytest.mark.parametrize(('words', 'complaint'), [
-    (['0'], 'scan 0 was not registered; those of the snapshot that were: 1, 2, 3, 4, 5'),
+    (['0'], 'scan 0 was not registered; the registered scans of the snapshot: 1, 2, 3, 4, 5'),
     (['1', '2'], r'expected the number of one scan of the snapshot; got \[1, 2\]'),
 ])
 def test_scans_that_a_snapshot_does_not_hold_are_named(snapshot, capsys, words, complaint):

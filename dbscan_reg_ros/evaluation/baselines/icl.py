@@ -23,7 +23,7 @@ def prepare(scan):
 
 
 def align(reference, current, guess=SE2()) -> Result:
-    """Pair every segment with the nearest line of similar direction, rotate, translate, and repeat."""
+    """Pair each segment with the nearest line of similar direction, estimate rotation and translation, and repeat."""
     def step(transform):
         if reference is None or current is None:
             return None

@@ -13,7 +13,7 @@ def prepare(scan):
 
 
 def align(reference, current, guess=SE2()) -> Result:
-    """Pair every point with the nearest point of the reference, move by least squares, and repeat."""
+    """Pair each point with the nearest point of the reference, estimate the motion by least squares, and repeat."""
     tree = cKDTree(reference)
 
     def step(transform):

@@ -15,7 +15,7 @@ NARROWEST = math.radians(1.0)
 DECAY = 0.85
 """Factor by which the window of bearings shrinks in each iteration."""
 KEPT = 0.8
-"""Fraction of the pairs that are used, the nearest ones."""
+"""Fraction of the pairs that are used: those with the smallest distances."""
 
 
 def prepare(scan):
@@ -24,7 +24,7 @@ def prepare(scan):
 
 
 def align(reference, current, guess=SE2()) -> Result:
-    """Estimate the rotation from points of equal range in a shrinking window, the translation from closest points."""
+    """Estimate the rotation from points of equal range and similar bearing, the translation from closest points."""
     tree = cKDTree(reference)
     ranges, bearings = _polar(reference)
     window = WINDOW
@@ -46,7 +46,7 @@ def align(reference, current, guess=SE2()) -> Result:
 
 
 def _same_range(ranges, bearings, points, window):
-    """Return for each point the reference point of the most similar range in the window, and whether there is one."""
+    """Return for each point the index of the reference point of most similar range in the window, and if it exists."""
     point_ranges, point_bearings = _polar(points)
     difference = np.abs(ranges - point_ranges[:, None])
     difference[np.abs(wrap(bearings - point_bearings[:, None])) > window] = np.inf

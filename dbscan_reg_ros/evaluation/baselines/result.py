@@ -18,7 +18,7 @@ class Result:
     transform : SE2
         Pose of the current sensor in the reference's frame: ``p_R = transform.apply(p_O)`` (Eq. 8).
     status : Status
-        ``OK`` when the iteration converged, ``FAILED`` when it did not.
+        ``OK`` if the iteration converged, else ``FAILED``.
     """
 
     transform: SE2
