@@ -27,8 +27,8 @@ def compiled_backend() -> Backend | None:
     except ImportError:
         return None
     if source_hash() not in ('', steps.SOURCE_HASH):
-        warnings.warn('the compiled steps were built from other sources: the slower reference runs; to build them '
-                      'again: python setup.py build_ext --inplace --force', RuntimeWarning, stacklevel=2)
+        warnings.warn('the compiled steps were built from other sources: the slower numpy reference runs instead; to '
+                      'build them again: python setup.py build_ext --inplace --force', RuntimeWarning, stacklevel=2)
         return None
     return Backend('compiled', {name: getattr(steps, name) for name in steps.STEPS})
 

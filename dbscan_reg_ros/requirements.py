@@ -68,7 +68,7 @@ def is_there(module) -> bool:
 
 
 def check_packages(command, also=()):
-    """Raise MissingPackages if modules are not installed that `command` needs, or `also`, those its arguments need."""
+    """Raise MissingPackages if modules are not installed that `command`, or (in `also`) its arguments need."""
     missing = [module for module in dict.fromkeys((*NEEDS.get(command, ()), *also)) if not is_there(module)]
     if missing:
         raise MissingPackages(missing_line(missing))

@@ -17,8 +17,8 @@ LIDAR = (
     ('--duration', float, 'S', 'time of one scan, from its first to its last beam (not of the drive); 0: all beams at '
      'once'),
     ('--noise', float, 'M', 'smallest standard deviation of a range'),
-    ('--noise-share', float, 'FRACTION', 'standard deviation of a range as a fraction of the range, used if larger '
-                    'than the smallest one'),
+    ('--noise-share', float, 'FRACTION', 'standard deviation of a range as a fraction of the range, used if '
+                    'larger than --noise'),
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
     ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),

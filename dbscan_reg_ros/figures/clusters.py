@@ -40,7 +40,7 @@ def _k_distances(axes, steps):
 
 
 def draw_translation(figure, steps):
-    """Draw the translation samples from pairs of matched lines and ends, for the rotation nearest to the result."""
+    """Draw the translation samples from lines and end points, for the rotation hypothesis nearest to the result."""
     samples, result = steps.translations, steps.registration.transform
     axes = panels(figure, ['all', 'close'])
     own = samples.rotation == steps.rotation

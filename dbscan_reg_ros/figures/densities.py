@@ -11,7 +11,7 @@ PLACES = 400
 
 
 def draw_densities(figure, steps):
-    """Draw the kernel densities of the coordinates of both scans, before and after the registration."""
+    """Draw the kernel densities of the x and y coordinates of both scans, before and after the registration."""
     axes = panels(figure, ['before x', 'after x'], ['before y', 'after y'])
     parameters = steps.parameters.divergence
     for state, motion in (('before', SE2()), ('after', steps.registration.transform)):

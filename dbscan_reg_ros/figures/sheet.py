@@ -30,19 +30,22 @@ class Drawing(NamedTuple):
 FIGURES = {
     'points': Drawing(
         'Points before and after the ring band filter', draw_points,
-        'Crosses should be single returns between surfaces; walls and corners should be kept.'),
+        'Crosses mark removed points: these should be single returns between surfaces.\n'
+        'Walls and corners should be kept.'),
     'segments': Drawing(
         'Segments, breakpoints and ends', draw_scan_segments,
-        'Each straight wall should be one segment, from corner to corner or to where it is hidden.'),
+        'Each straight wall should be one segment, from corner to corner, or up to where another object hides it.'),
     'rotation': Drawing(
         'Rotation: clusters of angle differences', draw_rotation,
-        'At the rotation between the scans the differences of many segments agree: a cluster over several rows.'),
+        'Near the true rotation the angle differences of many segments agree and form a cluster over several rows.'),
     'translation': Drawing(
         'Translation: clusters of the samples of lines and end points', draw_translation,
-        'Each sample is what two pairs of lines, or of ends, give; at the translation between the scans many agree.'),
+        'Each sample is a translation from two pairs of lines or from a pair of end points.\n'
+        'Near the true translation many samples agree.'),
     'densities': Drawing(
         'Densities of the coordinates', draw_densities,
-        'Curves that agree afterwards support the result. The divergence of one axis may rise with a good result:\n'
+        'Curves that agree after the registration support the result.\n'
+        'The divergence of one axis may rise with a good result: '
         'each scan contains surfaces that the other does not.'),
     'overlay': Drawing(
         'Overlay of the scans', draw_overlay,

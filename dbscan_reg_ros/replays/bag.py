@@ -17,9 +17,10 @@ AT_A_TIME = 50
 def odometry_bag(path, parameters, mounting):
     """Open a bag for writing; provide a function that adds the messages of an `OdometryUpdate` to the bag.
 
-    The record times are the stamps, made to increase where they go back. When the writing is interrupted, the
-    messages written until then form a valid bag. Messages of several scans are written together: written one by one,
-    they would take longer, since the odometry evicts the code of the writer from the processor's caches.
+    The record times are the stamps of the messages, increased where a stamp is before the last one. When the writing is
+    interrupted, the messages written until then form a valid bag. Messages of several scans are written together:
+    written one by one, they would take longer, since the odometry evicts the code of the writer from the processor's
+    caches.
 
     Parameters
     ----------

@@ -23,10 +23,10 @@ UPSIDE_DOWN = 'upside_down'
 
 
 def scan_topics(given, parameters) -> tuple[str, ...]:
-    """Return the topics of the lidars: those `given` on the command line, else several of ``scan_topics``.
+    """Return the topics of the lidars: those `given` on the command line, else ``scan_topics`` if it has several.
 
-    Names in `parameters` (`NodeParameters`) that are relative are those of a node without a namespace. A single one is
-    not used, as a recording may call it anything.
+    Relative names in `parameters` (`NodeParameters`) are resolved as in a node without a namespace. A single name in
+    ``scan_topics`` is ignored, because the topic may have any name in a recording.
     """
     if given or len(parameters.scan_topics) == 1:
         return tuple(given or ())
@@ -49,7 +49,7 @@ def parse_mountings(given) -> dict:
                 raise ValueError
         except ValueError:
             raise MountingError(f'--mounting {" ".join((name, *words))}: expected NAME X Y DEG, in m and deg, and '
-                                f'{UPSIDE_DOWN} for a lidar that is mounted so') from None
+                                f'{UPSIDE_DOWN} for a lidar that is mounted upside down') from None
         mountings[name] = Mounting(SE2(x, y, math.radians(degrees)), bool(words[3:]))
     return mountings
 
@@ -67,8 +67,8 @@ def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
     found = static_mounting(recording.path, base_frame, recording.frame_id) if is_bag(recording.path) else None
     if found is None:
         raise MountingError(f'{recording.path}: the mounting of the lidar on {recording.topic} is not known: no '
-                            f'transform from {base_frame!r} to {recording.frame_id!r} is on /tf_static; give it: '
-                            f'--mounting {recording.topic} X Y DEG')
+                            f'transform from {base_frame!r} to {recording.frame_id!r} is on /tf_static; state the '
+                            f'mounting: --mounting {recording.topic} X Y DEG')
     return found
 
 
@@ -125,7 +125,7 @@ class LidarCounts:
     problem : str
         Why the last skipped scan could not be used.
     statuses : Counter
-        Number of the other scans by `Status`.
+        Number of the processed scans by `Status`.
     """
 
     unused: int = 0
@@ -140,7 +140,7 @@ class LidarCounts:
 
     def __str__(self) -> str:
         counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
-        outside = f', {self.unused} before or after those of the first lidar not used' if self.unused else ''
+        outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
         problem = f'; the last skipped: {self.problem}' if self.problem else ''
         return ' '.join(counts) + outside + problem
 
@@ -166,7 +166,7 @@ class OdometryWithOthers:
     recordings : list of Recording
         Recordings with the topics of the other lidars.
     counts : dict
-        Topic of a lidar -> `LidarCounts`, that of the first lidar first.
+        Topic of a lidar -> `LidarCounts`, beginning with the first lidar.
     """
 
     def __init__(self, odometry, others, first, mounting, parameters):
@@ -192,7 +192,7 @@ class OdometryWithOthers:
             self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
     def _take_older(self, stamp):
-        """Process the oldest waiting scan of the other lidars, if older than `stamp` [ns]; return whether it was."""
+        """Process the oldest waiting scan of another lidar if it is older than `stamp` [ns]; return if there is one."""
         waiting = [(scan.stamp, k) for k, scan in enumerate(self._next) if scan is not None]
         if not waiting or min(waiting)[0] >= stamp:
             return False

@@ -18,9 +18,9 @@ from ..evaluation.metrics import path_lengths
 from ..recordings.poses import compose, relative
 
 AWAY = 10.0
-"""Two scans close a loop if the sensor has driven at least this distance [m] between them,"""
+"""Two scans close a loop only if the sensor has driven at least this distance [m] between them."""
 NEAR, DRIFT = 1.0, 0.01
-"""and their poses are within this distance [m] plus this fraction of the distance driven."""
+"""Two scans close a loop only if their distance is at most this [m], plus this fraction of the distance driven."""
 TURNED = 0.35
 """A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
@@ -28,9 +28,9 @@ TRIED = 3
 CONFIDENCE = 0.95
 """Lowest confidence at which the registration of a loop is accepted."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
-"""Standard deviation of a motion between key frames [m, m, rad], in addition to the covariance of the registration."""
+"""Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
 UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
-"""Standard deviation of a motion across a scan that was not registered."""
+"""Standard deviation [m, m, rad] of a motion between key frames if a scan between them was not registered."""
 ROBUST = 3.0
 """Scale of the robust kernel of the pose graph, in standard deviations of a residual."""
 ROUNDS, CONVERGED = 20, 1e-6

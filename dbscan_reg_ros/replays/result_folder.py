@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result folders: one for each run, named by date and time, and the link ``latest``."""
+"""Result folders: one for each run, named after date and time, and the link ``latest`` to the newest one."""
 import os
 import time
 from pathlib import Path
 
 
 def new_folder(parent) -> Path:
-    """Create a new folder in `parent`, named by date and time, that no other run uses; return it."""
+    """Create a new folder in `parent`, named after date and time, that no other run uses; return its path."""
     parent = Path(parent)
     parent.mkdir(parents=True, exist_ok=True)
     name, number = time.strftime('%Y-%m-%d_%H-%M-%S'), 1

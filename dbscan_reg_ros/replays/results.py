@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write the result files of a replay; a fault of one does not prevent the others."""
+"""Write the result files of a replay; if one of them cannot be written, all others are written nevertheless."""
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +47,7 @@ class Results:
     animation : bool
         Whether to write animation.gif as well.
     lidars : OdometryWithOthers or None
-        The odometry of several lidars; None of a single one.
+        The odometry of several lidars; None for a single lidar.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -106,7 +106,7 @@ class Results:
         return truth
 
     def _close(self, known, measures):
-        """Close the loops and add measures of the result; return the corrected poses and the pairs of scans."""
+        """Close the loops, add their error measures; return the corrected poses and the pairs of scans of the loops."""
         poses = self.trajectory.pose_array()
         closed, pairs = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
@@ -115,14 +115,14 @@ class Results:
         return closed, pairs
 
     def _draw_closed(self, closed, truth):
-        """Draw the map from the corrected poses; return its `ClosedMap`, or None if this fails."""
+        """Draw the map from the poses after loop closing; return the `ClosedMap`, or None if it cannot be drawn."""
         poses, pairs = closed
         title = f'{self.recording.name}: {len(poses)} scans, {len(pairs)} places seen again'
         density = self._draw('map_closed.png', poses, title, truth)
         return ClosedMap(poses, pairs, density) if density else None
 
     def _draw(self, file, poses, title, truth):
-        """Draw the map from the poses; return its `DensityMap`, or None if this fails."""
+        """Draw the map from the poses; return the `DensityMap`, or None if it cannot be drawn."""
         density = self.faults.attempt(file, density_map, self._usable(), poses)
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))

@@ -11,8 +11,8 @@ def write_metrics(path, recordings, measures, counts):
     """Write ``metrics.json``.
 
     The file contains name and file of the recording, notes on how it was read, warnings about its scans, and each
-    measure by its name; null for a measure that is not finite. Of several lidars, it contains the number of scans by
-    outcome of each.
+    measure by its name; null for a measure that is not finite. For several lidars, it also contains the number of scans
+    of each lidar by outcome.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def write_metrics(path, recordings, measures, counts):
 
 
 def describe_recordings(recordings, counts) -> list:
-    """Return lines on the lidars, assumptions, and warnings about the scans, as (name, text) pairs.
+    """Return lines about the lidars, assumptions in reading, and warnings about scans, as (name, text) pairs.
 
     `recordings` and `counts` are those of `write_metrics`; with several lidars each line begins with a topic.
     """

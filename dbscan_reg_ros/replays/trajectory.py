@@ -33,9 +33,9 @@ class Trajectory:
     used : list of bool
         Whether each scan of the recording was used.
     restarts : int
-        How often tracking restarted at the last pose.
+        Number of restarts of the tracking at the last pose.
     problems : list of str
-        Why scans were not used; they are numbered from 0.
+        For each scan that was not used, its number, from 0, and the reason.
     explanation : str
         For the trajectory of another program: which scans have a pose in it, and why others have none.
     """

@@ -21,7 +21,7 @@ class SimulatedRecording(Recording):
         self.count = len(simulation.scans)
 
     def scans(self):
-        """Return iterator of the simulated scans."""
+        """Return an iterator over the simulated scans."""
         return iter(self._simulation.scans)
 
     def truth(self):

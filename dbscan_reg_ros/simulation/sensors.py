@@ -97,7 +97,7 @@ def check_simulated(target):
     check_target(target)
     if target.suffix == '.bag':
         raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without '
-                             'ending; convert makes a ROS 1 bag of it')
+                             'ending; the command convert makes a ROS 1 bag from it')
 
 
 def _turning(stamp, rate):

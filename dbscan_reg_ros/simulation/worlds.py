@@ -13,14 +13,14 @@ RECESS = 0.1
 CLEARANCE = 0.6
 """Furniture keeps this distance [m] from the tour."""
 ASIDE, SLIM = 0.3, 0.18
-"""Distance of people from the tour [m], and radius of a person [m], which fit through the doors on the tour."""
+"""Distance [m] of people from the tour, and radius [m] of a person, small enough for the doors on the tour."""
 BOXES = 0.6
 """Fraction of the pieces of furniture that are boxes; the remaining ones are round bins."""
 
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """A walking person: a circle of `radius` [m], to and fro along `route` ``(K, 2)`` [m] at `speed` [m/s]."""
+    """A person: a circle of `radius` [m] that moves to and fro along `route` ``(K, 2)`` [m] at `speed` [m/s]."""
 
     route: np.ndarray
     speed: float = 1.2

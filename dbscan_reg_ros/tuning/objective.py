@@ -30,8 +30,9 @@ between the scans [m] at most the second."""
 def cost_of(path, topic, parameters, objective='auto', limit=None):
     """Return the cost [m] of parameters: the mean error over 1 m on the first `limit` scans of the recording at `path`.
 
-    With objective ``truth``, the error against the truth or the relations of the recording. With ``consistency``, the
-    disagreement of a forward and a backward pass plus the gaps at loops. With ``auto``, ``truth`` if it is known.
+    With the objective ``truth``, the cost is the error against the true poses or the relations of the recording. With
+    ``consistency``, it is the difference between a forward and a backward pass plus the gaps at loops. With ``auto``,
+    the objective is ``truth`` if the truth is known, else ``consistency``.
 
     Raises
     ------

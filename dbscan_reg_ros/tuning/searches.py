@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search strategies: ``ask(count)`` returns values to try, ``tell(costs)`` passes their costs on in the same order."""
+"""Search strategies: ``ask(count)`` returns values to try, ``tell(costs)`` receives their costs in the same order."""
 import numpy as np
 
 
@@ -10,7 +10,7 @@ class RandomSearch:
         self._axes, self._seed, self._asked = axes, seed, 0
 
     def ask(self, count):
-        """`count` dictionaries of name -> value."""
+        """Return `count` dictionaries of parameter name -> value to try."""
         numbers = range(self._asked, self._asked + count)
         self._asked += count
         return [{axis.name: axis.at(share) for axis, share in
@@ -18,7 +18,7 @@ class RandomSearch:
                 for number in numbers]
 
     def tell(self, costs):
-        """Take the costs of the values last asked for; lower is better."""
+        """Receive the costs of the values that the last `ask` returned; lower is better."""
 
 
 class OptunaSearch:
@@ -32,13 +32,13 @@ class OptunaSearch:
         self._study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, constant_liar=True))
 
     def ask(self, count):
-        """`count` dictionaries of name -> value."""
+        """Return `count` dictionaries of parameter name -> value to try."""
         self._pending = [self._study.ask() for _ in range(count)]
         return [{axis.name: axis.at(trial.suggest_float(axis.name, 0.0, 1.0)) for axis in self._axes}
                 for trial in self._pending]
 
     def tell(self, costs):
-        """Take the costs of the values last asked for; lower is better."""
+        """Receive the costs of the values that the last `ask` returned; lower is better."""
         for trial, cost in zip(self._pending, costs, strict=True):
             self._study.tell(trial, cost)
 

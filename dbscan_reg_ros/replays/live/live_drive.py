@@ -24,9 +24,9 @@ MOST_BYTES = 8_000_000
 MOST_RETURNS = 720
 """Largest number of returns shown of a scan; of a scan with more returns every n-th is shown."""
 SHARE = 20
-"""Drawing the map takes at most one part in this of the computing time,"""
+"""Drawing the map takes at most the fraction one over this of the computing time."""
 PERIOD = 1.0
-"""and the map is drawn at most once in this time [s]."""
+"""The map is drawn at most once in this time [s]."""
 
 
 class LiveDrive:
@@ -146,11 +146,11 @@ class LiveDrive:
             yield part or b': nothing new\n\n'
 
     def _is_new_to(self, sent: _Sent) -> bool:
-        """Whether there are events or a map that a browser has not been sent."""
+        """Whether there are events or a map that were not yet sent to a browser."""
         return self._drive != sent.drive or self._next > sent.after + 1 or self._drawn is not sent.drawn
 
     def _new_to(self, sent: _Sent) -> bytes:
-        """Return the events that a browser has not been sent, and mark them as sent."""
+        """Return the events that were not yet sent to a browser, and mark them as sent."""
         oldest = self._events[0][0] if self._events else self._next
         parts = []
         if self._drive != sent.drive or sent.after + 1 < oldest:

@@ -27,7 +27,7 @@ LEVELS = [status.value for status in Status]
 def drive_data(report) -> dict:
     """Return the data that the page shows for each stored scan of the drive; arrays are packed as texts.
 
-    If scans are dropped, errors and times are the largest from a stored scan up to the next stored scan.
+    If scans were dropped, each error or time is the largest value from a stored scan up to the next stored scan.
     """
     trajectory, records = report.trajectory, report.history.records()
     records = [record for record in records if record.number < len(trajectory.poses)]

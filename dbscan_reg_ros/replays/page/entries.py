@@ -13,12 +13,14 @@ REPLAY_COLUMNS = Columns(
     ['recording', 'distance [m]', 'time [s]', 'scans', 'not OK', 'drift over 5 m [%]', 'error over 1 m [m]',
      'position error [m]'],
     'Not OK: scans with another status than OK, and scans that could not be used. Drift: mean error of the translation '
-    'over 5 m of the true path, in percent of these. Position error: root mean square after alignment with the truth.')
+    'over 5 m of the true path, in percent of the 5 m. Position error: root mean square after alignment with the '
+    'truth.')
 COMPARISON_COLUMNS = Columns(
     ['competitor', 'against A', 'error over 1 m [m]', 'error over 1 m [deg]', 'APE rmse [m]', 'RPE rmse [m]',
      'RPE rmse [deg]', 'distance [m]', 'with a pose', 'not OK'],
     'Not OK: scans with another status than OK, or without a pose. Error over 1 m: mean over the scans with poses of '
-    'both A and the competitor. APE and RPE: root mean squares over all poses of a competitor, as evo computes them. '
+    'both A and the competitor. APE and RPE: root mean squares of the absolute and the relative pose errors over all '
+    'poses of a competitor, as evo computes them. '
     'Better or worse: with a confidence of 95 % for translation and rotation together.')
 DRIFT = 5.0
 """Distance [m] of the motion over which the drift is measured."""

@@ -96,7 +96,7 @@ def write_index(path, title, columns, entries):
     path : Path
     title : str
     columns : Columns
-        If the first is called ``recording``, each drive has one row; else its rows stand below its name.
+        If the first column is called ``recording``, each drive has one row; else a row with its name precedes its rows.
     entries : list of DriveEntry
     """
     head = ''.join(f'<th scope="col">{escape(column)}</th>' for column in columns.names)
@@ -116,7 +116,7 @@ def _drive_row(entry):
 
 
 def _drive_rows(entry):
-    """Return the table rows of a drive below a row with its name; the heading of each is its first cell."""
+    """Return the table rows of a drive below a row with its name; the first cell of each row is its heading."""
     rows = ''.join(f'<tr><th scope="row">{escape(first)}</th>{_cells(rest)}</tr>' for first, *rest in entry.rows)
     return (f'<tbody><tr><th scope="rowgroup" colspan="{len(entry.rows[0])}">{_linked(entry)}</th></tr>'
             f'{rows}</tbody>')

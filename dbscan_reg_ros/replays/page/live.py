@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page of a running node: the page of a replay without data, to which events from the server add the drive."""
+"""Page of a running node: the page of a replay without scans; events from the server add the scans of the drive."""
 from ...evaluation.known_motion import KnownMotion
 from ...figures.plots import density_map
 from ..trajectory import Trajectory

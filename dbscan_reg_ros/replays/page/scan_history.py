@@ -13,11 +13,11 @@ RESOLUTION = 0.005
 """Resolution of the stored coordinates [m]: with 16 bits they reach 163 m."""
 LARGEST = 32767
 MOST_SCANS = 20_000
-"""Largest number of scans with status OK that are kept,"""
+"""Largest number of scans with status OK that are kept."""
 MOST_NOT_OK = 60_000
-"""and of scans with another status."""
+"""Largest number of scans with a status other than OK that are kept."""
 MOST_POINTS = 2_500_000
-"""Largest number of points (returns and segment ends) that are kept of all scans together."""
+"""Largest total number of points (returns and segment ends) of all scans that are kept."""
 
 
 class ScanRecord(NamedTuple):
@@ -65,7 +65,8 @@ class ScanHistory:
     Attributes
     ----------
     scan_step, not_ok_step, beam_step : int
-        Every n-th OK scan, scan with another status, and beam is kept; these are the n, powers of two.
+        Every n-th OK scan, every n-th scan with another status and every n-th beam are kept: the three n, powers of
+        two.
     """
 
     def __init__(self, yaw=0.0, most_scans=MOST_SCANS, most_points=MOST_POINTS):
@@ -93,7 +94,7 @@ class ScanHistory:
         self._take(update.status, update.number, lambda: self._record(update))
 
     def add_scan(self, number, scan, status=Status.OK):
-        """Store the next scan without a registration: of its estimate only the status is known."""
+        """Store the next scan of a method that reports no registration, only a pose and the `status`."""
         self._take(status, number, lambda: ScanRecord(
             number, -1, status, '', 0.0, False, np.zeros((3, 3)), _stored(scan.points[scan.valid])[::self.beam_step],
             np.empty((0, 4), dtype=np.int16)))

@@ -154,8 +154,8 @@ def test_each_line_on_a_lidar_names_it(scans, tmp_path, capsys):
     assert any(line.startswith(f'lidar       /scan: scans 25 skipped 1 ok 24; the last skipped: {reason}')
                for line in lines)
     # The last scan of the rear lidar is later than that of the front one.
-    assert any(line.startswith('lidar       /scan_2: scans 29 skipped 5 ok 24, 1 before or after those of the first '
-                               f'lidar not used; the last skipped: {reason}') for line in lines)
+    assert any(line.startswith('lidar       /scan_2: scans 29 skipped 5 ok 24, 1 not used, as before or after all '
+                               f'scans of the first lidar; the last skipped: {reason}') for line in lines)
     assert any(line.startswith('warning     /scan_2: the scans change from 361 to 180 beams') for line in lines)
     assert found['lidars']['/scan_2']['skipped'] == 5 and found['lidars']['/scan']['skipped'] == found['skipped'] == 1
     assert [(warning['topic'], warning['kind']) for warning in found['warnings']] == [('/scan_2', 'beams')]
