@@ -9,7 +9,7 @@ TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 KEPT = 16 << 20
 """Maximum size of the freed memory that the process keeps [bytes]."""
 LARGE = 1 << 20
-"""Arrays of at least this size [bytes] are returned to the system at once."""
+"""The memory of arrays of at least this size [bytes] is returned to the system as soon as they are freed."""
 
 
 def keep_freed_memory():

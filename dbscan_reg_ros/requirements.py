@@ -12,7 +12,7 @@ from .command_lines import PACKAGE, python_line
 from .core.errors import DbscanRegError
 
 ROS = 'rclpy'
-"""Module whose presence stands for an installation of ROS 2."""
+"""Module that can be imported if ROS 2 is installed."""
 ROS_SETUP = Path('/opt/ros/jazzy/setup.bash')
 ROS_WHEELS = 'ros-rclpy[fastrtps]==7.1.6', 'ros-common-interfaces==5.3.6'
 

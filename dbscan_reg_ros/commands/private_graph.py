@@ -9,7 +9,7 @@ from pathlib import Path
 from ..core.errors import DbscanRegError
 
 DOMAINS = range(1, 102)
-"""Domain 0 is the default of all nodes; ids above 101 lead to ports that Linux assigns to other programs."""
+"""ROS domains to choose from: 0 is the default of all nodes, and Linux assigns the ports of ids above 101 to others."""
 
 
 class NoFreeDomain(DbscanRegError):

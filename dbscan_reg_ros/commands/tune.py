@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='number of trials (default: 100)')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',
-                        help='auto: Optuna if it is installed, else random (default: auto)')
+                        help='search strategy; auto is optuna if Optuna is installed, else random (default: auto)')
     parser.add_argument('--objective', choices=('auto', 'truth', 'consistency'), default='auto',
                         help='cost to minimise. truth: the error over 1 m; consistency: the disagreement of a forward '
                         'and a backward pass and the gaps at loops; auto: truth if it is known (default: auto)')
@@ -230,5 +230,5 @@ def gain(trajectories, known, seed):
     if not (d.worse or d.better):
         lines.append('The improvement is not statistically significant (the 95 % interval contains zero).')
     elif d.worse:
-        lines.append('On the held-out recordings the result is worse than the start: do not use it.')
+        lines.append('On the held-out recordings the best values are worse than the initial values: do not use them.')
     return lines

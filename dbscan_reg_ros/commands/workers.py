@@ -23,7 +23,7 @@ PATIENCE = 1.0
 """Time [s] that a worker has after an interruption to write its partial results; then it is killed."""
 
 _worker = None
-"""The `_Worker` object of this process if it is a local worker."""
+"""The `_Worker` object of this process if the process is a local worker, else None."""
 
 
 class SchedulerError(DbscanRegError):

@@ -49,7 +49,7 @@ def plane(axes, title, low=None, high=None):
 
 
 def alike(*axes):
-    """Give all plans the same limits, so that each shows what any of them shows."""
+    """Give all plans the same limits, which contain everything that is drawn in any plan."""
     corners = np.concatenate([each.dataLim.get_points() for each in axes])
     for each in axes:
         each.update_datalim(corners[np.isfinite(corners).all(axis=1)])
@@ -62,7 +62,7 @@ def draw_sensor(axes, pose=SE2(), label='sensor', **style):
 
 
 def drawn(*axes):
-    """Return the lower left and the upper right corner ``(2,)`` of all that plans show, with a margin."""
+    """Return the lower left and the upper right corner ``(2,)`` of the area drawn in any plan, with a margin."""
     corners = np.concatenate([each.dataLim.get_points() for each in axes])
     corners = corners[np.isfinite(corners).all(axis=1)]
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -44,7 +44,7 @@ class PairToReview:
 
 
 class PairsToReview:
-    """Collect the first scan of every section that is not ``OK``, and the OK scans with the lowest overlap."""
+    """Collect the first scan of every series of scans that are not ``OK``, and the OK scans with the lowest overlap."""
 
     def __init__(self):
         self._bad, self._least_sure, self._last = [], {}, Status.OK

@@ -20,7 +20,8 @@ class Study:
     folder : Path
         Folder of the search: created if it does not exist, continued if it contains trials with the same settings.
     settings : dict
-        Settings that determine the result: ``search``, ``seed``, ``start`` (name -> value of the first trial), others.
+        Settings that determine the result: ``search``, ``seed``, ``start`` (name -> value of the first trial), and
+        others.
     axes : list of Axis
 
     Raises

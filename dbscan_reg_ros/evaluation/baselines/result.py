@@ -11,7 +11,7 @@ ROTATION_CHANGE = 1e-4
 
 @dataclass(frozen=True)
 class Result:
-    """The attributes of `core.registration.records.Registration` that every method can provide.
+    """Result with the attributes of `core.registration.records.Registration` that every method can provide.
 
     Attributes
     ----------

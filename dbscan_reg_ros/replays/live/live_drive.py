@@ -167,7 +167,7 @@ class LiveDrive:
 
 @dataclass
 class _Sent:
-    """State of a browser: the number of the drive, of the last event and of the map that it was sent."""
+    """State of a browser: the numbers of the drive, of the last event and of the map that were sent to it."""
 
     drive: int = 0
     after: int = -1
