@@ -125,7 +125,7 @@ def test_steps_of_other_sources_are_not_used(fresh_choice):
     backend_choice.compiled_backend.cache_clear()
     fresh_choice.setattr(backend_choice, 'source_hash', lambda: 'another')
     fresh_choice.delenv(backend_choice.PURE, raising=False)
-    with pytest.warns(RuntimeWarning, match='built from other sources: the slower reference runs'):
+    with pytest.warns(RuntimeWarning, match='built from other sources: the slower numpy reference runs'):
         assert backend_choice.choose().name == 'reference'
 
 
