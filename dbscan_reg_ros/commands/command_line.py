@@ -27,9 +27,8 @@ ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 """Signals that request the end of a command."""
 
 
-SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if the recording has several topics of scans. If '
-                    'given more than once, the poses of the lidar of the first topic are estimated, and the scans of '
-                    'the other topics are used as well'}
+SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if there are several topics of scans. If given '
+           'more than once, the poses are those of the lidar of the first topic; the other lidars are used as well'}
 """Settings of ``--topic`` in commands that take several lidars."""
 
 
