@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time: simulated, in a loop, going back, at zero, in the future."""
+import dataclasses
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -46,7 +48,33 @@ def test_a_looped_bag_restarts_the_odometry_with_each_loop(node, player, peer, s
         assert pose_of(answers.messages[0]) == SE2()
         assert distances(answers.messages, truth[:50]).max() < 0.05
     said(node, 'odometry reset: the stamps of the scans start again', peer)
+    assert 'tracking restarted' not in node.output()
     peer.until(lambda: len(received) == 100)
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_a_scan_of_somewhere_else_after_a_jump_restarts_the_tracking_and_keeps_the_pose(node, player, peer, scans,
+                                                                                        truth, seed):
+    """The log has another word for it than for a reset, after which the pose is the origin."""
+    before = played(player, scans[:30])
+    assert before.lost == 0
+    elsewhere, = restamped(scans[29:30], [scans[29].stamp + 100 * SECOND])
+    ranges = np.random.default_rng(seed).uniform(1.0, 9.0, len(elsewhere.ranges))
+    answers = player.play([dataclasses.replace(elsewhere, ranges=ranges)])
+    assert answers.lost == 0
+    last, kept = pose_of(before.messages[-1]), pose_of(answers.messages[0])
+    assert kept.as_array() == pytest.approx(last.as_array(), abs=1e-6)
+    assert math.hypot(kept.x, kept.y) > 1.0 and distances(answers.messages, truth[29:30]).max() < 0.05
+    said(node, 'tracking restarted at the last pose: ', peer)
+    assert 'odometry reset' not in node.output()
+
+
+def test_the_document_has_the_words_of_the_log_for_a_reset_and_for_a_restart(root):
+    _, _, section = (root / 'doc' / 'node.md').read_text().partition('\n## Reset and restart\n')
+    reset, restart = section.partition('\n## ')[0].strip().split('\n\n')
+    assert '`odometry reset`' in reset and 'origin' in reset and 'tracking restarted' not in reset
+    assert '`tracking restarted at the last pose`' in restart and 'keeps the pose' in restart
+    assert 'odometry reset' not in restart
 
 
 def test_a_clock_that_goes_far_back_resets_the_odometry(start_node, player, peer, scans):

@@ -10,10 +10,11 @@ import pytest
 from bags import SECOND, scan_bag
 
 from dbscan_reg_ros import SE2, Odometry
+from dbscan_reg_ros.commands.convert import main as convert
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.core.odometry.pipeline import Odometry as CoreOdometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
-from dbscan_reg_ros.recordings import read_tum
+from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
@@ -100,6 +101,27 @@ def whole(folder, count):
     metrics = json.loads((folder / 'metrics.json').read_text())
     assert len(stamps) == len(poses) == metrics['scans'] - metrics['skipped'] == count
     return metrics
+
+
+@pytest.mark.parametrize(('name', 'count', 'failed'), [
+    ('two_scans', 2, 0), ('four_seconds', 41, 0), ('one_stamp_in_the_future', 60, 1),
+    ('simulated_3_hz_from_its_start', 7, 0), ('ten_scans_no_time_increment', 10, 0)])
+def test_a_recording_that_begins_on_the_move_gives_whole_results(cases, tmp_path, name, count, failed):
+    assert main([str(cases / 'replay_starts_in_motion' / name), '--out', str(tmp_path)]) == 0
+    folder = tmp_path / name / 'latest'
+    metrics = whole(folder, count)
+    assert (metrics['ok'], metrics['failed'], metrics['skipped']) == (count - failed, failed, 0)
+    assert metrics['driven_m'] > 0.05
+    assert {'map.png', 'report.html', 'bag'} <= {path.name for path in folder.iterdir()}
+
+
+def test_four_seconds_cut_out_of_a_recording_on_the_move_give_whole_results(data, tmp_path):
+    piece = tmp_path / 'piece'
+    assert convert([str(data / 'ccny_demo' / 'demo.bag'), str(piece), '--start', '10', '--end', '14']) == 0
+    assert main([str(piece), '--out', str(tmp_path / 'out')]) == 0
+    count = len(open_recording(piece).stamps())
+    assert count > 30
+    assert whole(tmp_path / 'out' / 'piece' / 'latest', count)['ok'] > 0.9 * count
 
 
 PARTS = {
