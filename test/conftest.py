@@ -9,6 +9,7 @@ import signal
 
 import hypothesis
 import pytest
+from manifest import NOT_IN_THE_MANIFEST
 
 from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.backend_choice import compiled_backend
@@ -26,10 +27,6 @@ os.environ.setdefault('MPLBACKEND', 'Agg')
 
 hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=50)
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
-
-NOT_IN_THE_MANIFEST = {'coverage', 'distributed', 'kiss_icp', 'lz4', 'mcap', 'optuna', 'rosbags', 'shapely',
-                       'small_gicp'}
-"""Packages that only some of the tests need."""
 
 
 def pytest_addoption(parser):

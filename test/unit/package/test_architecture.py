@@ -244,3 +244,15 @@ def test_the_odometry_is_a_short_list_of_steps(package):
     body = process.body[1:]
     assert body[-1].end_lineno - body[0].lineno + 1 <= 40
     assert len({name for name in assigned_fields(odometry, {'self'}) if name.startswith('_')}) <= 6
+
+
+def test_the_name_of_the_node_of_an_endpoint_is_read_in_one_place(root):
+    """`full_name` has a word for a node that is not discovered; the two others do not print the name."""
+    readers = set()
+    for path in (root / PACKAGE / 'node').rglob('*.py'):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if isinstance(function, ast.FunctionDef):
+                readers |= {(path.name, function.name) for node in ast.walk(function)
+                            if isinstance(node, ast.Attribute) and node.attr == 'node_name'}
+    assert readers == {('graph_checks.py', 'full_name'), ('graph_checks.py', 'may_send_odometry'),
+                       ('player.py', '_node_names')}
