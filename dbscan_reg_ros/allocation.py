@@ -15,9 +15,9 @@ LARGE = 1 << 20
 def keep_freed_memory():
     """Make glibc keep the memory that one scan frees for the next scan.
 
-    By default glibc returns the free end of its heap to the system from 128 KiB on. The arrays of every scan then cause
-    page faults again, which take a sixth of the odometry's time. Nothing is changed with another C library, or if the
-    environment configures the allocator (``MALLOC_...``, ``GLIBC_TUNABLES``).
+    By default glibc returns the free end of its heap to the system if it exceeds 128 KiB. The arrays of every scan then
+    cause page faults again, which take a sixth of the odometry's computing time. Nothing is changed if another C
+    library is used, or if the environment configures the allocator (``MALLOC_...``, ``GLIBC_TUNABLES``).
     """
     if any(name.startswith(('MALLOC_', 'GLIBC_TUNABLES')) for name in os.environ):
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of the default backend: the compiled steps where they are built and up to date, else the numpy reference."""
+"""Choice of the default backend: the compiled steps if they are built and up to date, else the numpy reference."""
 import hashlib
 import os
 import warnings

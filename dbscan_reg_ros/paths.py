@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 NO_SENSORS = 'ekf', 'scan_matcher'
-"""Files in `config_folder` that are no parameter set of a sensor: one for another package, and the defaults."""
+"""Files in `config_folder` that are not parameter sets of a sensor: one for another package, and the defaults."""
 
 _OTHERS = ((stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a pipe'), (stat.S_ISSOCK, 'a socket'),
            (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))

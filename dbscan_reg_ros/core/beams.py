@@ -49,7 +49,7 @@ def check_stamp(stamp: object) -> int:
 
 
 def check_numbers(name: str, values: npt.ArrayLike, kind: npt.DTypeLike) -> np.ndarray:
-    """Copy `values` as an array ``(N,)`` of the type `kind`; raise ScanError if they are not one list of numbers."""
+    """Copy `values` to an array ``(N,)`` of the type `kind`; raise ScanError if they are not one list of numbers."""
     try:
         array = np.array(values)
     except ValueError as error:

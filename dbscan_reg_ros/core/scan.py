@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laser scans (Eq. 2), with what a LaserScan message can contain."""
+"""Laser scans (Eq. 2), made from arrays, points or LaserScan messages."""
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from .geometry.array_types import BoolArray, FloatArray
 from .scan_geometry import ScanGeometry, read_only, single_precision
 
 MAX_RANGE = 100_000.0
-"""Ranges beyond this [m] are no returns, whatever limit the sensor states."""
+"""Ranges beyond this [m] are not returns, even if the `range_max` of the sensor is larger."""
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 

@@ -14,11 +14,11 @@ def slope_stretches(sequence: PointSequence, noise: FloatArray,
                     parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
     """Cut the surfaces of a scan at the corners that the best threshold ``dk_th`` gives.
 
-    Only local maxima of the slope difference (Eq. 6) can be corners. The value of each maximum, or of
-    `corner_thresholds` maxima evenly by rank, is tried as the threshold. Without a penalty the mean squared error of
-    all segments is minimised, as in the paper, which nearly always gives the most corners. With a penalty, the sum of
-    the squared errors in units of the noise, plus the penalty for every segment, is minimised. Of equal costs, the one
-    with the fewest corners is chosen.
+    Only local maxima of the slope difference (Eq. 6) can be corners. The value of each maximum (or of at most
+    `corner_thresholds` maxima, evenly spaced by rank) is tried as the threshold. Without a penalty the mean squared
+    error of all segments is minimised, as in the paper, which nearly always gives the most corners. With a penalty, the
+    sum of the squared errors in units of the noise, plus the penalty for every segment, is minimised. Among thresholds
+    of equal cost, the one with the fewest corners is chosen.
 
     Parameters
     ----------

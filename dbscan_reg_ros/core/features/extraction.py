@@ -27,10 +27,10 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     scan : Scan
     parameters : Parameters
     noise_ratio : float, optional
-        Standard deviation of a range of this sensor as a fraction of the range, where it is known from
-        more than this scan.
+        Standard deviation of a range as a fraction of the range, if it is known from several scans of this sensor. By
+        default it is estimated from this scan.
     backend : Backend, optional
-        Implementation of the steps; by default the compiled one where it is built. The features store the backend.
+        Implementation of the numerical steps; by default the compiled one, if it is built. The features store it.
 
     Raises
     ------

@@ -17,7 +17,7 @@ class FreeSpaceProfile:
     Attributes
     ----------
     near, far : (B,) float [m]
-        Least and greatest range of the beams that touch each bin; 0 where the scan has no information.
+        Least and greatest range of the beams that touch each bin; 0 for bins without information.
     """
 
     near: FloatArray
@@ -25,7 +25,7 @@ class FreeSpaceProfile:
 
     @cached_property
     def nearby(self) -> FloatArray:
-        """``(B,)`` smallest `near` [m] of each bin and the two bins on either side, to allow for bearing errors."""
+        """``(B,)`` smallest `near` [m] among each bin and the neighbouring bins, to allow for bearing errors."""
         near = np.concatenate((self.near[-2:], self.near, self.near[:2]))
         nearby: FloatArray = np.lib.stride_tricks.sliding_window_view(near, _NEARBY_BINS).min(axis=1)
         return nearby
@@ -97,4 +97,4 @@ def build_free_space_profile(points: FloatArray, increment: float) -> FreeSpaceP
 _NEARBY_BINS = 5
 """Number of bins that `FreeSpaceProfile.nearby` covers."""
 _MIN_BINS, _MAX_BINS = 60, 2880
-"""Limits of the number of bins."""
+"""Least and greatest number of bins of a free-space profile."""

@@ -24,23 +24,23 @@ class LikelihoodField:
     Attributes
     ----------
     origin : complex [m]
-        Corner of the grid.
+        Corner of the grid with the smallest x and y, in the frame of the sensor.
     cell : float [m]
         Side of a cell.
     shape : (int, int)
         Cells along x and y.
     index : (cells,) int
-        Nearest point of each cell; P, which stands for no point, where none is near.
+        Index of the nearest point of each cell; P if there is no point near.
     normals : (P + 1,) complex
-        Conjugated unit normals, the last one 0: their product with a vector has its components along and across the
-        normal.
+        Conjugated unit normals, the last one 0. Real and imaginary part of the product of such a normal with a vector
+        are the components of the vector along and across the normal.
     offsets : (P + 1,) float [m]
         Distance of the line of each point from the sensor, along its normal.
     along : (P + 1,) float [m]
         Position of each point along its line.
     extents : (P + 1,) float [m]
-        Distance along its line, to either side, over which each point represents the surface: the distance to its
-        nearer neighbour, but at least a cell. Points beyond the end of a wall do not constrain its position.
+        Half the length of the piece of line that each point represents: the distance to its nearer neighbour, but at
+        least a cell. Points beyond the end of a wall do not constrain the position along it.
     """
 
     origin: complex

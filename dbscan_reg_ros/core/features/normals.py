@@ -61,8 +61,8 @@ def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentPara
 
 
 _STEPS = 3
-"""Number of steps between beams over which the distance along a surface is averaged."""
+"""The distance along a surface is averaged over this number of steps between neighbouring points."""
 _MIN_NEIGHBOURS = 3
 """Minimum number of points in the window of a point for it to have a normal."""
 _MAX_RESIDUAL = 0.25
-"""Ratio of the squared extents across and along the line above which a point has no normal."""
+"""A point gets no normal if the neighbours' squared extents across and along the fitted line exceed this ratio."""

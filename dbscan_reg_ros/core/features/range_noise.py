@@ -69,10 +69,10 @@ def estimate_noise_ratio(points: ComplexArray, ranges: FloatArray, beams: IntArr
 
 def _errors_along_beams(points: ComplexArray, ranges: FloatArray,
                         beams: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return distances [m] of points from the lines through their neighbours, scaled to equal noise, and ranges [m].
+    """Return two arrays [m]: errors of points, each scaled to the noise of one range, and ranges of the same points.
 
-    Only points with returns on both adjacent beams, and with a line that crosses their own beam between these returns,
-    are used.
+    The error is the distance of a point, along its beam, from the line through its two neighbours. Points are used if
+    both adjacent beams have a return, and the line crosses the point's own beam between these returns.
     """
     # Twice the areas of the triangles between the sensor and two points: for points on a line both pairs add up.
     pair, whole = (points[:-1].conj() * points[1:]).imag, (points[:-2].conj() * points[2:]).imag
@@ -103,7 +103,7 @@ def range_noise(radius: FloatArray, noise: float, ratio: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class NoiseRatioHistory:
-    """Noise ratio of a sensor: a low quantile over its last scans, because clutter raises the ratio in some scans.
+    """Noise ratio of a sensor: a low quantile over the last scans, because clutter increases the ratio in some scans.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class NoiseRatioHistory:
 
 
 TYPICAL_NOISE = 0.05
-"""Standard deviation of a range [m] above which points are weighed by their noise."""
+"""Points whose range noise [m] exceeds this get a smaller weight."""
 _MIN_RANGES = 8
 """Minimum number of ranges for a noise estimate."""
 _NOISE_QUANTILE = 0.3
@@ -132,6 +132,6 @@ _NOISE_QUANTILE = 0.3
 _NORMAL = 0.38532
 """Quantile `_NOISE_QUANTILE` of |N(0, 1)|."""
 _MAX_SPREAD = 4.0
-"""Ratio of the quantiles 0.7 and 0.3 above which errors are not taken as noise; it is 2.7 for |N(0, 1)|."""
+"""Errors are no noise if their quantile 0.7 exceeds this multiple of their quantile 0.3 (2.7 for |N(0, 1)|)."""
 _SCANS = 30
 """Number of scans in the history of the noise ratio."""

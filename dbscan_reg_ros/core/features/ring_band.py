@@ -18,7 +18,7 @@ INNER = 1
 
 
 class Outcome(IntEnum):
-    """What the filter did with a beam (the four regions of Figure 2)."""
+    """Result of the ring band filter for a beam (the four regions of Figure 2)."""
 
     KEPT = 0
     """The beam is no outlier, or has no return."""

@@ -27,7 +27,7 @@ def extract_segments(sequence: PointSequence, noise: FloatArray, parameters: Seg
     Returns
     -------
     Segments
-        In beam order.
+        The segments in beam order.
     """
     found = _fitted(sequence, noise, parameters)
     found = found.select(_longest(found, parameters))
@@ -249,8 +249,8 @@ _MIN_STEPS = 2
 _JOINS = 2
 """Number of passes in which neighbouring pieces are joined."""
 _JOIN_ANGLE, _JOIN_ANGLE_NOISE, _MAX_JOIN_ANGLE = 0.05, 6.0, 0.25
-"""Angle [rad] up to which neighbouring pieces are joined, its growth with noise over length, and its limit [rad]."""
+"""Neighbouring pieces are joined up to this angle [rad]: base value, growth with noise / length, upper limit [rad]."""
 _MIN_CORNER_SINE = 0.3
 """Least sine of the angle between two lines that meet in a corner."""
 _MAX_CORNER_POINTS = 3
-"""Two segments can meet in a corner only if at most this many points lead from the end of one to the next."""
+"""Two segments can meet in a corner only if the second starts at most this many points after the end of the first."""

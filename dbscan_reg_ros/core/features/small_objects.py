@@ -18,7 +18,7 @@ _POINTS = 8
 _AROUND = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
 """Directions from the centre of a pole to its oriented points, the first one towards the sensor."""
 _SURFACES = 2.0
-"""Weight of a return from a pole, which constrains the motion in both directions, relative to one from a wall."""
+"""Weight of a return from a pole relative to a return from a wall: a pole constrains the motion along two axes."""
 
 
 def with_poles(features: Features, size: float, parameters: SegmentParameters) -> Features:
@@ -26,7 +26,8 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
 
     A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
     surface; a pole constrains it in every direction. A pole is assumed to be round and as wide as its beams, at most
-    `size`. The weights of its points sum to that of its returns, each counted twice, as if it were on two surfaces.
+    `size`. The weights of the points that represent a pole add up to twice the weight of the pole's returns, as if each
+    return lay on two surfaces.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
     Returns
     -------
     Features
-        `features` itself where it has no poles.
+        The features with poles; `features` itself if the scan has none.
     """
     if as_complex(features.normals).all():
         return features
@@ -70,7 +71,7 @@ class SmallObjects(NamedTuple):
     front : (T,) complex [m]
         Middle between the first and the last point of each object.
     width : (T,) float [m]
-        Width of each object: that of `returns` beams at the distance of `front`.
+        Width of each object: the width covered by `returns` beams at the distance of `front`.
     without_normals : (T,) bool
         Whether no point of the object has a normal.
     """
@@ -94,7 +95,7 @@ class _Ring(NamedTuple):
     Attributes
     ----------
     beams : (P,) int
-        Beam of each point; increasing, so that numbers may exceed that of the last beam of the scan.
+        Beam of each point in increasing order; after a full circle, beam numbers continue above that of the last beam.
     points : (P,) complex [m]
     without_normal : (P,) bool
     breaks : (P - 1,) bool

@@ -17,7 +17,7 @@ class Lines(NamedTuple):
     angle : (S,) float [rad]
         Direction, modulo pi.
     spread, residual : (S,) float [m^2]
-        Mean squared distance of the points from `centre` along the line, and from the line.
+        Mean squared distance of the points from `centre` along the line, and perpendicular to the line.
     """
 
     centre: FloatArray

@@ -30,7 +30,7 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 
 def mahalanobis(error: FloatArray, covariance: FloatArray) -> float:
-    """Return the squared Mahalanobis distance from 0 of an `error` ``(3,)`` with this `covariance` ``(3, 3)``."""
+    """Return the squared Mahalanobis distance from zero of an `error` ``(3,)`` with a `covariance` ``(3, 3)``."""
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariance.tolist()
     (a, b, c), (p, q, r) = _factors((xx, xy, xt), (yy, yt), tt)
     x, y, t = error.tolist()

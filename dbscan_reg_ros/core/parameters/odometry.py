@@ -49,8 +49,8 @@ class PriorParameters(ParameterGroup):
     unknown_sigma: float = parameter(
         0.25, unit='m', bounds=(0.001, 1000.0),
         help='Standard deviation of the predicted translation, and [rad] of the predicted rotation, while no velocity '
-             'is known, as after a start. Larger values search a wider area and more headings; smaller values assume a '
-             'sensor that starts at rest.')
+             'is known, for example after a start. Larger values search a wider area and more headings; smaller values '
+             'assume a sensor that starts at rest.')
 
     @property
     def max_score_outside_gate(self) -> float:
@@ -78,7 +78,7 @@ class OdometryParameters(ParameterGroup):
              'places and take longer; smaller values are faster.')
     dynamic_key_frames: int = parameter(
         6, bounds=(0, 1000),
-        help='Number of latest key frames whose free space is compared with a scan to find dynamic points, which are '
+        help='A scan is compared with the free space of this many latest key frames to find dynamic points, which are '
              'left out. Larger values find more dynamic points and take longer; 0 disables the detection.')
     dynamic_margin: float = parameter(
         0.2, unit='m', bounds=(0.0, 100.0),
@@ -118,11 +118,11 @@ class OdometryParameters(ParameterGroup):
     key_frame_overlap: float = parameter(
         0.5, bounds=(0.0, 1.0),
         help='A scan becomes a key frame when less than this fraction of its points overlaps the latest one. Larger '
-             'values give more key frames; smaller values give fewer.')
+             'values give more key frames; smaller values give fewer key frames.')
     older_key_frames: int = parameter(
         2, bounds=(0, 100),
-        help='Number of older key frames that are tried when the latest one gives no result or leaves a degenerate '
-             'direction. Larger values register more scans and take longer; 0 tries none.')
+        help='Number of older key frames to which a scan is registered if the latest one gives no or a degenerate '
+             'result. Larger values register more scans and take longer; 0 tries none.')
     coast_time: float = parameter(
         1.0, unit='s', bounds=(0.0, 1000.0),
         help='Time for which dead reckoning continues at the last velocity while scans cannot be registered. Larger '
@@ -134,7 +134,7 @@ class OdometryParameters(ParameterGroup):
     zero_velocity_gate: float = parameter(
         5.0, bounds=(0.0, 100.0),
         help='Zero-velocity update: poses within this many standard deviations of their mean are averaged after 1 s. '
-             'Larger values suppress more jitter, and very slow motions; 0 disables the update.')
+             'Larger values suppress more jitter, but also very slow motions; 0 disables the update.')
     max_speed: float = parameter(
         5.0, unit='m/s', bounds=(0.01, 1000.0),
         help='Highest speed of the sensor. A result that implies a higher speed since the last registered scan is '
@@ -157,7 +157,7 @@ class OdometryParameters(ParameterGroup):
 
 @dataclass(frozen=True)
 class ManhattanParameters(ParameterGroup):
-    """Heading correction from the directions that most walls of a building share, modulo a right angle."""
+    """Heading correction from the two perpendicular directions that most walls of a building share."""
 
     heading_drift: float = parameter(
         0.0011, unit='rad', bounds=(0.0, 1.0),
@@ -166,8 +166,8 @@ class ManhattanParameters(ParameterGroup):
              'correction.')
     wall_sigma: float = parameter(
         0.012, unit='rad', bounds=(0.0001, 1.0),
-        help='Standard deviation of the direction of walls in one place from the common directions of the building. '
-             'Larger values correct the heading less; smaller values trust every wall more.')
+        help='Standard deviation of the angle between the walls at one place and the common directions of the '
+             'building. Larger values correct the heading less; smaller values trust every wall more.')
     correlation_distance: float = parameter(
         20.0, unit='m', bounds=(0.1, 100000.0),
         help='Distance over which the deviation of walls from the common directions is correlated. Larger values '
@@ -191,6 +191,6 @@ class TimeParameters(ParameterGroup):
 
     max_jump: float = parameter(
         2.0, unit='s', bounds=(0.0, 1000000.0),
-        help='Stamps that go back by more than this restart tracking at the last pose, and twice in a row reset the '
-             'node to the origin; a gap of more than this makes the motion unknown. Larger values tolerate longer '
-             'gaps; smaller values react to shorter ones.')
+        help='If stamps go back by more than this, tracking restarts at the last pose; the second time in a row the '
+             'node is reset to the origin. After a longer gap than this the motion is unknown. Larger values tolerate '
+             'longer gaps; smaller values react to shorter ones.')

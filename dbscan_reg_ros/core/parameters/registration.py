@@ -25,7 +25,7 @@ class RotationParameters(ParameterGroup):
     clustering: str = parameter(
         'built_in', choices=_CLUSTERINGS,
         help='Implementation of DBSCAN over angle differences: built_in (fast) or scikit_learn '
-             '(sklearn.cluster.DBSCAN). Both give the same clusters.')
+             '(sklearn.cluster.DBSCAN). built_in gives the same clusters as scikit_learn.')
     eps: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
         help='Neighbourhood radius of DBSCAN over angle differences. Larger values merge clusters; smaller values '
@@ -65,16 +65,17 @@ class TranslationParameters(ParameterGroup):
     form: str = parameter(
         'signed', choices=('signed', 'squared'),
         help='Equation from which two pairs of matched lines give a translation: signed (directed lines give one '
-             'translation) or squared (Eq. 15 of the paper, whose open signs give four translations).')
+             'translation) or squared (Eq. 15 of the paper, which does not determine the signs and gives four '
+             'translations).')
     parallel_sigma: float = parameter(
         0.06, unit='rad', bounds=(0.0001, 1.6),
-        help='Standard deviation of the angle by which two matched lines may differ from parallel (eps1 of Eq. 12). '
+        help='Standard deviation of the angle between two lines that count as parallel (eps1 of Eq. 12). '
              'Larger values match more lines, wrong ones among them; smaller values match fewer.')
     min_crossing_sine: float = parameter(
         0.35, bounds=(0.0001, 1.0),
         help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
-             'along a degenerate direction also uses only walls at this angle to it or more. Larger values use fewer '
-             'and better conditioned lines; smaller values use more.')
+             'along a degenerate direction uses only walls at no smaller an angle to that direction. Larger values use '
+             'fewer and better conditioned lines; smaller values use more lines.')
     max_pairs: int = parameter(
         14, bounds=(2, 10000),
         help='Number of line pairs that are used for each rotation, those with the largest weight first. Larger values '
@@ -86,7 +87,7 @@ class TranslationParameters(ParameterGroup):
     clustering: str = parameter(
         'built_in', choices=_CLUSTERINGS,
         help='Implementation of DBSCAN over translations: built_in (fast) or scikit_learn (sklearn.cluster.DBSCAN). '
-             'Both give the same clusters.')
+             'built_in gives the same clusters as scikit_learn.')
     eps: float = parameter(
         0.06, unit='m', bounds=(0.0001, 100.0),
         help='Neighbourhood radius of DBSCAN over translations. Larger values merge clusters; smaller values split '
@@ -143,7 +144,7 @@ class DensityParameters(ParameterGroup):
     leverage_ridge: float = parameter(
         1.0, bounds=(0.001, 1000.0),
         help='Ridge of the statistical leverage that gives points with a rare normal direction more weight. Larger '
-             'values weigh all points more alike; smaller values stress the few points at the end of a corridor.')
+             'values make the weights more equal; smaller values stress the few points at the end of a corridor.')
 
 
 @dataclass(frozen=True)
@@ -272,7 +273,7 @@ class RefinementParameters(ParameterGroup):
     map_scale: float = parameter(
         0.01, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last iteration against the key-frame window, and standard deviation of a point '
-             'when points are weighed against the prediction; the range noise where that is larger. Larger values use '
+             'when points are weighed against the prediction; a larger range noise replaces it. Larger values use '
              'more points and give the prediction more weight; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
@@ -312,8 +313,8 @@ class DegeneracyParameters(ParameterGroup):
     information_ratio: float = parameter(
         0.05, bounds=(0.0, 1.0),
         help='A direction is degenerate, and searched, when the information along it is below this fraction of the '
-             'information across it. Larger values search more often and take longer; smaller values search only in '
-             'bare corridors.')
+             'information perpendicular to it. Larger values search more often and take longer; smaller values search '
+             'only in bare corridors.')
     search_distance: float = parameter(
         1.0, unit='m', bounds=(0.0, 100.0),
         help='Distance that is searched to either side of a hypothesis along a degenerate direction. Larger values '
@@ -325,8 +326,8 @@ class DegeneracyParameters(ParameterGroup):
              'search less often; smaller values search on little evidence.')
     parallel_tolerance: float = parameter(
         0.25, bounds=(0.0, 1.0),
-        help='Normals with a smaller component than this along the weakest direction do not constrain it in the '
-             'odometry: their walls count as parallel to it. Larger values treat more walls as parallel; smaller '
+        help='Normals with a smaller component than this along the least constrained direction do not constrain it in '
+             'the odometry: their walls count as parallel to it. Larger values treat more walls as parallel; smaller '
              'values trust near-parallel walls more.')
 
 
@@ -363,14 +364,14 @@ class DecisionParameters(ParameterGroup):
              'predictions more; smaller values require more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0),
-        help='Number of effective points that must constrain the weakest direction for the status OK after a weak '
+        help='Number of effective points that must constrain every direction for the status OK after a weak '
              'prior (advanced.decision.weak_prior_sigma). Larger values report OK less often in corridors; smaller '
              'values report it more often.')
     parallel_tolerance: float = parameter(
         0.15, bounds=(0.0, 1.0),
-        help='Normals with a smaller component than this along the weakest direction of a corridor add nothing to its '
-             'effective points. Larger values treat more walls as parallel; smaller values trust near-parallel walls '
-             'more.')
+        help='Points whose normal has a smaller component than this along a corridor are not counted as effective '
+             'points of this direction. Larger values treat more walls as parallel; smaller values trust near-parallel '
+             'walls more.')
     covariance_scale: float = parameter(
         0.7, bounds=(0.001, 10000.0),
         help='Factor on the variance of each point in the computation of the covariance, because the errors of '
@@ -378,6 +379,6 @@ class DecisionParameters(ParameterGroup):
              'smaller ones.')
     few_points_scale: float = parameter(
         8.0, bounds=(0.0, 1000.0),
-        help='Number of effective points in the weakest direction at which its variance is doubled, because the errors '
-             'of few points are not independent. Larger values report larger covariances in corridors; 0 disables the '
-             'correction.')
+        help='Number of effective points at which the variance of the least constrained direction is doubled, because '
+             'the errors of few points are not independent. Larger values report larger covariances in corridors; 0 '
+             'disables the correction.')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a parameter is: default, unit, bounds, choices and help, and how values are checked."""
+"""Description of a parameter (default, unit, bounds, choices and help), and checks of its values."""
 import contextlib
 import dataclasses
 import math
@@ -25,7 +25,8 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
     Parameters
     ----------
     default : float, int, bool, str or tuple of float or str
-        With a tuple of numbers as default, values are lists of that length; with a tuple of texts, of any length > 0.
+        If the default is a tuple of numbers, values are lists of the same length; if it is a tuple of texts, values are
+        lists of one or more texts.
     help : str
         Whole sentences: what the parameter does, and what larger and smaller values cause.
     unit : str
@@ -142,7 +143,7 @@ class ParameterTree:
         Raises
         ------
         ParameterError
-            When a name is unknown, a value has the wrong type or lies outside its bounds, or two contradict each other.
+            When a name is unknown, a value has the wrong type or is out of bounds, or two values contradict each other.
         """
         known = {name: (group, field) for name, group, field in _parameter_fields(type(self))}
         own: dict[str, Any] = {}

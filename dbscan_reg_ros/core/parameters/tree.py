@@ -21,7 +21,7 @@ from .registration import (
 from .schema import ADVANCED, ParameterTree
 
 _LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps')
-"""Group and name of quantities whose lower and upper limit are parameters; an upper limit of 0 means no limit."""
+"""Group and name of quantities with parameters for their lower and upper limit; an upper limit of 0 means no limit."""
 
 
 @dataclass(frozen=True, repr=False)

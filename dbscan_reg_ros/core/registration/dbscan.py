@@ -23,25 +23,25 @@ def unlabelled(size: int) -> IntArray:
 
 def dbscan_line(samples: FloatArray, eps: float, min_samples: float, sample_weight: FloatArray | None = None,
                 period: float | None = None) -> IntArray:
-    """Cluster numbers: sort, count the neighbours by bisection, cut at the gaps.
+    """Cluster numbers on a line or a circle: sort them, count neighbours by bisection, and cut at the gaps.
 
     Parameters
     ----------
     samples : (N,) array
-        On a circle of circumference `period`, they must lie within one period.
+        Numbers to cluster; with a `period` they must lie within one period.
     eps : float
         Neighbours lie at most this far apart.
     min_samples : float
         A sample whose neighbours, itself included, have at least this weight is a core sample.
     sample_weight : (N,) array, optional
-        By default 1 each.
+        Weight of each sample; by default 1.
     period : float, optional
 
     Returns
     -------
     (N,) int array
-        Cluster of each sample, numbered by the first core sample of each, or `NOISE`. A border sample belongs to the
-        first of the clusters that reach it.
+        Cluster of each sample, or `NOISE`. Clusters are numbered in the order of their first core samples. A border
+        sample belongs to the first cluster that has a core sample within `eps` of it.
     """
     size = len(samples)
     order = samples.argsort(kind='stable')
@@ -79,7 +79,7 @@ def dbscan_line(samples: FloatArray, eps: float, min_samples: float, sample_weig
 
 
 def _chains(x: FloatArray, index: IntArray, eps: float, period: float | None) -> IntArray:
-    """Split the sorted `x` at gaps above `eps`; return the chain of each value, numbered by the least `index` in it."""
+    """Split the sorted `x` at gaps above `eps`; return the chain of each value, numbered in order of least `index`."""
     chain: IntArray = np.zeros(len(x), dtype=int)
     (x[1:] - x[:-1] > eps).cumsum(out=chain[1:])
     if period is not None and chain[-1] > 0 and x[0] + period - x[-1] <= eps:
@@ -88,7 +88,7 @@ def _chains(x: FloatArray, index: IntArray, eps: float, period: float | None) ->
 
 
 def _neighbour_range(x: FloatArray, eps: float, period: float | None) -> tuple[IntArray, IntArray]:
-    """Return the indices ``[left, right)`` of the neighbours of each of the sorted `x`; into three laps on a circle."""
+    """Return the index range ``[left, right)`` of each sorted value's neighbours; on a circle over three periods."""
     if period is None:
         return np.searchsorted(x, x - eps), np.searchsorted(x, x + eps, 'right')
     laps = np.concatenate((x - period, x, x + period))
@@ -100,7 +100,7 @@ def _neighbour_range(x: FloatArray, eps: float, period: float | None) -> tuple[I
 
 def dbscan_plane(samples: FloatArray, eps: float, min_samples: float,
                  sample_weight: FloatArray | None = None) -> IntArray:
-    """Cluster points: pairs of neighbours, clusters as connected components.
+    """Cluster points: find pairs of neighbours, and take the connected components as clusters.
 
     Parameters and results as for `dbscan_line`, with `samples` ``(N, D)``. Separate sets can be clustered in one call
     when they are moved apart.
@@ -130,7 +130,7 @@ def dbscan_plane(samples: FloatArray, eps: float, min_samples: float,
 
 
 def _near_pairs(samples: FloatArray, eps: float) -> tuple[IntArray, IntArray]:
-    """Find all pairs of samples at most `eps` apart: along the first axis, or by a tree where many are near on it."""
+    """Find all pairs of samples at most `eps` apart by sorting the first axis, or with a k-d tree if that is slow."""
     order = samples[:, 0].argsort()
     axes = samples[order].T.copy()
     end = axes[0].searchsorted(axes[0] + eps, 'right')
@@ -145,7 +145,7 @@ def _near_pairs(samples: FloatArray, eps: float) -> tuple[IntArray, IntArray]:
 
 
 _MANY = 50
-"""Pairs per sample that are near along the first axis; with more the tree is faster."""
+"""If more pairs per sample than this are close along the first axis, the tree is faster."""
 
 
 def pairs_before(end: IntArray) -> tuple[IntArray, IntArray]:
@@ -182,16 +182,16 @@ def _renumber(component: IntArray, index: IntArray) -> IntArray:
 
 def recluster(size: int, cluster: Callable[[IntArray, float], IntArray],
               is_chain: Callable[[IntArray, IntArray], BoolArray] | None) -> IntArray:
-    """Cluster samples, and the chains among the clusters once more with half the neighbourhood.
+    """Cluster samples; clusters that are chains are clustered again with half the neighbourhood radius.
 
     Parameters
     ----------
     size : int
         Number of samples.
     cluster : callable
-        Labels of chosen samples (indices), with a ratio of the first neighbourhood.
+        Function that returns the labels of chosen samples (indices), clustered with a ratio of the full radius.
     is_chain : callable or None
-        Which samples belong to a cluster that is a chain, from their indices and labels; None if no cluster is one.
+        Function that returns, from indices and labels of samples, which belong to a chain; None if chains are kept.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def k_distances(samples: FloatArray, k: int) -> FloatArray:
     ----------
     samples : (N,) or (N, D) array
     k : int
-        The sample itself is not counted; at most N - 1 is used.
+        Rank of the neighbour, without the sample itself; values above N - 1 count as N - 1.
     """
     samples = np.asarray(samples, dtype=float)
     k = min(k, len(samples) - 1)
@@ -246,7 +246,7 @@ def k_distances(samples: FloatArray, k: int) -> FloatArray:
 
 
 def knee(distances: FloatArray) -> float:
-    """Return the distance at the knee of a k-dist graph: where the curve lies farthest below the chord of its ends."""
+    """Return the distance at the knee of a k-dist graph: where it lies farthest below the chord between its ends."""
     size = len(distances)
     if size < _FEWEST_FOR_KNEE or distances[0] <= distances[-1]:
         return float(distances[-1]) if size else 0.0
@@ -255,4 +255,4 @@ def knee(distances: FloatArray) -> float:
 
 
 _FEWEST_FOR_KNEE = 3
-"""Two distances lie on their chord."""
+"""A graph with fewer distances has no knee: two distances always lie on their chord."""

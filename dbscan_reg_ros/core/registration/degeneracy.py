@@ -21,7 +21,7 @@ def weakest_direction(information: FloatArray) -> tuple[float, float, float]:
     -------
     angle : float [rad], modulo pi
     weak, strong : float
-        Information along it and across it.
+        Information along that direction and perpendicular to it.
     """
     (xx, xy, x), (_, yy, y), (_, _, rotation) = information.tolist()
     rotation = max(rotation, TINY)
@@ -31,19 +31,19 @@ def weakest_direction(information: FloatArray) -> tuple[float, float, float]:
 
 
 def is_corridor_like(information: FloatArray, angle: float) -> bool:
-    """Whether few points face along the direction `angle` [rad], by their information ``(3, 3)``."""
+    """Whether few points have normals along the direction `angle` [rad], judged from the information ``(3, 3)``."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
     c, s = math.cos(angle), math.sin(angle)
     return bool(c * c * xx + 2.0 * c * s * xy + s * s * yy < CORRIDOR_RATIO * (xx + yy))
 
 
 CORRIDOR_RATIO = 0.1
-"""In a corridor the ratio of the information along it to that of all translations is below this."""
+"""A corridor has less than this ratio of the information along its axis to the information in both directions."""
 
 
 def without_near_parallel(rows: FloatArray, motion: FloatArray, min_component: float,
                           of: FloatArray | None = None) -> FloatArray:
-    """Return a `point_to_line.jacobian` as if near-parallel walls were parallel to a degenerate `motion`.
+    """Return a `point_to_line.jacobian` in which near-parallel walls count as parallel to a degenerate `motion`.
 
     Near-parallel walls would constrain the motion along them. But an error of 1 cm that all points of a wall share, due
     to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
@@ -57,7 +57,7 @@ def without_near_parallel(rows: FloatArray, motion: FloatArray, min_component: f
     min_component : float
         A wall is near-parallel where the motion moves its points by less than this [m] across it.
     of : (3 or more, P) array, optional
-        Jacobian by the normals of the walls; by default `rows`.
+        Jacobian, computed with the normals of the walls, from which near-parallel walls are found; by default `rows`.
     """
     of = rows if of is None else of
     near_parallel: BoolArray = np.abs(motion @ of[:DOF]) < min_component * np.hypot(of[0], of[1])
@@ -68,13 +68,13 @@ def without_near_parallel(rows: FloatArray, motion: FloatArray, min_component: f
 
 
 def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, problem: Problem) -> FloatArray:
-    """Shift each candidate along its degenerate direction to where the few points that face along it fit best.
+    """Shift each candidate along its degenerate direction to where the points with normals in this direction fit best.
 
     Parameters
     ----------
     candidates : (H, 3) array
     angles : (H,) array [rad]
-        In the reference's frame.
+        Degenerate direction of each candidate in the reference's frame.
     problem : Problem
 
     Returns

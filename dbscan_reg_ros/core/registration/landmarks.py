@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses from landmarks, which are small objects: pairs of them at the same distance in both scans.
+"""Hypotheses from landmarks (small objects): pairs of landmarks with the same distance in both scans.
 
 A trunk has no line that gives the rotation of the sensor, as its visible side always faces the sensor. The line through
 two trunks gives the rotation and the translation.
@@ -31,9 +31,9 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
                      prior: Prior | None = None) -> FloatArray:
     """Return the motions ``(H, 3)`` that align the current scan's landmarks best with the reference's, best first.
 
-    A pair of landmarks of either scan at the same distance gives a sample. Its support is the sum of the kernels (Eq.
-    16) of the distances of all landmarks from the nearest one of the reference. Samples outside the gate of a `prior`
-    are left out.
+    A pair of landmarks in each scan, with equal distances, gives a sample motion. Its support is the sum of the kernels
+    (Eq. 16) of the distances of all landmarks from the nearest landmark of the reference. Samples outside the gate
+    around a `prior` are left out.
     """
     ours, theirs = (landmarks(each, parameters) for each in (reference, current))
     motions = pair_motions(ours, theirs)
@@ -47,12 +47,12 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
 
 
 def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
-    """Return the motions ``(S, 3)`` that align pairs of landmarks of nearly the same length.
+    """Return the motions ``(S, 3)`` that align a pair of landmarks with a pair of nearly the same distance.
 
     Parameters
     ----------
     reference, current : (L,), (M,) complex arrays [m]
-        Landmarks of either scan.
+        Landmarks of the reference, and of the current scan.
     """
     baselines_r, baselines_o = reference - reference[:, None], current - current[:, None]
     # Each pair of the reference in both orders, each pair of the current scan in one.
@@ -70,8 +70,8 @@ def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
 
 
 _MIN_SUPPORT = 2.5
-"""Two landmarks give a motion, and a third has to agree."""
+"""Least support of a motion: two landmarks determine it, and a third one has to confirm it."""
 _MAX_SAMPLES = 500
-"""Samples that are checked, most similar distances first."""
+"""At most this many samples are checked, those with the most similar distances first."""
 _MAX_MOTIONS = 8
-"""Motions that become hypotheses."""
+"""At most this many motions become hypotheses."""

@@ -27,15 +27,17 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     Parameters
     ----------
     reference, current : Scan or Features
-        The earlier and the later scan, or their `extract_features`. Features made once serve several
+        The earlier and the later scan, or their features from `extract_features`, which can be used in several
         registrations.
     parameters : Parameters
     prior : Prior, optional
-        One more hypothesis, in the reference's frame; it also defines the stage `SearchStage.NEAR`.
+        Predicted motion in the reference's frame. It is one more hypothesis, and the stage `SearchStage.NEAR` searches
+        within its gate.
     first_stage : SearchStage
         The stage to begin with. Without a prior `SearchStage.NEAR` is skipped.
     backend : Backend, optional
-        Implementation of the steps for scans; by default the compiled one where it is built. `Features` bring theirs.
+        Implementation of the numerical steps if scans are passed; by default the compiled one, if it is built.
+        `Features` store their own backend.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     Raises
     ------
     ScanError
-        When a scan holds too few returns, or is neither a `Scan` nor `Features`.
+        When a scan has too few returns, or an argument is neither a `Scan` nor `Features`.
     """
     backend = backend or default_backend()
     reference, current = (as_features(each, parameters, backend) for each in (reference, current))
@@ -64,7 +66,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
 
 
 def as_features(scan: Scan | Features, parameters: Parameters, backend: Backend) -> Features:
-    """Return the features of a scan, which may have been extracted before."""
+    """Extract the features of a scan; `Features` are returned unchanged."""
     if isinstance(scan, Features):
         return scan
     if isinstance(scan, Scan):
@@ -74,14 +76,14 @@ def as_features(scan: Scan | Features, parameters: Parameters, backend: Backend)
 
 
 def register_within_gate(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:
-    """Find the best motion within the gate of the prior, even where others score more; otherwise as `register`."""
+    """Register like `register`, but consider only motions within the gate around the prior."""
     return search_near(Problem(reference, current, parameters, prior), prior)
 
 
 def with_common_noise(reference: Features, current: Features) -> Features:
-    """Return the current scan, without a noise ratio that the reference does not confirm.
+    """Return the features of the current scan; their noise ratio becomes 0 if that of the reference is 0.
 
-    Both scans are of one sensor: noise of far ranges that one scan alone shows is chance, or due to outliers.
+    Both scans are of one sensor: if only one scan has noisier far ranges, this is due to chance or outliers.
     """
     if current.oriented_points.inverse_noise is None or reference.noise_ratio:
         return current
@@ -89,7 +91,7 @@ def with_common_noise(reference: Features, current: Features) -> Features:
 
 
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:
-    """Select among the prior and the clusters within its gate; `min_score` as for `select_by_density`."""
+    """Select among the prior and the clusters within the gate around it; `min_score` as for `select_by_density`."""
     p, expected = problem.parameters, prior.transform.as_array()
     rotations = problem.rotations.near(expected[2], p.prior.gate * prior.rotation_sigma)
     motions = problem.translations(rotations).transform
@@ -113,7 +115,7 @@ def search_wide(problem: Problem) -> Registration:
 
 
 def heaviest_candidates(problem: Problem) -> Candidates:
-    """Return the heaviest translation clusters for all rotations; shortest translations and the prior are exempt."""
+    """Return the heaviest translation clusters; shortest translations and the prior are exempt from pre-selection."""
     p, translations = problem.parameters.selection, problem.translations(problem.rotations)
     if problem.prior is None:
         return Candidates(translations.shortest, translations.transform[:p.max_clusters])
@@ -130,12 +132,12 @@ def needs_wide_search(found: Registration, problem: Problem) -> bool:
 
 
 def load_strategies(parameters: Parameters) -> None:
-    """Import the variants that the `parameters` choose, so that the first registration does not wait for it.
+    """Import the variants that the `parameters` choose, so that the first registration is not delayed by the import.
 
     Raises
     ------
     ParameterError
-        When a package that they need is not installed.
+        When a package that a chosen variant needs is not installed.
     """
     choose_clustering(parameters.rotation.clustering)
     choose_clustering(parameters.translation.clustering)

@@ -34,11 +34,11 @@ class Fit(NamedTuple):
     Attributes
     ----------
     error : (H, P) float [m]
-        Signed distance from the line of the nearest point, times the point's `inverse_noise`.
+        Signed distance of each point from the line of the nearest reference point, times the point's `inverse_noise`.
     alike : (H, P) bool
         Whether the normals of point and line agree.
     normals : (H, P) complex
-        Normal of the line, conjugated, times the point's `inverse_noise`.
+        Conjugated normal of the line, times the `inverse_noise` of the scan's point.
     rotated_points : (H, P) complex [m]
         Rotated points.
     places : (H, P) complex [m]
@@ -62,18 +62,18 @@ class Fit(NamedTuple):
         return linear_residuals(self.error, self.normals, self.rotated_points)
 
     def select(self, chosen: IntArray | slice) -> 'Fit':
-        """Return the fits of chosen candidates, by indices or a slice."""
+        """Return the fits of the candidates that `chosen` selects (indices or a slice)."""
         return Fit(self.error[chosen], self.alike[chosen], self.normals[chosen], self.rotated_points[chosen],
                    self.places[chosen])
 
     def thinned(self, count: int) -> 'Fit':
-        """Return the fits of at most `count` of the points, the same as `OrientedPoints.thinned` selects."""
+        """Return the fits of at most `count` points: those that `OrientedPoints.thinned` selects."""
         step = stride(self.error.shape[1], count)
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 
 def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, min_normal_cosine: float) -> Fit:
-    """Find the `Fit` of a scan's points to the reference.
+    """Find the correspondences of a scan's points with the reference for each candidate.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, 
 
 
 def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = DOF) -> FloatArray:
-    """Return ``(..., rows, P)``: derivatives of the points' errors by x, y [m] and theta [rad] in the first 3 rows.
+    """Return ``(..., rows, P)``: the first 3 rows are the derivatives of the errors with respect to x, y and theta.
 
     Parameters
     ----------
     normals, rotated_points : (..., P) complex arrays
         Conjugated normals of the lines, and rotated points [m].
     rows : int
-        Rows of the table; those after the third are not filled.
+        Number of rows of the returned array; rows after the third are not filled.
     """
     table = np.empty((*normals.shape[:-1], rows, normals.shape[-1]))
     table[..., 0, :] = normals.real
@@ -116,7 +116,7 @@ def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = DO
 
 
 def linear_residuals(error: FloatArray, normals: ComplexArray, rotated_points: ComplexArray) -> FloatArray:
-    """Return ``(..., 4, P)``: `jacobian` and errors [m]; times a step ``(x, y, theta, 1)`` the errors after it."""
+    """Return ``(..., 4, P)``: `jacobian` and errors [m]; ``(x, y, theta, 1) @ rows`` are the errors after a step."""
     rows = jacobian(normals, rotated_points, DOF + 1)
     rows[..., DOF, :] = error
     return rows
@@ -128,24 +128,25 @@ NO_STEP = np.append(np.zeros(DOF), 1.0)
 def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the weighted squares ``(..., 4, 4)`` of `linear_residuals`.
 
-    The upper left 3 x 3 are the information for a unit error of a point, the last column is the gradient, the last
-    number the sum of the squared errors. Of the `jacobian` alone: the information.
+    The upper left 3 x 3 block is the information for points with unit standard deviation, the last column is the
+    gradient, and the bottom-right element is the sum of the squared errors. If `rows` is a `jacobian` alone, the result
+    is the information alone.
     """
     equations: FloatArray = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
     return equations
 
 
 def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the information ``(3, 3)`` of points for a unit error of each, as far as both scans agree on it.
+    """Return the information ``(3, 3)`` of points with unit standard deviation, as far as it is shared by both scans.
 
-    One factor of each product is the normal of the line and one the point's own. Independent noise of the two cancels,
-    so that a smooth wall does not seem to constrain the motion along it. The result may be indefinite where there is
-    only noise.
+    Each product combines the normal of the line with the normal of the point itself. Independent noise of the two
+    normals cancels, so that a smooth wall does not seem to constrain the motion along the wall. The result may be
+    indefinite if there is only noise.
 
     Parameters
     ----------
     rows, own : (3, P) arrays
-        `jacobian` by the normals of the lines, and by the points' own.
+        `jacobian` computed with the normals of the lines, and computed with the normals of the points themselves.
     weight : (P,) array
     """
     product = (rows * weight) @ own.T
@@ -154,12 +155,12 @@ def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) ->
 
 
 def mean_square(error: FloatArray, weight: FloatArray) -> float:
-    """Return the weighted mean [m^2] of squared errors [m], ``(P,)`` each."""
+    """Return the weighted mean [m^2] of the squared errors ``(P,)`` [m]."""
     return float(error * weight @ error) / max(float(weight.sum()), TINY)
 
 
 class Alignment(NamedTuple):
-    """What candidates are refined by.
+    """Points, likelihood field and settings with which candidates are refined.
 
     Attributes
     ----------
@@ -170,7 +171,7 @@ class Alignment(NamedTuple):
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     damping : float
-        Damping of a step, as in `symmetric_matrix.solve`: candidates do not move along an unobservable direction.
+        Damping of a step, as in `symmetric_matrix.solve`; it keeps candidates from moving in an unobservable direction.
     """
 
     points: OrientedPoints
@@ -181,16 +182,16 @@ class Alignment(NamedTuple):
 
 def refine(candidates: FloatArray, alignment: Alignment, scales: Sequence[float],
            known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
-    """Refine all candidates together by robust point-to-line iterations, one for each of the `scales` [m].
+    """Refine all candidates together in robust point-to-line iterations, one iteration per entry of `scales` [m].
 
     Parameters
     ----------
     candidates : (H, 3) array
     alignment : Alignment
     scales : sequence of float [m]
-        Kernel of each iteration.
+        Scale of the robust kernel in each iteration.
     known : Fit, optional
-        Of the candidates as they are.
+        Fit of the candidates before the refinement, if it is known.
 
     Returns
     -------
@@ -219,13 +220,13 @@ def polish(candidate: FloatArray, found: Fit, points: OrientedPoints,
     """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
 
     The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
-    that moves farther than the first kernel, as it may along a corridor, is returned unchanged.
+    that would move farther than the first kernel scale, as may happen along a corridor, is returned unchanged.
 
     Returns
     -------
     candidate : (3,) array
     found : Fit
-        Of it, H = 1.
+        Fit of the refined candidate (H = 1).
     """
     if not refinement.polish_iterations:
         return candidate, found

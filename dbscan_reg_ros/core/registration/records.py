@@ -19,7 +19,7 @@ class Status(Enum):
     OK = 'ok'
     """The motion is known in every direction."""
     DEGENERATE = 'degenerate'
-    """The scans agree, but the motion is unobservable along one direction, or its rotation is."""
+    """The scans agree, but the translation along one direction, or the rotation, is unobservable."""
     AMBIGUOUS = 'ambiguous'
     """A different motion scores nearly as well."""
     FAILED = 'failed'
@@ -28,7 +28,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One candidate motion, its score, and its log-odds by the evidence."""
+    """One candidate motion, its score, and its log-odds computed from the evidence."""
 
     transform: SE2
     score: float
@@ -42,12 +42,12 @@ def sigma_text(covariance: FloatArray) -> str:
 
 
 def no_matches() -> IntArray:
-    """Return no pair of segments, ``(0, 2)``."""
+    """Return an empty array of segment pairs, ``(0, 2)``."""
     return np.empty((0, 2), dtype=int)
 
 
 def no_motions() -> FloatArray:
-    """Return no motion, ``(0, 3)``."""
+    """Return an empty array of motions, ``(0, 3)``."""
     return np.empty((0, DOF))
 
 
@@ -61,7 +61,7 @@ class TranslationSamples(NamedTuple):
     rotation : (S,) int
         The rotation hypothesis that each sample belongs to.
     find_shortest : callable
-        Makes the shortest motions that align the lines, ``(K, 3)``.
+        Function that computes the shortest motions that align the lines, ``(K, 3)``.
     """
 
     translation: ComplexArray
@@ -76,21 +76,22 @@ class Evidence(NamedTuple):
     Attributes
     ----------
     conflicts_current, conflicts_reference : float
-        Fraction of the points of the current scan in free space of the reference, and the reverse, 0..1.
+        Fraction, 0..1, of the current scan's points in free space of the reference, and of the reference's points in
+        free space of the current scan.
     on_outline : int
         Number of points of the reference on the outline of the current scan.
     matched_ends : int
-        Number of corners and free ends of either scan's segments that the other one has at the same place.
+        Number of segment ends (corners and free ends) of each scan that have a counterpart in the other scan.
     unmatched_ends : int
-        Number of those that the other scan should see, but has none nearby.
+        Number of segment ends (corners and free ends) without a counterpart in the other scan, which should see them.
     crossing : float [m]
-        Length of the matched segments across the main direction of all matched segments.
+        Length of matched segments perpendicular to the main direction of all matched segments.
     residual : float [m]
         Root mean square of the errors of the current scan's points on the reference's surfaces.
     distance : float [m]
         Length of the translation.
     weak : float
-        Number of points that constrain the translation along its weakest direction.
+        Effective number of points that constrain the translation in its least constrained direction.
     """
 
     conflicts_current: float
@@ -118,17 +119,19 @@ class Registration:
     overlap : float
         Fraction of the current scan's points that lie on the reference's surfaces, 0..1.
     score : float
-        Score of the result, at most 1. A single top candidate has the score and the overlap of the coarse refinement.
+        Score of the result, at most 1. If only one top candidate remained, score and overlap are those after the coarse
+        refinement.
     hypotheses : tuple of Hypothesis
         Best first; the first is the result. Empty if nothing was found.
     degenerate_direction : float or None
         Angle [rad] in the reference's frame along which the translation is unobservable.
     find_matches : callable
-        Makes `matches`.
+        Function that computes `matches`.
     reason : str
         Why the status is not ``OK``; empty otherwise.
     weakest_information : float or None
-        Number of points that constrain the translation along its weakest direction; None if not computed.
+        Effective number of points that constrain the translation in its least constrained direction; None if not
+        computed.
     rotation_unobservable : bool
         Whether the scans do not constrain the rotation.
     confidence : float
@@ -136,7 +139,7 @@ class Registration:
     evidence : Evidence or None
         What the confidence is computed from; None if nothing was found.
     rivals : tuple of Hypothesis
-        Those of the `hypotheses` that are different motions, best first.
+        Those `hypotheses` whose motion differs from that of the result, best first.
     """
 
     transform: SE2
@@ -163,7 +166,7 @@ class Registration:
 
     @property
     def margin(self) -> float:
-        """Log-odds of the result less those of its best rival; infinite without a rival."""
+        """Log-odds of the result minus the log-odds of its best rival; infinite without a rival."""
         return self.hypotheses[0].log_odds - max(each.log_odds for each in self.rivals) if self.rivals else math.inf
 
     @cached_property
@@ -183,8 +186,8 @@ class Prior:
     covariance : (3, 3) float
         As in `Registration`; positive definite.
     velocity_change : (3, 3) float or None
-        Part of the covariance that is due to a change of the velocity, of a prediction by the motion model. None: an
-        external prior.
+        For a prediction of the motion model: the part of the covariance that is due to a change of the velocity. None
+        for an external prior.
     """
 
     transform: SE2
@@ -209,7 +212,8 @@ class Prior:
     def with_rotation(self, rotation: float, sigma: float) -> 'Prior':
         """Return the prior with another `rotation` [rad] of standard deviation `sigma` [rad].
 
-        The distance stays; the direction of the translation, the chord of an arc, changes by half the difference.
+        The length of the translation stays the same; its direction changes by half the difference of the rotations,
+        because it is the chord of an arc.
         """
         chord = SE2(0.0, 0.0, 0.5 * wrap(rotation - self.transform.theta)) @ SE2(self.transform.x, self.transform.y)
         translation = np.diag((1.0, 1.0, 0.0))

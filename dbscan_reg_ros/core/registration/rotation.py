@@ -22,13 +22,13 @@ class Rotations:
     ----------
     phi : (K,) float [rad]
     weight : (K,) float [m]
-        Weight of the samples in the cluster.
+        Sum of the weights of the samples in each cluster.
     difference : (n, m) float [rad]
         Angle differences between the reference's n and the current scan's m segments (Eq. 9).
     labels : (n, m) int
         Cluster of each difference, in the order of `phi`; -1 for none.
     eps : float [rad]
-        Neighbourhood of DBSCAN that was used.
+        Neighbourhood radius with which DBSCAN ran.
     """
 
     phi: FloatArray
@@ -54,7 +54,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
     Parameters
     ----------
     reference, current : Segments
-        n and m of them.
+        The n segments of the reference and the m segments of the current scan.
     weights : (n, m) array
         From `pair_weights`.
     parameters : RotationParameters
@@ -95,7 +95,7 @@ def cluster_angles(samples: FloatArray, eps: float, period: float, parameters: R
 
 
 def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray:
-    """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
+    """Return the weight ``(n, m)`` of each pair: the shorter length [m], reduced if the directions are uncertain."""
     if not parameters.weighted:
         return np.ones((len(reference), len(current)))
     variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
@@ -104,7 +104,7 @@ def pair_weights(reference: Segments, current: Segments, parameters: RotationPar
 
 
 def knee_eps(samples: FloatArray, parameters: RotationParameters) -> float:
-    """Return the eps [rad] at the knee of the k-dist graph, k = min_samples - 1 (at least 1), within its bounds."""
+    """Return eps [rad] from the knee of the k-dist graph (k = min_samples - 1, at least 1), clipped to its limits."""
     bend = knee(k_distances(samples, max(parameters.min_samples - 1, 1)))
     return float(min(max(bend, parameters.eps_min), parameters.eps_max))
 
@@ -127,7 +127,7 @@ class _Clusters:
     members : (A,) int
         Indices of the samples that belong to a cluster.
     index : (A,) int
-        Cluster of each of those.
+        Cluster of each of these samples.
     first : (C,) float [rad]
         A sample of each cluster; offsets are relative to it.
     offset : (A,) float [rad]
@@ -157,7 +157,7 @@ class _Clusters:
     def means(self, median_scale: float) -> FloatArray:
         """Return the weighted mean [rad] of each cluster.
 
-        With a `median_scale` [rad] above 0, samples at that distance from the median of their cluster weigh half.
+        With a `median_scale` [rad] above 0, a sample at this distance from the median of its cluster has half weight.
         """
         weight = self.sample_weight
         if median_scale > 0.0:

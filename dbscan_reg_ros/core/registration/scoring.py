@@ -24,7 +24,7 @@ def preselect(candidates: FloatArray, points: OrientedPoints, profile: FreeSpace
               parameters: SelectionParameters, density: DensityParameters) -> FloatArray:
     """Return the hypotheses that align a scan best with the outline of the reference, at most `selection.preselected`.
 
-    A table of candidates x points of the free-space profile decides; no likelihood field is looked up.
+    Only the free-space profile of the reference is looked up, not its likelihood field.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def preselect(candidates: FloatArray, points: OrientedPoints, profile: FreeSpace
 
 def promising(candidates: FloatArray, fits: point_to_line.Fit, scale: float,
               min_ratio: float) -> tuple[FloatArray, point_to_line.Fit]:
-    """Return the hypotheses ``(H, 3)`` with at least `min_ratio` of the best one's support, and their fits.
+    """Return the hypotheses ``(H, 3)`` with at least `min_ratio` of the largest support, and their fits.
 
     The support is the sum of the kernels of `scale` [m] over the points (Eq. 16).
     """
@@ -62,7 +62,7 @@ def promising(candidates: FloatArray, fits: point_to_line.Fit, scale: float,
 
 def score(fits: point_to_line.Fit, reference: Features, current: Features, scale: float,
           parameters: DensityParameters) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Score each hypothesis by the points of the current scan.
+    """Compute the score of each hypothesis from the points of the current scan.
 
     Parameters
     ----------
@@ -70,13 +70,14 @@ def score(fits: point_to_line.Fit, reference: Features, current: Features, scale
         Of the current scan's `sampled_points` to the reference.
     reference, current : Features
     scale : float [m]
-        Kernel.
+        Scale of the kernel.
     parameters : DensityParameters
 
     Returns
     -------
     score : (H,) array
-        Weighted fraction of the points on the reference's surfaces less the fraction in its free space; at most 1.
+        Weighted fraction of the points on the reference's surfaces minus `violation_weight` times the weighted fraction
+        in its free space; at most 1.
     overlap : (H,) array
         Unweighted fraction of the points on the reference's surfaces.
     conflict : (H,) array
@@ -102,7 +103,7 @@ def reverse_violation(candidates: FloatArray, reference: Features, current: Feat
 
 
 def squared_mahalanobis(candidates: FloatArray, prior: Prior) -> FloatArray:
-    """Return the squared Mahalanobis distance ``(H,)`` of each hypothesis from the prior, in its sensor's frame."""
+    """Return the squared Mahalanobis distance ``(H,)`` of each hypothesis from the prior, in the sensor's frame."""
     expected = prior.transform
     step = candidates - expected.as_array()
     c, s = np.cos(expected.theta), np.sin(expected.theta)
@@ -118,7 +119,7 @@ def within_gate(candidates: FloatArray, prior: Prior, parameters: PriorParameter
 
 
 def distinct(candidates: FloatArray, count: int, distance: float, angle: float) -> list[int]:
-    """Return the indices of the first `count` hypotheses ``(H, 3)`` that differ from all those returned before them.
+    """Return the indices of the first `count` hypotheses ``(H, 3)`` that differ from all hypotheses chosen before.
 
     Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
     """

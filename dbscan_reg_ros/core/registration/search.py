@@ -23,9 +23,9 @@ class SearchStage(Enum):
     """Which hypotheses a search considers; each stage considers more than the one before."""
 
     NEAR = 'near'
-    """Those within the gate of the prior."""
+    """The hypotheses within the gate around the prior."""
     NORMAL = 'normal'
-    """The heaviest clusters."""
+    """The clusters with the largest weights."""
     WIDE = 'wide'
     """`selection.wide_search_factor` times as many clusters, and the motions that match landmarks."""
 
@@ -36,9 +36,9 @@ class Candidates(NamedTuple):
     Attributes
     ----------
     exempt : (S, 3) float
-        Those that are refined without a pre-selection.
+        Hypotheses that are refined without a pre-selection.
     others : (C, 3) float
-        Those that have to pass the pre-selection.
+        Hypotheses that have to pass the pre-selection.
     """
 
     exempt: FloatArray
@@ -50,27 +50,27 @@ class Candidates(NamedTuple):
         return len(self.exempt) + len(self.others)
 
     def joined(self) -> FloatArray:
-        """Return all of them, ``(S + C, 3)``."""
+        """Return all hypotheses, exempt ones first, ``(S + C, 3)``."""
         return np.concatenate((self.exempt, self.others))
 
 
 class Ranking(NamedTuple):
-    """Refined hypotheses, H of them, best first.
+    """The H refined hypotheses, best first.
 
     Attributes
     ----------
     candidates : (H, 3) float
         x, y [m] and theta [rad].
     score, overlap : (H,) float
-        From `scoring.score`, the score less the penalties.
+        Results of `scoring.score`; penalties are subtracted from the score.
     conflict : (H,) float
         Weighted fraction of the current scan's points in free space of the reference.
     equations : (H, 4, 4) float
         The normal equations of the last iteration.
     odds : (H,) float
-        Log-odds from `rank_by_evidence`, 0 before.
+        Log-odds from `rank_by_evidence`; 0 before it has run.
     best : Fit
-        Of the best, for one candidate.
+        Fit of the best hypothesis (H = 1).
     """
 
     candidates: FloatArray
@@ -90,7 +90,7 @@ class Ranking(NamedTuple):
         return Ranking(candidates, value, overlap, conflict, equations, odds, best)
 
     def select(self, chosen: list[int] | IntArray) -> 'Ranking':
-        """Return the hypotheses with the `chosen` indices, which begin with the best."""
+        """Return the hypotheses with the `chosen` indices; the first index must be that of the best hypothesis."""
         return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.conflict[chosen],
                        self.equations[chosen], self.odds[chosen], self.best)
 
@@ -101,12 +101,12 @@ class Ranking(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Two scans to be registered, with the parameters and what is known before.
+    """Two scans to be registered, with parameters and prior.
 
     Attributes
     ----------
     reference, current : Features
-        Of the earlier and the later scan.
+        Features of the earlier and of the later scan.
     parameters : Parameters
     prior : Prior or None
     """
@@ -140,7 +140,7 @@ class Problem:
 
     def refine(self, candidates: FloatArray, points: OrientedPoints, scales: Sequence[float],
                known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
-        """Refine the candidates by `points` of the current scan, as `point_to_line.refine`."""
+        """Refine the candidates with `points` of the current scan; see `point_to_line.refine`."""
         return refine(candidates, self.alignment(points), scales, known)
 
     def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:

@@ -27,7 +27,7 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
     problem : Problem
     candidates : Candidates
     min_score : float
-        A result with at most this score is returned as ``FAILED``, with its score, as soon as that is known.
+        If the best score cannot exceed this, the search ends early and returns ``FAILED`` with that score.
     """
     if not candidates.size:
         return failed('no segments of the two scans match')
@@ -41,7 +41,7 @@ def select_by_density(problem: Problem, candidates: Candidates, min_score: float
 
 
 def rank_by_density(problem: Problem, candidates: Candidates, min_score: float) -> Ranking:
-    """Refine the hypotheses and rank them by their scores: coarsely, and finely.
+    """Refine the hypotheses and rank them by their scores, first coarsely, then finely.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def failed_below(min_score: float, ranking: Ranking) -> Registration:
 def refine_coarsely(problem: Problem, candidates: Candidates) -> Ranking:
     """Pre-select and refine the hypotheses with a kernel that narrows from `refinement.coarse_scale`.
 
-    Without a prior, most hypotheses are far off: part of the points is enough to find the promising ones. All points
-    refine these once more where the best has not converged; the first results stay among the hypotheses, as some may
-    overshoot.
+    Without a prior, most hypotheses are far off: a subset of the points is enough to find the promising ones. If the
+    best hypothesis has not converged, the promising ones are refined once more with all points; the results before that
+    stay among the hypotheses, because the second refinement may overshoot.
     """
     p, points = problem.parameters, problem.current.sampled_points
     scales = p.refinement.coarse_scales()
@@ -84,9 +84,10 @@ def refine_coarsely(problem: Problem, candidates: Candidates) -> Ranking:
 
 
 def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
-    """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways.
+    """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare their scores.
 
-    A single top candidate is not compared; its last iterations are left to `polish_best`.
+    The scores account for points of either scan in free space of the other. A single top candidate is not compared;
+    `polish_best` runs its last iterations.
     """
     p = problem.parameters
     top = select_top_candidates(problem, coarse)
@@ -101,7 +102,7 @@ def refine_finely(problem: Problem, coarse: Ranking) -> Ranking:
 
 
 def select_top_candidates(problem: Problem, coarse: Ranking) -> Ranking:
-    """Return the hypotheses that are compared finely, most plausible first: the best, and rivals of it."""
+    """Return the hypotheses for the fine comparison, most plausible first: the best hypothesis and its rivals."""
     s, d = problem.parameters.selection, problem.parameters.decision
     if len(distinct(coarse.candidates, 2, s.same_distance, s.same_angle)) == 1:
         return coarse.select([0])
@@ -116,10 +117,10 @@ def select_top_candidates(problem: Problem, coarse: Ranking) -> Ranking:
 
 
 def plausibility(problem: Problem, ranking: Ranking) -> FloatArray:
-    """Return the score of each hypothesis less the square roots of the fractions in free space, of either scan.
+    """Return the score of each hypothesis minus the square roots of the fractions of each scan's points in free space.
 
-    Few points that contradict a hypothesis tell more than the points that agree: without the roots, motions that share
-    much of the view with another place of the building outrank the right one that shares little.
+    A few points that contradict a hypothesis are stronger evidence than many points that agree. Without the square
+    roots, wrong motions with a large overlap outrank the right motion with a small overlap.
     """
     back = reverse_violation(ranking.candidates, problem.reference, problem.current, problem.parameters.density)
     value: FloatArray = ranking.score - np.sqrt(ranking.conflict) - np.sqrt(back)
@@ -127,7 +128,7 @@ def plausibility(problem: Problem, ranking: Ranking) -> FloatArray:
 
 
 def polish_best(problem: Problem, fine: Ranking) -> Ranking:
-    """Refine the best hypothesis by all oriented points, with a kernel that narrows to the spread of their errors."""
+    """Refine the best hypothesis with all oriented points and a kernel that narrows to the spread of their errors."""
     p, points, best = problem.parameters, problem.current.sampled_points, fine.best
     if p.refinement.polish_iterations:
         points = problem.current.oriented_points
@@ -139,7 +140,7 @@ def polish_best(problem: Problem, fine: Ranking) -> Ranking:
 
 def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, scales: Sequence[float],
             fits: Fit | None = None, *, both_ways: bool = False) -> Ranking:
-    """Refine all hypotheses together by some `points` of the current scan, and rank them by all sampled points.
+    """Refine all hypotheses together with `points` of the current scan; rank them by the score of all sampled points.
 
     Parameters
     ----------
@@ -147,9 +148,9 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
     candidates : (H, 3) array
     points : OrientedPoints
     scales : sequence of float [m]
-        Kernel of each iteration.
+        Scale of the robust kernel in each iteration.
     fits : Fit, optional
-        Of the `candidates`, where it is known.
+        Fit of the `candidates`, if it is known.
     both_ways : bool
         Whether points of the reference in free space of the current scan lower the score as well.
     """
@@ -170,7 +171,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
 
 
 def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatArray:
-    """Return the hypotheses, and for each with a degenerate direction a better one along it, where there is one."""
+    """Return the hypotheses, and in addition those that fit better after a shift along their degenerate direction."""
     candidates, p = ranking.candidates, problem.parameters.degeneracy
     angle, weak, strong = np.array([weakest_direction(each[:DOF, :DOF]) for each in ranking.equations]).T
     degenerate = weak < p.information_ratio * strong
@@ -181,4 +182,4 @@ def with_shifted_along_degenerate(problem: Problem, ranking: Ranking) -> FloatAr
 
 
 _RIVALS = 7
-"""Number of rivals, which are different motions, that are compared with the best hypothesis."""
+"""The best hypothesis is compared with at most this many rivals (hypotheses with different motions)."""

@@ -22,13 +22,13 @@ from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
 
 
 def decide(problem: Problem, fine: Ranking) -> Registration:
-    """Make the `Registration` of the best of the refined hypotheses.
+    """Build the `Registration` from the best refined hypothesis.
 
     Parameters
     ----------
     problem : Problem
     fine : Ranking
-        Finely refined hypotheses, rivals among them; the best fit is that of the current scan's `sampled_points`.
+        Finely refined hypotheses, including rivals; its `best` is the fit of the current scan's `sampled_points`.
     """
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
     best, score = fine.candidates[0], float(fine.score[0])
@@ -60,30 +60,30 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
 def find_rivals(candidates: FloatArray, direction: float | None, parameters: DecisionParameters) -> BoolArray:
     """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
 
-    Along a degenerate `direction` [rad] hypotheses do not differ.
+    Differences along a degenerate `direction` [rad] do not count.
     """
     level = candidates if direction is None else slid(candidates, candidates[0], direction)
     return ~same(level, candidates[0], parameters.rival_distance, parameters.rival_angle)
 
 
 def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
-    """Shift the hypotheses ``(H, 3)`` along the direction `angle` [rad] until they are level with `one` ``(3,)``."""
+    """Shift the hypotheses ``(H, 3)`` along `angle` [rad] so that they do not differ from `one` in that direction."""
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
     return candidates - np.outer((candidates - one) @ along, along)
 
 
 def rival_covariance(candidates: FloatArray, odds: FloatArray, rivals: BoolArray) -> FloatArray:
-    """Return the covariance ``(3, 3)`` that rivals add to that of the best, in its own frame.
+    """Return the covariance ``(3, 3)`` that rivals add to that of the best hypothesis, in the frame of the best.
 
-    Each rival counts by the probability that it is the right one of the two.
+    Each rival is weighted with the probability that it is right and the best hypothesis is wrong.
 
     Parameters
     ----------
     candidates : (H, 3) array
     odds : (H,) array
-        Log-odds of them.
+        Log-odds of the hypotheses.
     rivals : (H,) bool array
-        Which of them are rivals of the first.
+        Which hypotheses are rivals of the first.
     """
     if not rivals.any():
         return np.zeros((DOF, DOF))
@@ -97,20 +97,20 @@ def rival_covariance(candidates: FloatArray, odds: FloatArray, rivals: BoolArray
 
 
 def failed(reason: str) -> Registration:
-    """Return a registration that found nothing."""
+    """Return a ``FAILED`` registration with the identity as transform and a large covariance."""
     return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, reason=reason)
 
 
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
           parameters: DecisionParameters) -> tuple[Status, str]:
-    """Return the status of a result from its score, evidence and confidence, and the reason for it, '' for ``OK``."""
+    """Return the status of a result from its score, evidence and confidence, and the reason ('' for ``OK``)."""
     too_low = f'score {score:.2f}; expected at least {parameters.min_score}' if score < parameters.min_score else ''
     if too_low and probability(log_odds(evidence)) < LIKELY:
         return Status.FAILED, too_low
     if observed.weak < parameters.min_information:
         return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
     if observed.rotation < parameters.min_information:
-        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (as if at 1 m); '
+        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m); '
                                    f'expected at least {parameters.min_information}')
     if too_low:
         return Status.AMBIGUOUS, too_low
@@ -125,7 +125,7 @@ def few_points_reason(weak: float, minimum: float) -> str:
 
 
 def observability_ratio(registration: Registration, parameters: DecisionParameters) -> float:
-    """Return how well a scan constrains the motion, 0..1: its points over `decision.weak_prior_information`."""
+    """Return how well a scan constrains the motion, 0..1: its effective points / `decision.weak_prior_information`."""
     weak, asked = registration.weakest_information, parameters.weak_prior_information
     return 1.0 if weak is None or weak >= asked else weak / asked
 
@@ -133,7 +133,7 @@ def observability_ratio(registration: Registration, parameters: DecisionParamete
 def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters) -> Registration:
     """Return the registration, ``DEGENERATE`` instead of ``OK`` where few points constrain it after a weak prior.
 
-    In a corridor with repeated structure few points fit equally well at another place.
+    In a corridor with repeated structure, a few points may fit equally well at another position.
     """
     weak, sigma = registration.weakest_information, prior.translation_sigma
     if registration.status is not Status.OK or weak is None or weak >= parameters.weak_prior_information:

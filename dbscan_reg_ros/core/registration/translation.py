@@ -28,7 +28,7 @@ class Translations:
     transform : (C, 3) float
         x, y [m] and theta [rad] of each hypothesis.
     weight : (C,) float
-        Weight of its samples.
+        Sum of the weights of the samples of each hypothesis.
     samples : (S, 2) float [m]
     sample_weight : (S,) float
     rotation : (S,) int
@@ -36,9 +36,9 @@ class Translations:
     labels : (S,) int
         Cluster of each sample, in the order of `transform`; -1 for none.
     eps : float [m]
-        Neighbourhood of DBSCAN that was used.
+        Neighbourhood radius with which DBSCAN ran.
     find_shortest : callable
-        Makes `shortest`.
+        Function that computes `shortest`.
     """
 
     transform: FloatArray
@@ -57,11 +57,11 @@ class Translations:
 
 
 TranslationForm = Callable[[Segments, Segments, Rotations, FloatArray, TranslationParameters], TranslationSamples]
-"""Makes samples of translations from reference, current scan, rotations, weights ``(n, m)`` of pairs, parameters."""
+"""Function: (reference, current scan, rotations, weights ``(n, m)`` of pairs, parameters) -> translation samples."""
 
 
 def choose_translation_form(name: str) -> TranslationForm:
-    """Return the form of the line equations that `translation.form` names; the paper's is imported only when chosen."""
+    """Return the function for the `translation.form` with this `name`; the paper's form is imported only if chosen."""
     if name == 'squared':
         from .paper.squared_translation import squared_form
         return squared_form
@@ -70,12 +70,12 @@ def choose_translation_form(name: str) -> TranslationForm:
 
 def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
                           parameters: TranslationParameters) -> Translations:
-    """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
+    """Cluster the translations from pairs of matched lines and from matched end points, for every rotation.
 
     Parameters
     ----------
     reference, current : Segments
-        n and m of them.
+        The n segments of the reference and the m segments of the current scan.
     rotations : Rotations
     weights : (n, m) array
         Weight of each pair of segments.
@@ -91,7 +91,7 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
 
 def signed_form(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
                 parameters: TranslationParameters) -> TranslationSamples:
-    """Return the samples of `line_samples` and `end_samples`: directed lines give the sign of the distance."""
+    """Return the samples of `line_samples` and `end_samples`; directed lines determine the sign of each distance."""
     pairs = match_lines(rotations, weights, parameters)
     equations = signed_equations(reference, current, rotations, pairs)
     parts = line_samples(pairs, equations, parameters), end_samples(reference, current, rotations, pairs, parameters)
@@ -101,7 +101,7 @@ def signed_form(reference: Segments, current: Segments, rotations: Rotations, we
 
 
 class LinePairs(NamedTuple):
-    """Pairs of lines that a rotation makes parallel, L of them, by rotation and then by weight.
+    """The L pairs of lines that a rotation makes parallel, sorted by rotation and then by weight.
 
     Attributes
     ----------
@@ -169,7 +169,8 @@ def line_samples(pairs: LinePairs, equations: LineEquations, parameters: Transla
 def shortest_translations(pairs: LinePairs, equations: LineEquations, phi: FloatArray) -> FloatArray:
     """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
 
-    Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
+    The equations are solved by robust, damped least squares: between parallel walls, where no two lines cross, the
+    translation along the walls is 0.
 
     Returns
     -------
@@ -188,14 +189,14 @@ def shortest_translations(pairs: LinePairs, equations: LineEquations, phi: Float
 
 
 _SHORTEST_SCALES = 1.0, 0.1
-"""Scales of the robust weight [m], from one iteration to the next."""
+"""Scale of the robust weight [m] in each iteration."""
 _SHORTEST_DAMPING = 0.01
-"""Damping, as in `symmetric_matrix.solve`."""
+"""Damping of the least squares, as in `symmetric_matrix.solve`."""
 
 
 def end_samples(reference: Segments, current: Segments, rotations: Rotations, pairs: LinePairs,
                 parameters: TranslationParameters) -> TranslationSamples:
-    """Match start points with start points and end points with end points, if both are fixed points of the world."""
+    """Match start points with start points, and end points with end points, if both are corners or free ends."""
     rotation, r, o, weight = pairs
     weights = parameters.end_weight * _END_WEIGHT[reference.kinds.T[:, r], current.kinds.T[:, o]]
     side, use = weights.nonzero()
@@ -213,7 +214,7 @@ _END_WEIGHT[EndKind.OCCLUSION, :] = _END_WEIGHT[:, EndKind.OCCLUSION] = 0.1
 
 
 def _separated(samples: ComplexArray, rotation: IntArray, eps: float) -> ComplexArray:
-    """Move the samples of each rotation along x, so that those of different rotations are no neighbours."""
+    """Move the samples of each rotation along x, so that samples of different rotations are no neighbours."""
     x = samples.real
     separated: ComplexArray = samples + (2.0 * eps + x.max() - x.min()) * rotation
     return separated
@@ -255,7 +256,7 @@ def rank_clusters(samples: TranslationSamples, labels: IntArray, eps: float, phi
     labels : (S,) int array
     eps : float [m]
     phi : (K,) array [rad]
-        The rotations.
+        Angle of each rotation hypothesis.
     """
     translation, sample_weight, rotation, find_shortest = samples
     members = (labels != NOISE).nonzero()[0]

@@ -25,9 +25,9 @@ class Observability(NamedTuple):
     angle : float [rad]
         Direction in which the translation is constrained least.
     weak : float
-        Number of points that constrain the translation along it.
+        Effective number of points that constrain the translation along that direction.
     rotation : float
-        Number of points, as if at a distance of 1 m, that constrain the rotation.
+        Effective number of points that constrain the rotation, converted to points at a distance of 1 m.
     """
 
     angle: float
@@ -43,7 +43,7 @@ class Residuals(NamedTuple):
     error : (P,) float [m]
     weight : (P,) float
     rows, own : (3, P) float
-        `jacobian` by the normals of the lines, and by the points' own, as for `shared_information`.
+        `jacobian` computed with the normals of the lines, and with those of the points; see `shared_information`.
     noise : float [m]
         Standard deviation of a range.
     """
@@ -63,11 +63,11 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
     ----------
     candidate : (3,) array
     found : Fit
-        Of the candidate, for the `points`.
+        Fit of the `points` for this candidate.
     points : OrientedPoints
         Of the current scan.
     noise : float [m]
-        Standard deviation of a range. It adds to the spread of the errors.
+        Standard deviation of a range, which is added to the spread of the errors.
     p : Parameters
     """
     rows = jacobian(found.normals[0], found.rotated_points[0])
@@ -78,7 +78,7 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
 
 
 def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArray) -> FloatArray:
-    """Return the `jacobian` ``(3, P)`` by the points' own `normals` (complex), rotated by `theta` [rad]."""
+    """Return the `jacobian` ``(3, P)`` from the `normals` (complex) of the points, rotated by `theta` [rad]."""
     return jacobian((cmath.rect(1.0, theta) * normals).conj(), rotated_points)
 
 
@@ -94,9 +94,10 @@ def match_covariance(residuals: Residuals, parameters: DecisionParameters, theta
     theta : float [rad]
         Rotation of the scan in the frame of the residuals.
     latest_degenerate : bool
-        Whether the translation to the latest key frame is degenerate: older ones have to constrain it beyond chance.
+        Whether the translation relative to the latest key frame is degenerate: older key frames then have to constrain
+        it by more than noise could by chance.
     rotation_unobservable : bool
-        Whether the rotation is unobservable, whatever the residuals say.
+        Whether the rotation counts as unobservable regardless of the residuals.
     """
     error, weight, _, _, noise = residuals
     information, shared = informations(residuals, parameters)
@@ -127,10 +128,10 @@ def informations(residuals: Residuals, parameters: DecisionParameters) -> tuple[
 
 def observability(information: FloatArray, shared: FloatArray, count: float,
                   parameters: DecisionParameters) -> Observability:
-    """Return what of the `information` ``(3, 3)`` of `count` points is `shared` ``(3, 3)`` by both scans.
+    """Return the observability of a motion from the `shared` part ``(3, 3)`` of the `information` of `count` points.
 
     Noise of the normals constrains nothing. In a circular room, where only noise constrains the rotation, a match
-    rotates to where the noise of both scans agrees by chance: that much is subtracted.
+    rotates to where the noise of both scans agrees by chance: the information of such chance agreement is subtracted.
     """
     angle, weak, _ = weakest_direction(shared)
     rotation = _rotation_information(shared, information, parameters)[0]
@@ -139,13 +140,13 @@ def observability(information: FloatArray, shared: FloatArray, count: float,
 
 
 def _chance_ratio(count: float) -> float:
-    """Return the ratio of noise information in which `count` points of two scans may agree by chance."""
+    """Return the fraction of the noise information that `count` points of two scans may share by chance."""
     return SIGMAS * math.sqrt(_DEPENDENT / max(count, 1.0))
 
 
 def _rotation_information(shared: FloatArray, information: FloatArray,
                           parameters: DecisionParameters) -> tuple[float, float, float]:
-    """Return the information about the rotation, and the translation along x and y [m/rad] that compensates it best."""
+    """Return the information about the rotation, and the translation (x, y) [m/rad] that compensates it best."""
     (xx, xy, _), (_, yy, _), _ = information.tolist()
     x, y, rotation = shared[2].tolist()
     xx, yy = xx + parameters.min_information, yy + parameters.min_information
@@ -155,7 +156,7 @@ def _rotation_information(shared: FloatArray, information: FloatArray,
 
 
 def degenerate_translation(angle: float, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
-    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it.
+    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] coupled with it.
 
     A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation
     follows from the `shared` information ``(3, 3)``.
@@ -167,10 +168,10 @@ def degenerate_translation(angle: float, shared: FloatArray, parameters: Decisio
 
 
 def parallel_motion(angle: float, information: FloatArray, parameters: DecisionParameters) -> FloatArray:
-    """Return ``(3,)``: the motion along `angle` [rad] that walls of a corridor are parallel to.
+    """Return ``(3,)``: the motion along a corridor in the direction `angle` [rad], to which its walls are parallel.
 
-    It is a translation of 1 m. With a rotation it is an arc, where that hardly meets resistance compared with the
-    translation alone: the corridor is curved.
+    It is a translation of 1 m. If an arc (with a rotation) is much less constrained than the straight translation, the
+    corridor is curved, and the arc is returned.
     """
     arc = degenerate_translation(angle, information, parameters)
     straight = arc * (1.0, 1.0, 0.0)
@@ -179,7 +180,7 @@ def parallel_motion(angle: float, information: FloatArray, parameters: DecisionP
 
 
 def degenerate_rotation(information: FloatArray, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
-    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] that goes with it."""
+    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] coupled with it."""
     _, dx, dy = _rotation_information(shared, information, parameters)
     return np.array((dx, dy, 1.0))
 
@@ -188,15 +189,15 @@ def calibrated_covariance(information: FloatArray, shared: FloatArray, variance:
                           parameters: DecisionParameters) -> FloatArray:
     """Return the covariance ``(3, 3)`` of a motion from the information of its points.
 
-    Few points along a direction are less certain than their number says, as their errors are not independent. A
-    direction that fewer than `decision.min_information` points constrain gets the variance of an unknown motion.
+    If few points constrain a direction, its variance is increased, because their errors are not independent. A
+    direction constrained by fewer than `decision.min_information` points gets the variance of an unknown motion.
 
     Parameters
     ----------
     information, shared : (3, 3) arrays
-        Of all points, and the part on which both scans agree.
+        Information of all points, and the part of it that both scans share.
     variance : float [m^2]
-        Of a point.
+        Variance of the distance of a point from its line.
     observed : Observability
     parameters : DecisionParameters
     """
@@ -216,6 +217,6 @@ def calibrated_covariance(information: FloatArray, shared: FloatArray, variance:
 
 
 PRIOR_INFORMATION = np.array((0.01, 0.01, 0.1))
-"""Information about a motion before any scan [1/m^2, 1/m^2, 1/rad^2]: 10 m and pi."""
+"""Information about an unknown motion [1/m^2, 1/m^2, 1/rad^2]: standard deviations of 10 m and of pi [rad]."""
 _DEPENDENT = 5.0
 """Number of neighbouring points whose normals are correlated."""

@@ -9,14 +9,15 @@ from .. import dbscan
 class Clustering(Protocol):
     """An implementation of DBSCAN.
 
-    Both methods return the cluster of each sample as ``(N,) int``, numbered by its first core sample, and -1 for noise.
-    A border sample belongs to the first of the clusters that reach it.
+    `dbscan_line` and `dbscan_plane` return the cluster of each sample as ``(N,) int``, -1 for noise. Clusters are
+    numbered in the order of their first core samples. A border sample belongs to the first cluster that has a core
+    sample within `eps` of it.
     """
 
     def dbscan_line(self, samples: FloatArray, eps: float, min_samples: int,
                     sample_weight: FloatArray | None = None,
                     period: float | None = None) -> IntArray:
-        """Cluster numbers ``(N,)``, on a circle of circumference `period` where one is given."""
+        """Cluster numbers ``(N,)``; with a `period`, on a circle of this circumference."""
         ...
 
     def dbscan_plane(self, samples: FloatArray, eps: float, min_samples: int,
@@ -26,7 +27,7 @@ class Clustering(Protocol):
 
 
 def choose_clustering(name: str) -> Clustering:
-    """Return the implementation that the parameter ``clustering`` names; scikit-learn is imported only if chosen.
+    """Return the DBSCAN implementation with this `name`; scikit-learn is imported only if chosen.
 
     Raises
     ------

@@ -18,16 +18,16 @@ from ..status import failed, match_segments
 from ..translation import Translations
 
 KEY_CLUSTERS = 2
-"""Number of largest translation clusters whose samples are compared: those of the two signs of Eq. 15."""
+"""The samples of this many largest translation clusters are compared, because Eq. 15 has two signs."""
 _NODES = 8
-"""Nodes of the interpolated density for each bandwidth."""
+"""Number of nodes per bandwidth at which the density is computed; it is interpolated between them."""
 
 
 def select_by_divergence(problem: Problem) -> Registration:
     """Select the sample of the key clusters for which the densities of the two scans differ least.
 
-    Every sample is a candidate; the best of each key cluster is reported with the score ``exp(-D)``. The covariance is
-    the scatter of the clusters of the result, as the method has no better one.
+    Every sample is a candidate; the best sample of each key cluster is reported, with the score ``exp(-D)`` for the
+    divergence D. The covariance is the scatter of the result's clusters, as the method has no better estimate.
     """
     p, reference, current = problem.parameters, problem.reference, problem.current
     rotations = problem.rotations
@@ -51,7 +51,7 @@ def select_by_divergence(problem: Problem) -> Registration:
 
 
 def _scatter(transform: SE2, sample: int, rotations: Rotations, translations: Translations) -> FloatArray:
-    """Return the covariance ``(3, 3)`` in the current sensor's frame: the clusters' mean squares about the result."""
+    """Return the covariance ``(3, 3)`` in the current sensor's frame: mean squared deviations of cluster samples."""
     cluster = translations.samples[translations.labels == translations.labels[sample]]
     off = SE2(0.0, 0.0, -transform.theta).apply(cluster - (transform.x, transform.y))
     rotation = rotations.difference[rotations.labels == translations.rotation[sample]] - transform.theta
@@ -127,5 +127,5 @@ def log_density(samples: FloatArray, bandwidth: float, at: FloatArray) -> FloatA
 
 
 def silverman(samples: FloatArray) -> float:
-    """Return the bandwidth [m] by Silverman's rule of thumb for normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
+    """Return the bandwidth [m] of Silverman's rule of thumb for normal samples, ``s (4 / 3n)^(1/5)``, at least 1 mm."""
     return float(max(float(np.std(samples, ddof=1)) * (0.75 * len(samples)) ** -0.2, RESOLUTION))

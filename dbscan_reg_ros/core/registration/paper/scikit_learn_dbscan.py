@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DBSCAN by scikit-learn, with the interface of `clustering.Clustering`."""
+"""DBSCAN of scikit-learn, with the interface of `clustering.Clustering`."""
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from ...geometry.array_types import FloatArray, IntArray
 
 
 class ScikitLearnClustering:
-    """``sklearn.cluster.DBSCAN``; angles by precomputed circular distances.
+    """Adapter of ``sklearn.cluster.DBSCAN``; angles are clustered with precomputed circular distances.
 
     Raises
     ------
@@ -30,7 +30,7 @@ class ScikitLearnClustering:
     def dbscan_line(self, samples: FloatArray, eps: float, min_samples: int,
                     sample_weight: FloatArray | None = None,
                     period: float | None = None) -> IntArray:
-        """Cluster numbers ``(N,)``, on a circle of circumference `period` where one is given."""
+        """Cluster numbers ``(N,)``; with a `period`, on a circle of this circumference."""
         if period is None:
             return self.dbscan_plane(samples[:, None], eps, min_samples, sample_weight)
         if not len(samples):

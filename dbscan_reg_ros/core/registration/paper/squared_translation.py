@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Translations from squared line equations, which leave the sign open (section 2.2.2, Eq. 12-15)."""
+"""Translations from squared line equations, which do not determine the sign (section 2.2.2, Eq. 12-15)."""
 import math
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..rotation import Rotations
 
 def squared_form(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
                  parameters: TranslationParameters) -> TranslationSamples:
-    """Return the samples of `squared_samples` for every rotation; each weighs 1, and the `weights` are not used."""
+    """Return the samples of `squared_samples` for every rotation, each with weight 1; `weights` is ignored."""
     del weights
     solutions = [squared_samples(reference, current, phi, parameters) for phi in rotations.phi.tolist()]
     samples = as_complex(np.concatenate([np.empty((0, 2)), *solutions]))
@@ -27,7 +27,8 @@ def squared_samples(reference: Segments, current: Segments, phi: float,
     """Solve all pairs of non-parallel squared line equations for one rotation.
 
     Two pairs of lines (Eq. 13) give ``(n1 . t)^2 = d1^2`` and ``(n2 . t)^2 = d2^2`` (Eq. 15): four translations.
-    Those with the right signs, and all those opposite, meet in two key clusters; the mixed signs scatter.
+    Translations with the right signs form one key cluster, and those with both signs wrong a second one; translations
+    with one wrong sign scatter.
 
     Parameters
     ----------
@@ -61,9 +62,9 @@ def line_equations(reference: Segments, current: Segments, phi: float,
     Returns
     -------
     angle : (L,) array [rad]
-        Direction of each pair: the mean of its two lines', modulo pi.
+        Direction of each pair: the mean of the directions of its two lines, modulo pi.
     distance : (L,) array [m]
-        From the midpoint of the current scan's segment, rotated (Eq. 10), to the reference's line.
+        Distance from the rotated midpoint of the current scan's segment (Eq. 10) to the reference's line.
     """
     difference = reference.direction[:, None] - (current.direction + phi)
     difference = (difference + 0.5 * math.pi) % math.pi - 0.5 * math.pi
