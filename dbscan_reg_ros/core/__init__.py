@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The method, which uses numpy, scipy and scikit-learn only: no ROS, no files, no clock, no module-level state."""
+"""Registration and odometry, with numpy, scipy and scikit-learn only: no ROS, files, clock or module-level state."""

@@ -157,7 +157,7 @@ class Scan:
         frame_id : str
             Coordinate frame of the sensor.
         angle_increment : float, optional
-            As for `ScanGeometry.from_bearings`.
+            Step from one beam to the next [rad], as for `ScanGeometry.from_bearings`.
 
         Raises
         ------

@@ -37,7 +37,7 @@ class ScanGeometry:
         A range is a return when ``range_min <= range <= range_max`` [m], rounded to float32. A `range_max` that is not
         positive, or not finite, means no limit.
     bearings_given : tuple of float, optional
-        One bearing [rad] for each beam where they are not uniform, as in a deskewed scan.
+        One bearing [rad] for each beam, if the beams are not equally spaced, as in a deskewed scan.
 
     Raises
     ------

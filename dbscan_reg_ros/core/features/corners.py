@@ -65,7 +65,7 @@ def slope_differences(points: ComplexArray, radius: FloatArray, breaks: BoolArra
     radius : (P,) float
         Range of each point [m].
     breaks : (P - 1,) bool
-        As in `PointSequence`.
+        True if a point and the next one lie on different surfaces, as in `PointSequence`.
 
     Returns
     -------

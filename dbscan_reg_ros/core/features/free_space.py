@@ -40,7 +40,7 @@ class FreeSpaceProfile:
 
 
 def bins(points: ComplexArray, size: int | IntArray) -> IntArray:
-    """Return which of `size` bins of the full circle each of the `points` (complex, [m]) lies in."""
+    """Return the bin of each of the `points` (complex, [m]), with `size` bins in the full circle."""
     # Contiguous copies: arctan2 takes a third of the time.
     bearing = np.arctan2(points.imag.copy(), points.real.copy())
     bearing += math.pi

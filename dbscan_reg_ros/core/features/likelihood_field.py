@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Likelihood field of a scan: a table of the nearest oriented point of each cell (Eq. 16-18)."""
+"""Likelihood field of a scan: a table with the nearest oriented point of each cell (Eq. 16-18)."""
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +16,7 @@ _CELLS_AT_ONCE = 2**22
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """Oriented points and a grid with the index of the nearest of them: the reference density as a table (Eq. 16-18).
+    """Oriented points and a grid with the index of the nearest point: the reference density as a table (Eq. 16-18).
 
     The Gaussian kernel of the density estimate is evaluated for the line of the nearest point only: one lookup replaces
     the sum over all points.

@@ -38,7 +38,7 @@ def estimate_normals(sequence: PointSequence, noise: FloatArray, parameters: Seg
 
 
 def _windows(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
-    """Return the index of the first neighbour of each point, and that of the point after its last neighbour.
+    """Return the index of the first neighbour of each point, and the index of the point after the last neighbour.
 
     The window of a point spans `normal_reach`, or `normal_noise` times the noise where that is more, and at least
     `normal_beams` on each side: noise acts along the beams and tilts lines through points that lie close together. The

@@ -56,7 +56,7 @@ class _Fitted(NamedTuple):
     along : (S,) complex
         Unit direction from start to end.
     spread, residual : (S,) float [m^2]
-        As in `Lines`.
+        Mean squared distances along and from the line, as in `Lines`.
     """
 
     first: IntArray

@@ -99,7 +99,7 @@ class _Ring(NamedTuple):
     points : (P,) complex [m]
     without_normal : (P,) bool
     breaks : (P - 1,) bool
-        As in `Features`.
+        True if a point and the next one lie on different surfaces, as in `Features`.
     """
 
     beams: IntArray

@@ -28,7 +28,7 @@ class Mounting:
     Attributes
     ----------
     pose : SE2
-        Pose in the base frame; for a lidar upside down, the pose of an upright sensor with the same x axis.
+        Pose in the base frame; if the lidar is upside down, the pose of an upright sensor with the same x axis.
     upside_down : bool
         Whether the lidar's z axis points down; `Scan.from_message` then mirrors the bearings.
     """

@@ -41,7 +41,7 @@ class Gate:
         Predictions for the `sensor` of the scan.
     sensor : Sensor
     weak_prior : bool
-        Whether the best prediction is too uncertain to tell repeated structures apart.
+        Whether the best prediction is too uncertain to distinguish repeated structures.
     """
 
     def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters, sensor: Sensor = FIRST):

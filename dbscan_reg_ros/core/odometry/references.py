@@ -64,7 +64,7 @@ class Outcome(NamedTuple):
     unconfirmed : SE2 or None
         Pose of the first rejected match that the next scan may confirm.
     search_near : bool
-        As in `Tracking`.
+        Whether a search near the prior suffices for the next scan, as in `Tracking`.
     rejoined : Match or None
         The match with the map before the loss, if it is accepted.
     guess : SE2 or None

@@ -79,9 +79,9 @@ def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, 
     ----------
     candidates : (H, 3) array
     points : OrientedPoints
-        Of the current scan.
+        Points of the current scan.
     field : LikelihoodField
-        Of the reference.
+        Likelihood field of the reference.
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     """
@@ -165,9 +165,9 @@ class Alignment(NamedTuple):
     Attributes
     ----------
     points : OrientedPoints
-        Of the current scan.
+        Points of the current scan.
     field : LikelihoodField
-        Of the reference.
+        Likelihood field of the reference.
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     damping : float

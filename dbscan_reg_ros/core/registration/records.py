@@ -184,7 +184,7 @@ class Prior:
     transform : SE2
         Pose of the current sensor in the reference's frame.
     covariance : (3, 3) float
-        As in `Registration`; positive definite.
+        Covariance of (x, y, theta), as in `Registration`; it must be positive definite.
     velocity_change : (3, 3) float or None
         For a prediction of the motion model: the part of the covariance that is due to a change of the velocity. None
         for an external prior.

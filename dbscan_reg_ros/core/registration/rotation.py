@@ -16,7 +16,7 @@ from .paper.clustering import choose_clustering
 
 @dataclass(frozen=True, eq=False)
 class Rotations:
-    """Rotation hypotheses, K of them, heaviest first, and their samples.
+    """The K rotation hypotheses, those with the largest weight first, and their samples.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Rotations:
 
 def estimate_rotations(reference: Segments, current: Segments, weights: FloatArray,
                        parameters: RotationParameters) -> Rotations:
-    """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
+    """Cluster all angle differences (Eq. 9) with DBSCAN; the clusters with the largest weights become hypotheses.
 
     Directed segments give differences unique modulo 2 pi, undirected ones modulo pi. Clusters wider than
     `rotation.max_width` are chains of several rotations and are clustered again with half the neighbourhood.
@@ -56,7 +56,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
     reference, current : Segments
         The n segments of the reference and the m segments of the current scan.
     weights : (n, m) array
-        From `pair_weights`.
+        Weight of each pair of segments, from `pair_weights`.
     parameters : RotationParameters
     """
     period = 2.0 * math.pi if parameters.directed else math.pi

@@ -30,9 +30,9 @@ def preselect(candidates: FloatArray, points: OrientedPoints, profile: FreeSpace
     ----------
     candidates : (C, 3) array
     points : OrientedPoints
-        Of the current scan.
+        Points of the current scan.
     profile : FreeSpaceProfile
-        Of the reference.
+        Free-space profile of the reference.
     parameters : SelectionParameters
     density : DensityParameters
     """
@@ -67,7 +67,7 @@ def score(fits: point_to_line.Fit, reference: Features, current: Features, scale
     Parameters
     ----------
     fits : Fit
-        Of the current scan's `sampled_points` to the reference.
+        Fits of the current scan's `sampled_points` to the reference.
     reference, current : Features
     scale : float [m]
         Scale of the kernel.

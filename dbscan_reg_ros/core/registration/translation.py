@@ -21,7 +21,7 @@ from .rotation import Rotations, wrap_period
 
 @dataclass(frozen=True, eq=False)
 class Translations:
-    """Translation hypotheses, C of them, heaviest first, and their samples.
+    """The C translation hypotheses, those with the largest weight first, and their samples.
 
     Attributes
     ----------

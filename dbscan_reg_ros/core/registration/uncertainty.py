@@ -65,7 +65,7 @@ def uncertainty(candidate: FloatArray, found: Fit, points: OrientedPoints, noise
     found : Fit
         Fit of the `points` for this candidate.
     points : OrientedPoints
-        Of the current scan.
+        Points of the current scan.
     noise : float [m]
         Standard deviation of a range, which is added to the spread of the errors.
     p : Parameters

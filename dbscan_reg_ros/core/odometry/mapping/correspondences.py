@@ -101,7 +101,7 @@ def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales
     scales : sequence of float [m]
         Scale of the robust kernel in each iteration.
     damping : float
-        As for `symmetric_matrix.solve`.
+        Damping of the steps, as for `symmetric_matrix.solve`.
     """
     pose, step = correspondences.pose, correspondences.step(start)
     prior_gradient = prior.information @ _difference(prior.pose, pose)

@@ -171,7 +171,7 @@ def movable_weights(points: OrientedPoints, size: float, margin: float, min_weig
     size : float [m]
         Objects no farther apart than this count as parts of one object.
     margin : float [m]
-        As for `detached_points`.
+        Points farther apart than this belong to different objects, as for `detached_points`.
     min_weight : float
 
     Returns

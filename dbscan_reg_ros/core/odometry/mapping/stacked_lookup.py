@@ -83,7 +83,7 @@ class FreeSpaceStack:
     ----------
     profiles : sequence of FreeSpaceProfile
     origins, rotations : (K, 1) complex
-        As for `LikelihoodFieldStack`.
+        Positions and rotations of the key frames, as for `LikelihoodFieldStack`.
 
     Attributes
     ----------
