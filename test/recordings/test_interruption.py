@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -17,6 +18,9 @@ import pytest
 from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.commands.tune import main as tune
+from dbscan_reg_ros.robot.parameters import NodeParameters
+from dbscan_reg_ros.tuning.objective import cost_of
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 STARTED, ENDED = 90.0, 60.0
@@ -130,6 +134,32 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
     kept = [json.loads(line)['number'] for line in trials.read_text().splitlines()]
     assert (code, errors) == (130, 'tune: interrupted\n') and len(set(kept)) == len(kept) >= 3
     assert f'kept        {len(kept)} of 200 trials in out; the same command continues from there' in output
+
+
+def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun, recordings, tmp_path):
+    """Three trials are done while the recording is short; then it is made 400 times as long, and the search goes on.
+
+    From start to end the command takes less processor time than one of those trials.
+    """
+    file, lines = tmp_path / 'a.log', recordings[0].read_text().splitlines(keepends=True)
+    file.write_text(''.join(lines[:len(lines) // 400]))
+    cost_of(file, None, NodeParameters())
+    began = time.process_time()
+    cost_of(file, None, NodeParameters())
+    trial = 400 * (time.process_time() - began)
+    words = [str(file), '--search', 'random', '--out', str(tmp_path / 'out'), '--trials']
+    assert tune([*words, '3']) == 0
+    kept = (tmp_path / 'out' / 'trials.jsonl').read_bytes()
+    file.write_text(''.join(lines))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = begun(lambda: True, 'tune', *words, '200', '--processes', '2')
+    started = cpu_seconds(process.pid)
+    wait_until(lambda: cpu_seconds(process.pid) > started + 3.0, STARTED)
+    code, output, errors = interrupted(process)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert (code, errors) == (130, 'tune: interrupted\n')
+    assert 'kept        3 of 200 trials' in output and (tmp_path / 'out' / 'trials.jsonl').read_bytes() == kept
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < trial
 
 
 @pytest.mark.long
