@@ -246,7 +246,7 @@ def test_the_odometry_is_a_short_list_of_steps(package):
     assert len({name for name in assigned_fields(odometry, {'self'}) if name.startswith('_')}) <= 6
 
 
-def test_the_name_of_the_node_of_an_endpoint_is_read_in_one_place(root):
+def test_only_three_functions_read_the_name_of_the_node_of_an_endpoint(root):
     """`full_name` has a word for a node that is not discovered; the two others do not print the name."""
     readers = set()
     for path in (root / PACKAGE / 'node').rglob('*.py'):
