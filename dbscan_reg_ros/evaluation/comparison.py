@@ -79,7 +79,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A competitor compared with A.
+    """Comparison of a competitor with the first one, called A.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class _TrueMotions(NamedTuple):
 def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
     """Return true motions over 1 m of path at `stamps` ``(N,)`` [ns], or without true poses those of `relations`.
 
-    `_TrueMotions.length` is computed from the true path, or without true poses from the estimated `poses` ``(N, 3)``
+    The path length is that of the true poses, or if there are none that of the estimated `poses` ``(N, 3)``
     [m, m, rad].
     """
     if known.truth:

@@ -98,7 +98,7 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     segments : (S, 2, 2) [m]
         Start and end of each piece of wall.
     circles : (C, 3) [m]
-        Centre and radius of each column.
+        Centre and radius of each pillar.
     way : (N, 2) [m]
     routes : sequence of (K, 2) [m]
         Routes on which people walk.

@@ -102,7 +102,7 @@ class Loops:
         return self.correct(poses, list(self.find(poses, parameters, yaw)), yaw)
 
     def correct(self, poses, found, yaw=0.0):
-        """Correct the poses by loops; parameters and result are those of `close`, `found` is a list of `Loop`."""
+        """Correct the poses by the loops in `found`, a list of `Loop`; the rest is as in `close`."""
         if not found:
             return poses, np.empty((0, 2), dtype=int)
         numbers = self.numbers

@@ -78,7 +78,7 @@ def _backward(scans):
 
 
 def _open_loops(poses, features):
-    """Return the mean gap per metre driven between odometry and registration where a loop closes."""
+    """Return the mean gap between odometry and registration at loop closures, per metre driven."""
     way, gaps = path_lengths(poses), []
     for later in range(0, len(poses), max(len(poses) // LOOPS, 1)):
         before = np.flatnonzero(way[later] - way[:later] > LOOP_METRES)

@@ -69,7 +69,7 @@ class SmallObjects(NamedTuple):
     nearest : (T,) float [m]
         Smallest range of each object.
     front : (T,) complex [m]
-        Middle between the first and the last point of each object.
+        Midpoint of the first and the last point of each object.
     width : (T,) float [m]
         Width of each object: the width covered by `returns` beams at the distance of `front`.
     without_normals : (T,) bool

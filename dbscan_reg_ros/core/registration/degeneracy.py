@@ -45,8 +45,8 @@ def without_near_parallel(rows: FloatArray, motion: FloatArray, min_component: f
                           of: FloatArray | None = None) -> FloatArray:
     """Return a `point_to_line.jacobian` in which near-parallel walls count as parallel to a degenerate `motion`.
 
-    Near-parallel walls would constrain the motion along them. But an error of 1 cm that all points of a wall share, due
-    to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
+    Unless they count as parallel, these walls seem to constrain the motion along them. But an error of 1 cm that all
+    points of a wall share, due to a range offset or the map, shifts it by 10 cm at an angle of 6 deg.
 
     Parameters
     ----------

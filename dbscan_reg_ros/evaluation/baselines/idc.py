@@ -46,7 +46,7 @@ def align(reference, current, guess=SE2()) -> Result:
 
 
 def _same_range(ranges, bearings, points, window):
-    """Return for each point the index of the reference point of most similar range in the window, and if it exists."""
+    """Return the index of the reference point of most similar range in each point's window, and whether it exists."""
     point_ranges, point_bearings = _polar(points)
     difference = np.abs(ranges - point_ranges[:, None])
     difference[np.abs(wrap(bearings - point_bearings[:, None])) > window] = np.inf

@@ -22,7 +22,8 @@ from .endpoints import subscription
 from .messages import PoseError, planar_from_message
 
 ROUNDING = 1e-9
-"""A negative eigenvalue of a covariance counts as zero if it is at most this fraction of the largest element."""
+"""A negative eigenvalue of a covariance counts as zero if its absolute value is at most this
+fraction of the largest element."""
 
 
 class Services:

@@ -23,7 +23,7 @@ UNLIMITED = 1e6
 ODOMETRY_VALUES = 9
 """Number of values of an ``ODOM`` line: pose, two velocities, acceleration, stamp, host, stamp of the logger."""
 FEWEST_READINGS = 2
-"""Fewest readings of a ``FLASER`` line with which the angles of its beams are defined."""
+"""Minimum number of readings of a ``FLASER`` line for which its beam angles are defined."""
 FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
 """Stamps [ns] between these can be corrected: those of 32-bit counters, and some negative ones."""
 

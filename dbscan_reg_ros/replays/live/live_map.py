@@ -33,7 +33,7 @@ class LiveMap:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the cells [bytes]."""
+        """Memory that the cells use [bytes]."""
         return self._counts.nbytes
 
     def add(self, points) -> None:

@@ -132,7 +132,7 @@ class ScanHistory:
             turned(update.covariance, self._back.theta), _stored(points)[::self.beam_step], _stored(ends))
 
     def _drop_scans(self, ok):
-        """Drop every second scan of the scans with status OK, or of all other scans."""
+        """Drop every second scan: with `ok` of those with status OK, else of all others."""
         self._steps[ok] *= 2
         self._records = [(place, record) for place, record in self._records if (record.status is Status.OK) is not ok
                          or place % self._steps[ok] == 0 or record.number == 0]

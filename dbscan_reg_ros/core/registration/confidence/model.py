@@ -76,6 +76,6 @@ LIKELY = 0.5
 """Confidence from which on a result is more likely right than wrong."""
 _MAX_LOG_ODDS = 50.0
 _ANY_MOTION = 250.0
-"""Volume [m^2 rad] of the region in which the motions of the fitted pairs are uniformly distributed."""
+"""Volume [m^2 rad] of the region of uniformly drawn motions between the pairs of scans that the model was fitted to."""
 _WRONG_PRIORS = 0.1
 """Probability that a motion does not follow its prior."""
