@@ -14,6 +14,7 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands import command_line
+from dbscan_reg_ros.commands.processes import held
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 
@@ -111,8 +112,7 @@ def test_a_signal_is_an_interruption_whatever_error_a_library_raises():
 
 def test_a_signal_that_is_held_counts_once_the_block_is_over():
     done = []
-    with (pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1),
-          command_line.held(signal.SIGUSR1)):
+    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1), held(signal.SIGUSR1):
         signal.raise_signal(signal.SIGUSR1)
         done.append('all')
     assert done == ['all']
