@@ -40,8 +40,7 @@ FIGURES = {
         'Near the true rotation the angle differences of many segments agree and form a cluster over several rows.'),
     'translation': Drawing(
         'Translation: clusters of the samples of lines and end points', draw_translation,
-        'Each sample is a translation from two pairs of lines or from a pair of end points.\n'
-        'Near the true translation many samples agree.'),
+        'Two pairs of lines, or a pair of end points, give a sample. Many samples agree near the true translation.'),
     'densities': Drawing(
         'Densities of the coordinates', draw_densities,
         'Curves that agree after the registration support the result.\n'

@@ -98,7 +98,7 @@ def test_a_sensor_that_was_carried_away_goes_on_by_a_chain_and_rejoins_the_map(s
     too_fast = at(10, 2.5)
     assert too_fast.status is Status.FAILED and 'odometry.max_speed' in too_fast.registration.reason
     chained = at(11, 2.5)
-    assert chained.status is Status.AMBIGUOUS and 'scan before' in chained.registration.reason
+    assert chained.status is Status.AMBIGUOUS and 'the previous scan' in chained.registration.reason
     assert odometry._state.tracking.mode is Mode.TRACKING
     assert odometry._state.window is not known and odometry._state.tracking.lost.window is known
     updates = [at(k, 2.5) for k in range(12, 30)]
