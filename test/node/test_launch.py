@@ -432,7 +432,7 @@ def transforms_of(peer, namespace):
 
 def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_launched, tmp_path):
     log = room_log(tmp_path / 'room.log', 20)
-    matcher, player = map(start_launched, play(recording=str(log), rate='4', namespace='robot1', scan_topic='laser'))
+    matcher, player = map(start_launched, play(recording=str(log), namespace='robot1', scan_topic='laser'))
     assert player.wait(60.0) == 0, player.output()
     assert 'scans 20 answered 20 skipped 0' in player.output()
     assert matcher.stop() == 0, matcher.output()

@@ -25,6 +25,7 @@ def pair(tmp_path_factory):
     return bag
 
 
+@needs_rosbags
 @pytest.mark.parametrize('command, words', [(compare, ()), (tune, ()), (register, ('0', '1'))],
                          ids=['compare', 'tune', 'register'])
 def test_a_command_for_one_lidar_refuses_two(pair, capsys, command, words):
