@@ -48,7 +48,7 @@ class Returns:
         beams = self.valid.nonzero()[0]
         return self.backend.step(estimate_noise_ratio)(as_complex(self.points)[beams], self._ranges, beams, self.limits)
 
-    @property
+    @cached_property
     def _ranges(self) -> FloatArray:
         """Ranges [m] of the beams with an admitted return."""
         return self.scan.ranges[self.valid].astype(float)

@@ -129,9 +129,11 @@ class Diagnostics:
         faults = self._graph_faults()
         conflict = self._sender.conflict
         silent = self._silent()
-        level, message = self._odometry_level(silence, silent)
+        grades = self._grades(silent)
+        level, message = self._odometry_level(silence, grades)
+        lost = [text for grade, text in grades if grade is Grade.LOST]
         about_scans = [lidar.label + text for lidar in self._lidars for text in lidar.counters.take_warnings()]
-        warnings = [text for text in (*about_scans, *self._lost(silent), *faults,
+        warnings = [text for text in (*about_scans, *lost, *faults,
                                       *(self._no_scans(lidar.inbox) for lidar in silent if lidar.inbox))
                     if text not in message]
         warnings += self._overload()
@@ -164,11 +166,7 @@ class Diagnostics:
                 found.append((grade, message if grade is Grade.TRACKING else lidar.label + message))
         return found
 
-    def _lost(self, silent: Sequence[Lidar]) -> list[str]:
-        """Return the message of each lidar whose latest scan was not registered."""
-        return [message for grade, message in self._grades(silent) if grade is Grade.LOST]
-
-    def _odometry_level(self, silence: float, silent: Sequence[Lidar]) -> tuple[bytes, str]:
+    def _odometry_level(self, silence: float, grades: Sequence[tuple[Grade, str]]) -> tuple[bytes, str]:
         """Return level and message for the tracking with the best lidar; dropped scans are not considered."""
         if not self._inboxes or self._is_paused():
             return DiagnosticStatus.OK, 'paused' if self._inboxes else 'inactive'
@@ -179,7 +177,6 @@ class Diagnostics:
                 self._node.get_logger().warning(f'{waiting} ({self._patience:.0f} s so far)')
                 self._patience *= 2.0
             return DiagnosticStatus.STALE, waiting
-        grades = self._grades(silent)
         if not grades:
             return DiagnosticStatus.OK, 'no scan processed yet'
         grade, message = min(grades, key=itemgetter(0))

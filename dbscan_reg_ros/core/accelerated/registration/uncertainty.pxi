@@ -121,20 +121,25 @@ cdef calibrated_covariance(const double[:, ::1] information, const double[:, ::1
     return np.asarray(result)
 
 
+cdef double translational(const double[:, ::1] information, double angle) noexcept nogil:
+    """Return the information about the translation along `angle` [rad] for a known rotation."""
+    cdef double c = cos(angle), s = sin(angle)
+    return c * c * information[0, 0] + 2.0 * c * s * information[0, 1] + s * s * information[1, 1]
+
+
 cdef int write_degenerate(double angle, const double[:, ::1] shared, double few, double *along) except -1 nogil:
     """Write a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it."""
     cdef double c = cos(angle), s = sin(angle), x = shared[0, 2], y = shared[1, 2], rotation = shared[2, 2]
-    cdef double straight = c * c * shared[0, 0] + 2.0 * c * s * shared[0, 1] + s * s * shared[1, 1]
     along[0], along[1] = c, s
-    along[2] = -(x * c + y * s) / rotation if min(straight, rotation) > few else 0.0
+    along[2] = -(x * c + y * s) / rotation if min(translational(shared, angle), rotation) > few else 0.0
     return 0
 
 
 cdef int write_parallel(double angle, const double[:, ::1] information, double few, double *motion) except -1:
     """Write the motion along `angle` [rad] that walls of a corridor are parallel to: a translation of 1 m or an arc."""
-    cdef double c = cos(angle), s = sin(angle), bend = information[0, 2] * c + information[1, 2] * s
-    cdef double straight = (c * c * information[0, 0] + 2.0 * c * s * information[0, 1] + s * s * information[1, 1])
+    cdef double straight = translational(information, angle), bend
     write_degenerate(angle, information, few, motion)
+    bend = information[0, 2] * motion[0] + information[1, 2] * motion[1]
     if straight + motion[2] * bend >= degeneracy_steps.CORRIDOR_RATIO * straight:
         motion[2] = 0.0
     return 0
@@ -163,8 +168,8 @@ cdef int add_informations(const double[:, ::1] rows, const double[:, ::1] own, c
 
 cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1:
     """Whether few points face along the direction `angle` [rad], by their information."""
-    cdef double c = cos(angle), s = sin(angle), xx = information[0, 0], yy = information[1, 1]
-    return c * c * xx + 2.0 * c * s * information[0, 1] + s * s * yy < degeneracy_steps.CORRIDOR_RATIO * (xx + yy)
+    return (translational(information, angle)
+            < degeneracy_steps.CORRIDOR_RATIO * (information[0, 0] + information[1, 1]))
 
 
 cdef turned(covariance, double theta):
