@@ -56,6 +56,8 @@ class SourceDistribution(sdist):
         if CYTHON:
             from Cython.Build import cythonize
             cythonize([str(Path(base_dir, f'{STEPS}.pyx'))], quiet=True)
+        elif Path(f'{STEPS}.c').exists():
+            self.copy_file(f'{STEPS}.c', str(Path(base_dir, f'{STEPS}.c')))
 
 
 setup(
