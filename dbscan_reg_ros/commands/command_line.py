@@ -7,12 +7,11 @@ import signal
 import sys
 import traceback
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
-from ..paths import check_writable
+from ..paths import check_writable, ready_made
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
 from ..version import add_version
 
@@ -23,8 +22,6 @@ LARGEST_PORT = 65535
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
 """Endings of the file names of bags and of CARMEN logs."""
-ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-"""Signals that request the end of a command."""
 
 
 SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if there are several topics of scans. If given '
@@ -107,6 +104,13 @@ def add_recordings(parser, topic=None):
                         'also searched for below the data folder')
     add_topic(parser, topic)
     add_data(parser)
+
+
+def add_parameters(parser, use='', otherwise=''):
+    """Add the argument ``--params-file``; `use` follows what the file is, `otherwise` what its default is."""
+    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or the name of a '
+                        f'ready-made parameter set: {", ".join(ready_made())}{use} (default: the default '
+                        f'values{otherwise})')
 
 
 def add_workers(parser):
@@ -252,35 +256,6 @@ def complain(command, error, verbose=False) -> int:
     code, message = explain(error)
     print(f'{command}: {message}', file=sys.stderr)
     return code
-
-
-@contextmanager
-def interruptible(*signals, once=False):
-    """Turn `signals` that are not ignored into a KeyboardInterrupt.
-
-    An exception that follows a signal is raised as a KeyboardInterrupt, too: rclpy replaces a KeyboardInterrupt that is
-    raised while it converts a message with an exception of its own. With `once`, all signals after the first are
-    ignored until the process ends.
-    """
-    came = []
-
-    def interrupt(number, _frame):
-        came.append(number)
-        for each in signals if once else ():
-            signal.signal(each, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt)
-              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
-    try:
-        yield
-    except Exception as error:
-        if came:
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        for number, handler in before.items() if not (came and once) else ():
-            signal.signal(number, handler)
 
 
 def explain(error):

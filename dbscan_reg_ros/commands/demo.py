@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from ..signals import ENDING, interruptible
 from .command_line import (
-    ENDING,
     FAILED,
     SEVERAL,
     CommandError,
     add_data,
+    add_parameters,
     add_topic,
     explain,
-    interruptible,
     make_parser,
     run,
     shortened,
@@ -34,8 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         '(default: the simulated building)')
     add_topic(parser, SEVERAL)
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameters of the node: a parameter file, or the name '
-                        'of a ready-made parameter set (default: the default values)')
+    add_parameters(parser)
     parser.add_argument('--live', action='store_true', help='play in real time and show the drive on a page in a '
                         'browser; the drive begins when the page is opened')
     parser.add_argument('--out', metavar='DIR', help='folder of the results (default: results/demo-NAME)')

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Sequence
 
 from ..node.lifecycle.ros_arguments import split_arguments
+from ..signals import interruptible
 from .command_line import (
     INTERRUPTED,
     SEVERAL,
     add_recording,
-    interruptible,
     is_topic,
     make_parser,
     run,

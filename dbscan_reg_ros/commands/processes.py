@@ -4,35 +4,16 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 import weakref
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 from ..core.errors import DbscanRegError
-from .command_line import ENDING
+from ..signals import ENDING, held
 from .private_graph import domain_locks
 
 POLL = 0.05
 """Interval [s] at which the output of a process is read."""
-
-
-@contextmanager
-def held(*signals):
-    """Delay the handling of `signals` until the end of the ``with`` block, so that the block is not interrupted."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came = []
-    before = {number: signal.signal(number, lambda number, _frame: came.append(number))
-              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        for number in came[:1]:
-            signal.raise_signal(number)
 
 
 class ProcessEnded(DbscanRegError):

@@ -7,8 +7,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core.parameters.schema import ADVANCED
-from ..paths import ready_made
-from .command_line import CommandError, add_data, add_topic, make_parser, note_unused, note_warnings, run
+from .command_line import (
+    CommandError,
+    add_data,
+    add_parameters,
+    add_topic,
+    make_parser,
+    note_unused,
+    note_warnings,
+    run,
+)
 
 OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'refinement.map_iterations', 'decision.weak_prior_sigma'
 """Prefixes, after `ADVANCED`, of parameters that have no effect on the registration of a single pair."""
@@ -29,10 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         '(default: the last)')
     add_topic(parser)
     add_data(parser)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or a '
-                        f'parameter set: {", ".join(ready_made())} (default: the default values; for a snapshot, the '
-                        'parameters stored in it; with other parameters, its scans are registered again, without a '
-                        'prior)')
+    add_parameters(parser, otherwise='; for a snapshot, the parameters stored in it; with other parameters, its scans '
+                   'are registered again, without a prior')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, from which the error is '
                         'computed: TUM, or the columns index,x,y,theta (default: the true poses in the recording or '
                         'in a file beside it, if any)')

@@ -11,6 +11,7 @@ from ..requirements import is_there, missing_line
 from .command_line import (
     INCOMPLETE,
     SEVERAL,
+    add_parameters,
     add_recordings,
     add_workers,
     complain,
@@ -37,9 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
                         'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
-    parser.add_argument('--params-file', metavar='YAML',
-                        help='parameter file as for ROS 2 nodes, or the name of a ready-made parameter set (default: '
-                             'the default values)')
+    add_parameters(parser)
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
                         'it as DIR/NAME/latest; for several recordings, also write DIR/index.html (default: results)')
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '

@@ -10,6 +10,7 @@ from pathlib import Path
 from ..core.errors import ParameterError
 from .command_line import (
     CommandError,
+    add_parameters,
     add_recordings,
     add_workers,
     make_parser,
@@ -40,9 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'search, each with an optional range; without a range, values from a fifth to five times the '
                         f'default are tried (default: {" ".join(SEARCHED)})')
     parser.end_list('--parameters', is_parameter)
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file, or name of a ready-made parameter set: '
-                        'first values of the search, and values of all parameters that are not searched (default: '
-                        'the default values)')
+    add_parameters(parser, '; it holds the first values of the search, and the values of all parameters that are not '
+                   'searched')
     parser.add_argument('--trials', type=positive, default=100, metavar='N', help='number of trials (default: 100)')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the search (default: 0)')
     parser.add_argument('--search', choices=('auto', 'optuna', 'random'), default='auto',

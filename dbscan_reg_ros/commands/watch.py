@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 
 from ..node.lifecycle.ros_arguments import split_arguments
-from .command_line import INTERRUPTED, interruptible, make_parser, port, run
+from ..signals import interruptible
+from .command_line import INTERRUPTED, make_parser, port, run
 
 PORT = 8710
 

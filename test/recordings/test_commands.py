@@ -14,7 +14,7 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands import command_line
-from dbscan_reg_ros.commands.processes import held
+from dbscan_reg_ros.signals import held, interruptible
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 
@@ -98,21 +98,30 @@ def test_every_failure_has_one_line_and_a_code(capsys, error, code, line):
     assert capsys.readouterr().err == line
 
 
+@pytest.fixture
+def unraisable(monkeypatch):
+    """The handler of errors in finalizers, which is put back at the end of the test."""
+    monkeypatch.setattr(sys, 'unraisablehook', sys.unraisablehook)
+    return sys.unraisablehook
+
+
+@pytest.mark.usefixtures('unraisable')
 def test_a_signal_is_an_interruption_whatever_error_a_library_raises():
     usual = signal.getsignal(signal.SIGUSR1)
-    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1):
+    with pytest.raises(KeyboardInterrupt), interruptible(signal.SIGUSR1):
         try:
             signal.raise_signal(signal.SIGUSR1)
         except KeyboardInterrupt:
             raise RuntimeError('unable to convert') from None
     assert signal.getsignal(signal.SIGUSR1) == usual
-    with pytest.raises(RuntimeError), command_line.interruptible(signal.SIGUSR1):
+    with pytest.raises(RuntimeError), interruptible(signal.SIGUSR1):
         raise RuntimeError('no signal came')
 
 
+@pytest.mark.usefixtures('unraisable')
 def test_a_signal_that_is_held_counts_once_the_block_is_over():
     done = []
-    with pytest.raises(KeyboardInterrupt), command_line.interruptible(signal.SIGUSR1), held(signal.SIGUSR1):
+    with pytest.raises(KeyboardInterrupt), interruptible(signal.SIGUSR1), held(signal.SIGUSR1):
         signal.raise_signal(signal.SIGUSR1)
         done.append('all')
     assert done == ['all']
@@ -122,10 +131,52 @@ def test_an_ignored_signal_stays_ignored():
     """As nohup wants it."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with command_line.interruptible(signal.SIGHUP):
+        with interruptible(signal.SIGHUP):
             signal.raise_signal(signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_errors_of_finalizers_are_printed_unless_a_signal_came(unraisable):
+    with interruptible(signal.SIGUSR1):
+        pass
+    assert sys.unraisablehook is unraisable
+
+
+@pytest.mark.parametrize(('number', 'code', 'lines'), [
+    (signal.SIGUSR1, 130, ['work: interrupted']),
+    (signal.SIGUSR2, 1, ['work: internal error: a mistake (-v shows where)', 'Exception ignored in',
+                         "AttributeError: 'Task' object has no attribute 'exception'"])])
+def test_an_object_interrupted_in_its_constructor_ends_without_a_word(root, number, code, lines):
+    """As a task of rclpy, whose finalizer uses what its constructor had not yet set."""
+    program = f"""
+import signal, sys
+from dbscan_reg_ros.commands import command_line
+from dbscan_reg_ros.signals import interruptible
+
+class Task:
+    def __init__(self):
+        signal.raise_signal({int(number)})
+        self.exception = None
+
+    def __del__(self):
+        print(self.exception)
+
+def mistake(*_):
+    raise ValueError('a mistake')
+
+def work(args):
+    with interruptible(signal.SIGUSR1):
+        Task()
+
+signal.signal(signal.SIGUSR2, mistake)
+sys.exit(command_line.run(command_line.make_parser('work', 'Tests.'), work, []))
+"""
+    result = subprocess.run([sys.executable, '-c', program], cwd=root, timeout=60, capture_output=True, text=True,
+                            check=False)
+    assert result.returncode == code and not result.stdout
+    assert all(line in result.stderr for line in lines)
+    assert len(lines) > 1 or result.stderr.splitlines() == lines
 
 
 def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals that interrupt a command."""
+import signal
+import sys
+import threading
+from contextlib import contextmanager
+
+ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+"""Signals that request the end of a command."""
+
+
+@contextmanager
+def interruptible(*signals, once=False):
+    """Turn `signals` that are not ignored into a KeyboardInterrupt.
+
+    An exception that follows a signal is raised as a KeyboardInterrupt, too: rclpy replaces a KeyboardInterrupt that is
+    raised while it converts a message with an exception of its own. With `once`, all signals after the first are
+    ignored until the process ends.
+
+    After a signal, errors of finalizers are no longer printed, until the process ends: an object whose constructor was
+    interrupted may lack the attributes that its ``__del__`` uses.
+    """
+    came = []
+
+    def interrupt(number, _frame):
+        came.append(number)
+        sys.unraisablehook = _ignore
+        for each in signals if once else ():
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt)
+              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
+    try:
+        yield
+    except Exception as error:
+        if came:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        for number, handler in before.items() if not (came and once) else ():
+            signal.signal(number, handler)
+
+
+def _ignore(_unraisable):
+    """Print nothing about an error in a finalizer."""
+
+
+@contextmanager
+def held(*signals):
+    """Delay the handling of `signals` until the end of the ``with`` block, so that the block is not interrupted."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came = []
+    before = {number: signal.signal(number, lambda number, _frame: came.append(number))
+              for number in signals if signal.getsignal(number) is not signal.SIG_IGN}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
