@@ -81,6 +81,29 @@ def test_what_differs_is_renewed(docs, document, tmp_path):
     assert status == 1 and 'shown.png differs' in output
 
 
+def drawn(path, seed, radius):
+    """A document with the picture of a simulated building and drive, blurred by `radius` pixels."""
+    path.write_text(f"""<!-- run: short -->
+```bash
+rm -f drive.log*
+python -m dbscan_reg_ros simulate drive.log --seconds 2 --seed {seed}
+python -c "from PIL import Image, ImageFilter, ImageOps; picture = Image.open('drive.log.png').convert('RGB'); \\
+ImageOps.pad(picture, (900, 900), color='white').filter(ImageFilter.GaussianBlur({radius})).save('a.png')"
+```
+<!-- picture: a.png shown.png -->
+""")
+    return path
+
+
+def test_a_picture_drawn_a_little_otherwise_agrees_and_one_of_another_drive_does_not(docs, tmp_path):
+    path = tmp_path / 'a.md'
+    assert docs('--write', drawn(path, 1, 0.0))[0] == 0
+    status, output = docs('--check', drawn(path, 1, 0.7))
+    assert status == 0, output
+    status, output = docs('--check', drawn(path, 2, 0.0))
+    assert status == 1 and 'shown.png differs' in output
+
+
 def test_lines_that_are_no_longer_printed_are_named(docs, document):
     path = document('1.000', '2.00')
     path.write_text(path.read_text().replace('second 2.00\n```\n\n<!-- picture', 'third 2.00\n```\n\n<!-- picture'))
