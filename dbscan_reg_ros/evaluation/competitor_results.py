@@ -11,7 +11,7 @@ from .evo_measures import EvoMeasures, evo_measures
 from .matching import outside
 from .metrics import path_lengths
 
-MISSING = '-'
+UNKNOWN = 'unknown'
 """Printed instead of a number that cannot be computed."""
 
 
@@ -63,8 +63,8 @@ def _unused(problems) -> list:
 
 
 def number(value, digits) -> str:
-    """Format a number, or `MISSING` for None."""
-    return MISSING if value is None else f'{value:.{digits}f}'
+    """Format a number, or `UNKNOWN` for None."""
+    return UNKNOWN if value is None else f'{value:.{digits}f}'
 
 
 def describe(results) -> list:

@@ -159,7 +159,7 @@ def test_one_table_has_all_competitors_printed_and_written(compare, write, tmp_p
         values = [row[name] for name in ('error_m', 'error_deg', 'ape_m', 'rpe_m', 'rpe_deg')]
         assert line.split()[3:6] == [str(row['poses']), 'of', str(row['scans'])]
         for value, digits, text in zip(values, (4, 3, 6, 6, 6), line.split()[6:], strict=False):
-            assert text == ('-' if value is None else f'{value:.{digits}f}')
+            assert text == ('unknown' if value is None else f'{value:.{digits}f}')
     assert content['table'][1]['error_m'] == content['differences']['hall']['m']['b']
     page = (tmp_path / 'compare/latest/index.html').read_text()
     assert all(f'{row["rpe_m"]:.6f}</td>' in page for row in content['table'])

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ...core.registration.records import Status
+from ...evaluation.competitor_results import number
 from ...figures.plots import density_map
 from .drive_data import competitor_lines
 from .index import Columns, DriveEntry, SmallMap, small_map, write_index
@@ -44,9 +45,9 @@ def replay_entry(name, folder, measures, density, lines) -> DriveEntry:
     drift = measures.get('rpe_5m_mean_m')
     error = measures.get('rpe_1m_mean_m', measures.get('relations_neighbour_mean_m'))
     not_ok = sum(measures[status.value] for status in Status if status is not Status.OK) + measures['skipped']
-    row = [_number(measures.get('driven_m'), 1), _number(measures.get('duration_s'), 1), str(measures['scans']),
-           str(not_ok), _number(None if drift is None else 100.0 * drift / DRIFT, 2), _number(error, 4),
-           _number(measures.get('ate_m'), 3)]
+    row = [number(measures.get('driven_m'), 1), number(measures.get('duration_s'), 1), str(measures['scans']),
+           str(not_ok), number(None if drift is None else 100.0 * drift / DRIFT, 2), number(error, 4),
+           number(measures.get('ate_m'), 3)]
     return DriveEntry(name, str(Path(folder, 'report.html')), [row], small_map(density, lines))
 
 
@@ -72,8 +73,8 @@ def write_comparison_page(path, recording, known, trajectories, names) -> SmallM
     ours, history = trajectories[0], ScanHistory()
 
     def scans():
-        for number, scan in enumerate(ours.usable(recording.scans())):
-            history.add_scan(number, scan, ours.statuses[number])
+        for place, scan in enumerate(ours.usable(recording.scans())):
+            history.add_scan(place, scan, ours.statuses[place])
             yield scan
 
     density = density_map(scans(), ours.poses)
@@ -97,12 +98,8 @@ def comparison_entry(link, small, results) -> DriveEntry:
     results : list of CompetitorResult
         Results of the competitors on the recording.
     """
-    rows = [[f'{each.letter}: {each.name}', each.verdict, _number(each.error_m, 4), _number(each.error_deg, 3),
-             _number(each.evo.ape_m, 6), _number(each.evo.rpe_m, 6), _number(each.evo.rpe_deg, 6),
-             _number(each.driven, 1), f'{each.poses} of {each.scans}', str(each.not_ok)] for each in results]
+    rows = [[f'{each.letter}: {each.name}', each.verdict, number(each.error_m, 4), number(each.error_deg, 3),
+             number(each.evo.ape_m, 6), number(each.evo.rpe_m, 6), number(each.evo.rpe_deg, 6),
+             number(each.driven, 1), f'{each.poses} of {each.scans}', str(each.not_ok)] for each in results]
     notes = [f'{each.letter}: {note}' for each in results for note in each.notes]
     return DriveEntry(results[0].recording, link, rows, small, notes)
-
-
-def _number(value, digits):
-    return 'unknown' if value is None else f'{value:.{digits}f}'
