@@ -7,10 +7,12 @@ import signal
 import sys
 import traceback
 from concurrent.futures import BrokenExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
+from ..lasting_output import discard, lasting_output
 from ..paths import check_writable, ready_made
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
 from ..version import add_version
@@ -176,8 +178,10 @@ def add_data(parser):
                         '(default: $DBSCAN_REG_DATA, else ../shared/data beside the project)')
 
 
-def run(parser, work, argv=None) -> int:
+def run(parser, work, argv=None, outlasts=True) -> int:
     """Parse `argv`, run `work(args)`; report an error in one line and as an exit status.
+
+    With `outlasts`, the work goes on to its end although the reader of its output has ended; otherwise it ends then.
 
     Returns
     -------
@@ -192,12 +196,13 @@ def run(parser, work, argv=None) -> int:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
         check_packages(parser.prog, asked_for(args))
         check_outputs(args)
-        code = work(args) or 0
-        sys.stdout.flush()
+        with lasting_output() if outlasts else nullcontext():
+            code = work(args) or 0
+        print(end='', flush=True)
         return code
     except BrokenPipeError:
-        # The reader of the output has ended, as `head` does; discard the rest.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of the output has ended, as `head` does.
+        discard(sys.stdout)
         return FAILED
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - any error becomes one line
         return complain(parser.prog, error, args.verbose)

@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with interruptible(signal.SIGINT, signal.SIGTERM, once=True):
             watch(args, ros)
 
-    status = run(parser, work, own)
+    status = run(parser, work, own, outlasts=False)
     # Ctrl-C is how it ends.
     return 0 if status == INTERRUPTED else status
 

@@ -11,6 +11,7 @@ from multiprocessing.connection import wait
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
+from ..lasting_output import lasting_output
 from ..signals import ENDING, held, interruptible
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -210,7 +211,8 @@ def _end_with_parent():
 def _work(function, args, kwargs):
     """Run the jobs of a local worker."""
     try:
-        return function(*args, **kwargs)
+        with lasting_output():
+            return function(*args, **kwargs)
     finally:
         _worker.end_at_once()
 

@@ -182,7 +182,7 @@ sys.exit(command_line.run(command_line.make_parser('work', 'Tests.'), work, []))
 def test_a_reader_that_goes_away_ends_the_command_without_a_word(root):
     code = ('import sys; from dbscan_reg_ros.commands import command_line\n'
             'def work(args):\n    for _ in range(100_000): print("a line that is not read")\n'
-            'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, []))')
+            'sys.exit(command_line.run(command_line.make_parser("work", "Tests."), work, [], outlasts=False))')
     with subprocess.Popen([sys.executable, '-c', code], cwd=root, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b'a line that is not read\n'

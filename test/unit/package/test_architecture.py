@@ -18,7 +18,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
                  'pickle', 'random', 'shutil', 'signal', 'socket', 'subprocess', 'sys', 'tempfile', 'threading', 'time'}
 
 LAYERS = (
-    {'paths', 'allocation', 'command_lines', 'signals'},
+    {'paths', 'allocation', 'command_lines', 'signals', 'lasting_output'},
     {'core'},
     {'backend_choice', 'version'},
     {'requirements', 'recordings', 'robot'},
