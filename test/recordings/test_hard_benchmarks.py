@@ -182,7 +182,7 @@ def test_turn_rates_of_published_twists_are_right_while_the_robot_rotates(tmp_pa
     assert main(['spin', '--seeds', '1', '--json', str(path)]) == 0
     metrics = json.loads(path.read_text())['dbscan']
     rates = [value for name, value in metrics.items() if name.endswith('rms_deg')]
-    assert len(rates) == 9 and max(rates) < math.degrees(0.05)
+    assert len(rates) == 10 and max(rates) < math.degrees(0.05)
     steady = [value for name, value in metrics.items() if 'steady' in name and name.endswith('rms_deg')]
     assert max(steady) < math.degrees(0.03)
 

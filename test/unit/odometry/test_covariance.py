@@ -44,6 +44,15 @@ def test_every_key_frame_adds_its_own_error():
     assert drift.pose[1, 1] > 4 * MATCHED[1, 1]
 
 
+def test_the_twist_after_a_key_frame_has_the_errors_of_both_scans():
+    """Both are aligned with the older key frames: one scan's error is not that of the map."""
+    drift, still = CovariancePropagation(), SE2()
+    for _ in range(4):
+        drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+        drift.start_key_frame()
+    np.testing.assert_allclose(drift.twist, 2.0 * MATCHED / INTERVAL ** 2, rtol=1e-9)
+
+
 def test_along_an_unobservable_motion_the_uncertainty_of_the_speed_stays():
     drift, still = CovariancePropagation(), SE2()
     for k in range(1, 31):
@@ -92,6 +101,7 @@ def test_the_errors_of_many_drives_are_as_large(fractions):
     drift = CovariancePropagation()
     # An error is that of the estimate against the truth, in the estimate's own frame; rows are drives.
     pose, base, twist = np.zeros((size, 3)), np.zeros((size, 3)), rng.normal(size=(size, 3))
+    of_key_frame = np.zeros((size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
     for k, fraction in enumerate(fractions):
         drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(fraction, MATCHED))
@@ -101,11 +111,12 @@ def test_the_errors_of_many_drives_are_as_large(fractions):
         matched = rng.normal(size=(size, 3)) * sigma(MATCHED)
         going_on = INTERVAL * kept * twist + change
         found = (base + matched) @ fraction.T + (pose + going_on + jitter) @ (np.eye(3) - fraction).T
-        twist = (found - pose - jitter @ (np.eye(3) - fraction).T) / INTERVAL
-        pose = found
+        twist = (found - pose - jitter @ (np.eye(3) - fraction).T - of_key_frame @ back.T @ fraction.T) / INTERVAL
+        pose, of_key_frame = found, np.zeros((size, 3))
         if k in key_frames:
             drift.start_key_frame()
-            base = pose.copy()
+            # Its error against the key frames before; the match with all key frames does not contain it.
+            of_key_frame, base = rng.permutation(pose - base), pose.copy()
     for said, errors in ((drift.pose, pose), (drift.twist, twist)):
         whiten = np.linalg.inv(np.linalg.cholesky(said))
         assert whiten @ np.cov(errors.T) @ whiten.T == pytest.approx(np.eye(3), abs=5.0 / math.sqrt(size))

@@ -41,6 +41,9 @@ class CovariancePropagation:
     Along a degenerate direction the error of the twist remains, and the error of the pose grows accordingly.
     """
 
+    _key_frame_error: NDArray[np.float64] | None
+    """Covariance ``(3, 3)`` of the last pose relative to the key frames before it, if it started a key frame."""
+
     def __init__(self) -> None:
         self._joint = np.zeros((_TWIST.stop, _TWIST.stop))
         self.reset_twist()
@@ -59,6 +62,7 @@ class CovariancePropagation:
         """Reset the twist covariance to the covariance of an unknown twist."""
         self._joint[_TWIST] = self._joint[:, _TWIST] = 0.0
         self._joint[_TWIST, _TWIST] = np.eye(DOF)
+        self._key_frame_error = None
 
     def reduce_heading(self, ratio: float) -> None:
         """Multiply the standard deviation of the heading by a `ratio`."""
@@ -66,7 +70,11 @@ class CovariancePropagation:
         self._joint[:, 2] *= ratio
 
     def start_key_frame(self) -> None:
-        """Start a key frame at the current pose: from now on, errors are accumulated relative to this pose."""
+        """Start a key frame at the current pose: from now on, errors are accumulated relative to this pose.
+
+        The next scan is aligned with the key frames before as well: the error of this pose is one of the next twist.
+        """
+        self._key_frame_error = self._joint[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME].copy()
         self._joint[_SINCE_KEY_FRAME] = self._joint[:, _SINCE_KEY_FRAME] = 0.0
 
     def add_unknown_motion(self) -> None:
@@ -86,6 +94,10 @@ class CovariancePropagation:
         self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
         if not interval:
             self.reset_twist()
+        elif self._key_frame_error is not None:
+            effect = measurement.gain @ step.inverse().adjoint() / interval
+            self._joint[_TWIST, _TWIST] += effect @ self._key_frame_error @ effect.T
+            self._key_frame_error = None
         self._bound_twist()
 
     def _bound_twist(self) -> None:
