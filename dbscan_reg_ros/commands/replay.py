@@ -70,7 +70,7 @@ def replay(args):
     place = Path.absolute if args.scheduler else Path
     mountings = parse_mountings(args.mounting)
     jobs = [Job(place(find_recording(file, args.data)), topics, parameters, place(Path(args.out)),
-                args.close_loops, args.verbose, args.animation, mountings)
+                args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -111,6 +111,8 @@ class Job:
     animation : bool
     mountings : dict
         Topic -> `Mounting` of the lidar, for the mountings that the user gave.
+    indexed : bool
+        An index of several replays is written, to which the page links.
     """
 
     path: Path
@@ -121,6 +123,7 @@ class Job:
     verbose: bool = False
     animation: bool = False
     mountings: dict = field(default_factory=dict)
+    indexed: bool = False
 
     @property
     def topic(self):
@@ -177,7 +180,7 @@ def replay_one(job) -> Replayed:
     odometry = _odometry(job.parameters, others, recording, mounting)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation,
-                      odometry if others else None)
+                      '../../index.html' if job.indexed else '', odometry if others else None)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:

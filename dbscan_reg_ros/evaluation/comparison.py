@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.errors import RecordingError
-from ..recordings import interpolate
 from ..recordings.poses import relative
 from .known_motion import KnownMotion
-from .matching import outside
 from .metrics import apart, errors, path_lengths, related
 
 METRES = 1.0
@@ -150,9 +148,8 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
     true = _true_motions(known, stamps, poses[0])
     count = len(true.first)
-    if not count and known.truth and (times := outside(known.truth[0], stamps)):
-        raise TooShort(f'too few scans lie within the time of the true poses: {times}; expected true poses with the '
-                       'stamps of the scans, in seconds')
+    if not count and known.truth:
+        raise TooShort(f'too few scans have a true pose: {known.true_poses(stamps).explanation}')
     if count < FEWEST_BLOCKS:
         raise TooShort(f'{count} motions with known truth; expected at least {FEWEST_BLOCKS}: compare a longer drive, '
                        'or more of its scans')
@@ -177,14 +174,10 @@ def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
     [m, m, rad].
     """
     if known.truth:
-        truth = interpolate(*known.truth, stamps)
-        there = np.flatnonzero(np.isfinite(truth).all(axis=1))
-        if not len(there):
-            return _TrueMotions(there, there, truth[there], 0.0)
-        truth = truth[there]
+        truth = known.true_poses(stamps).poses
         first, second = apart(truth, METRES)
-        return _TrueMotions(there[first], there[second], relative(truth[first], truth[second]),
-                            path_lengths(truth)[-1])
+        driven = path_lengths(truth[np.isfinite(truth).all(axis=1)])
+        return _TrueMotions(first, second, relative(truth[first], truth[second]), driven[-1] if len(driven) else 0.0)
     if known.relations:
         first, second, found = related(stamps, known.relations)
         return _TrueMotions(first, second, known.relations.motions[found], path_lengths(poses)[-1])

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a comparison: the errors of each competitor on each recording, and notes on missing errors."""
 from dataclasses import asdict, dataclass
+from itertools import groupby
+from operator import attrgetter
 
 import numpy as np
 
 from ..core.registration.records import Status
-from ..recordings import interpolate, read_tum, write_tum
+from ..recordings import read_tum, write_tum
 from .comparison import TooShort, paired
 from .evo_measures import EvoMeasures, evo_measures
-from .matching import outside
 from .metrics import path_lengths
 
 UNKNOWN = 'unknown'
@@ -80,7 +81,16 @@ def describe(results) -> list:
         lines.append(f'{each.recording:{wide}}  {f"{each.letter} {each.name}":{named}}  {poses:>14}  '
                      f'{number(each.error_m, 4):>9} {number(each.error_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
                      f'{number(evo.rpe_m, 6):>11} {number(evo.rpe_deg, 6):>11}  {each.verdict}'.rstrip())
-    return lines + [f'{each.recording}, {each.letter}: {note}' for each in results for note in each.notes]
+    notes = [(recording, note) for recording, group in groupby(results, attrgetter('recording'))
+             for note in grouped_notes(list(group))]
+    return lines + [f'{recording}, {note}' for recording, note in notes]
+
+
+def grouped_notes(results) -> list:
+    """Return the notes of the results of one recording, each once, after the letters of the competitors."""
+    letters = {note: ', '.join(each.letter for each in results if note in each.notes)
+               for result in results for note in result.notes}
+    return [f'{those}: {note}' for note, those in letters.items()]
 
 
 def results_of(recording, folder, known, trajectories, comparisons) -> list:
@@ -104,7 +114,7 @@ def results_of(recording, folder, known, trajectories, comparisons) -> list:
     names = [('A', comparisons[0].a), *((comparison.letter, comparison.b) for comparison in comparisons)]
     results = []
     for (letter, name), trajectory, mean, verdict in zip(names, trajectories, means, verdicts, strict=True):
-        evo, poses = _measured(folder, letter, trajectory, known.truth), trajectory.pose_array()
+        evo, poses = _measured(folder, letter, trajectory, known), trajectory.pose_array()
         metres, degrees = mean or (None, None)
         ok = sum(status is Status.OK for status in trajectory.statuses)
         notes = [*([trajectory.explanation] if trajectory.explanation else []), *_unused(trajectory.problems),
@@ -123,19 +133,18 @@ def _mean_errors(known, trajectory) -> list:
         return []
 
 
-def _measured(folder, letter, trajectory, truth) -> EvoMeasures:
+def _measured(folder, letter, trajectory, known) -> EvoMeasures:
     """Compute the `EvoMeasures` of the files ``LETTER.tum`` and ``truth_of_LETTER.tum``, which are written here."""
-    if truth is None:
+    if known.truth is None:
         return EvoMeasures(None, None, None, ['no APE and no RPE: the recording has no true poses, only relations '
                             'between scans'])
     stamps, first = np.unique(np.array(trajectory.stamps, dtype=np.int64), return_index=True)
-    reference = interpolate(truth[0], truth[1], stamps)
+    reference, explanation = known.true_poses(stamps)
     there = np.isfinite(reference).all(axis=1)
     files = folder / f'{letter}.tum', folder / f'truth_of_{letter}.tum'
     for file, content in zip(files, (trajectory.pose_array()[first], reference), strict=True):
         write_tum(file, stamps[there], content[there])
     found = evo_measures(*(read_tum(file)[1] for file in files))
     if not there.all():
-        found.reasons.insert(0, f'{(~there).sum()} of the {len(stamps)} stamps lie outside the time of the true poses: '
-                                f'{outside(truth[0], stamps)}')
+        found.reasons.insert(0, f'true poses: {explanation}')
     return found

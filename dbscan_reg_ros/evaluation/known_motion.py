@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ..core.geometry.se2 import SE2
 from ..recordings.poses import relative
-from ..recordings.truth import Relations, find_relations, interpolate, load_relations, true_poses
+from ..recordings.truth import Relations, find_relations, load_relations, true_poses
+from .matching import Matched, match
 from .metrics import evaluate, final_error, related
 
 
@@ -34,13 +35,19 @@ class KnownMotion(NamedTuple):
         relations = find_relations(recording.path)
         return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
 
+    def true_poses(self, stamps) -> Matched:
+        """Return the true poses at `stamps` ``(N,)`` [ns]: interpolated, but NaN where the truth has a hole."""
+        if self.truth is None:
+            return Matched(np.full((len(stamps), 3), np.nan), 'the true poses are unknown')
+        return match(*self.truth, stamps, sparse=True)
+
     def between(self, first, second) -> SE2 | None:
         """Return the true motion between two stamps [ns]; None if it is unknown."""
         stamps = np.array((first, second), dtype=np.int64)
         if self.truth:
-            poses = interpolate(self.truth[0], self.truth[1], stamps)
+            poses = match(*self.truth, stamps[:1], sparse=True).poses, match(*self.truth, stamps[1:], sparse=True).poses
             if np.isfinite(poses).all():
-                return SE2.from_array(relative(poses[:1], poses[1:])[0])
+                return SE2.from_array(relative(*poses)[0])
         if self.relations:
             start, end, found = related(stamps, self.relations)
             motions = self.relations.motions[found]
@@ -70,11 +77,10 @@ class KnownMotion(NamedTuple):
             return {}
         measures = evaluate(poses, stamps, self.relations) if self.relations else {}
         if self.truth:
-            reference = interpolate(*self.truth, stamps)
+            reference = self.true_poses(stamps).poses
             known = np.isfinite(reference).all(axis=1)
             if known.sum() > 1:
-                poses, reference = poses[known], reference[known]
-                measures |= evaluate(poses, reference=reference) | final_error(poses, reference)
+                measures |= evaluate(poses, reference=reference) | final_error(poses[known], reference[known])
         return measures
 
 

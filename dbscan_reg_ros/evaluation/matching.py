@@ -8,7 +8,7 @@ from ..recordings import interpolate
 from .metrics import SAME_SCAN_WITHIN
 
 LONGEST_GAP = 3.0
-"""Longest gap over which poses are interpolated, as a multiple of the median interval of scans."""
+"""Longest gap over which poses are interpolated, as a multiple of a median interval."""
 
 
 class Matched(NamedTuple):
@@ -26,11 +26,12 @@ class Matched(NamedTuple):
     explanation: str
 
 
-def match(own, poses, stamps) -> Matched:
+def match(own, poses, stamps, sparse=False) -> Matched:
     """Find the poses of a trajectory at the stamps of scans.
 
     A scan gets the pose with the same stamp. If there is none, the pose is interpolated between the previous and the
-    next pose, unless the time between them exceeds `LONGEST_GAP` median scan intervals.
+    next pose, unless the time between them exceeds `LONGEST_GAP` median scan intervals. If the trajectory is `sparse`,
+    it may also be `LONGEST_GAP` median intervals of its own poses.
 
     Parameters
     ----------
@@ -39,7 +40,10 @@ def match(own, poses, stamps) -> Matched:
     poses : (K, 3) float [m, m, rad]
     stamps : (N,) int64 [ns]
         Stamps of the scans.
+    sparse : bool
+        Whether the poses of the trajectory may be farther apart than the scans.
     """
+    own, stamps = np.asarray(own, dtype=np.int64), np.asarray(stamps, dtype=np.int64)
     count = len(stamps)
     if not len(own):
         return Matched(np.full((count, 3), np.nan), f'none of {count} scans has a pose: the trajectory is empty')
@@ -51,7 +55,7 @@ def match(own, poses, stamps) -> Matched:
     after = np.clip(np.searchsorted(own, stamps), 1, max(len(own) - 1, 1)) % len(own)
     before = np.maximum(after - 1, 0)
     at_stamp = np.minimum(np.abs(own[after] - stamps), np.abs(own[before] - stamps)) < SAME_SCAN_WITHIN
-    longest = LONGEST_GAP * np.median(np.abs(np.diff(stamps))) if count > 1 else 0.0
+    longest = LONGEST_GAP * max(_interval(stamps), _interval(own) if sparse else 0.0)
     in_gap = ~at_stamp & np.isfinite(found[:, 0]) & (own[after] - own[before] > longest)
     found[in_gap] = np.nan
     words = [f'{at_stamp.sum()} of {count} scans have the stamp of a pose']
@@ -63,6 +67,11 @@ def match(own, poses, stamps) -> Matched:
     if reasons:
         words.append(f'{np.isnan(found[:, 0]).sum()} have no pose: {" and ".join(reasons)}')
     return Matched(found, '; '.join(words) + _other_clock(first, last, stamps))
+
+
+def _interval(stamps) -> float:
+    """Return the median interval of `stamps` [ns]; 0 for a single one."""
+    return float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0
 
 
 def outside(own, stamps) -> str:

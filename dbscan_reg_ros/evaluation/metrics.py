@@ -72,9 +72,13 @@ def related(stamps, relations):
 def step_errors(poses, reference) -> dict:
     """Compute the errors of the motions between consecutive scans (``step``), and the fraction of ``frozen`` steps.
 
+    Steps from or to a scan without a true pose (NaN) are left out.
+
     A step is frozen if it is longer than 3 cm in the reference and its estimate is less than half as long.
     """
-    step, true_step = relative(poses[:-1], poses[1:]), relative(reference[:-1], reference[1:])
+    known = np.isfinite(reference).all(axis=1)
+    first = np.flatnonzero(known[:-1] & known[1:])
+    step, true_step = (relative(each[first], each[first + 1]) for each in (poses, reference))
     length = np.hypot(true_step[:, 0], true_step[:, 1])
     moving = length > MOVING_BEYOND
     covered = (step[moving, :2] * true_step[moving, :2]).sum(axis=1) / length[moving] ** 2
@@ -90,11 +94,18 @@ def distance_errors(poses, reference, metres) -> dict:
 
 
 def apart(reference, metres):
-    """Return indices of scans, and for each the index of the first scan `metres` farther on the reference path."""
-    path = path_lengths(reference)
+    """Return indices of scans, and for each the index of the first scan `metres` farther on the reference path.
+
+    No scan lies between the two whose pose in the reference is unknown (NaN).
+    """
+    known = np.flatnonzero(np.isfinite(reference).all(axis=1))
+    path = path_lengths(reference[known])
     later = np.searchsorted(path, path + metres)
-    scans = np.flatnonzero(later < len(path))
-    return scans, later[scans]
+    first = np.flatnonzero(later < len(path))
+    scans, later = known[first], known[later[first]]
+    without = np.cumsum(~np.isfinite(reference).all(axis=1))
+    within = without[scans] == without[later]
+    return scans[within], later[within]
 
 
 def path_lengths(poses):
@@ -128,8 +139,9 @@ def align(poses, reference):
 
 
 def absolute_error(poses, reference) -> float:
-    """Return the root mean square position error after the best rigid alignment [m]."""
-    difference = (align(poses, reference) - reference)[:, :2]
+    """Return the root mean square position error after the best rigid alignment [m], where the reference is known."""
+    known = np.isfinite(reference).all(axis=1)
+    difference = (align(poses[known], reference[known]) - reference[known])[:, :2]
     return float(np.sqrt((difference ** 2).sum(axis=1).mean()))
 
 
@@ -151,7 +163,7 @@ def evaluate(poses, stamps=None, relations=None, reference=None) -> dict:
         Stamps of the poses [ns]; needed with `relations`.
     relations : Relations, optional
     reference : (N, 3), optional
-        The true pose of each scan, in any fixed frame.
+        The true pose of each scan, in any fixed frame; NaN where it is unknown.
 
     Returns
     -------

@@ -8,7 +8,7 @@ import numpy as np
 from ..evaluation.known_motion import KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import density_map, draw_map
-from ..recordings import interpolate, write_tum
+from ..recordings import write_tum
 from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
@@ -46,6 +46,8 @@ class Results:
         Data of each scan that the page shows.
     animation : bool
         Whether to write animation.gif as well.
+    index : str
+        Address of the index of several replays, relative to the page; empty without an index.
     lidars : OdometryWithOthers or None
         The odometry of several lidars; None for a single lidar.
     entry : DriveEntry or None
@@ -61,6 +63,7 @@ class Results:
     faults: Faults
     history: ScanHistory
     animation: bool = False
+    index: str = ''
     lidars: OdometryWithOthers | None = None
     entry: DriveEntry | None = None
 
@@ -88,7 +91,7 @@ class Results:
             with self.faults.noted('report.html'):
                 lines = [('recording', str(self.recording.path)), *summary]
                 report = Report(title, lines, known, self.trajectory, density, self._pairs(), self.parameters, register,
-                                self.history, closed_map)
+                                self.history, closed_map, index=self.index)
                 write_report(self.folder / 'report.html', report)
                 self.entry = replay_entry(name, self.folder, measures, density, _lines(poses, _aligned(truth, poses)))
         return summary
@@ -100,7 +103,7 @@ class Results:
         """Return the true poses ``(N, 3)`` of the scans, nan if unknown; None if the recording has no truth."""
         if known.truth is None:
             return None
-        truth = interpolate(*known.truth, self.trajectory.stamps)
+        truth = known.true_poses(self.trajectory.stamps).poses
         there = np.isfinite(truth).all(axis=1)
         write_tum(self.folder / 'truth.tum', np.array(self.trajectory.stamps, dtype=np.int64)[there], truth[there])
         return truth

@@ -90,6 +90,7 @@ def compared(simulation, known, replayed, tmp_path):
 def test_competitors_are_laid_on_the_map_from_their_first_common_pose_on(show, compared, replayed):
     browser = show(compared / 'x' / 'report.html')
     assert browser.complaints == []
+    assert browser.value('document.querySelector("nav a").href') == (compared / 'index.html').as_uri()
     layers = browser.value('[...document.querySelectorAll("#layers label")].map(label => label.textContent)')
     assert layers[:4] == ['scan', 'trajectory, thick where not OK', 'B: half', 'C: again']
     others = json.loads(browser.value('JSON.stringify(drive.others.map(other => [other.name, [...other.at]]))'))
@@ -139,3 +140,4 @@ def test_a_replay_of_several_recordings_writes_the_index_and_moving_pictures(sim
         folder = (tmp_path / 'out' / name / 'latest').resolve()
         assert f'href="{name}/{folder.name}/report.html"' in text
         assert (folder / 'animation.gif').read_bytes().startswith(b'GIF89a')
+        assert '<a href="../../index.html">All drives</a>' in (folder / 'report.html').read_text()

@@ -206,19 +206,34 @@ def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_record
     write_tum(tmp_path / 'other.tum', stamps - stamps[0] + 10**9, poses)
     assert main([write('a', 0.0), 'identity', str(hall_recording), '--truth', str(tmp_path / 'other.tum'),
                  '--processes', '1', '--out', str(tmp_path)]) == 2
+    count = len(stamps)
     assert capsys.readouterr().err == (
-        f'compare: too few scans lie within the time of the true poses: {len(stamps)} after the last '
-        f'pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s; expected true poses with the '
-        'stamps of the scans, in seconds\n')
+        f'compare: too few scans have a true pose: 0 of {count} scans have the stamp of a pose; {count} have no pose: '
+        f'{count} after the last pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s (the stamps of the scans go from '
+        f'{1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected the same stamps in the trajectory file, in '
+        'seconds)\n')
 
 
-def test_poses_outside_the_time_of_the_truth_are_counted(compare, write, truth, tmp_path):
+def test_scans_outside_the_truth_and_in_its_holes_are_counted_and_not_judged(compare, write, truth, tmp_path):
+    """B is wrong where the truth is unknown."""
     stamps, poses = truth
-    write_tum(tmp_path / 'known.tum', stamps[5:-7], poses[5:-7])
-    _, _, content = compare(write('a', 0.001), write('b', 0.001, seed=1), '--truth', tmp_path / 'known.tum')
-    assert content['table'][1]['notes'][1] == (
-        f'12 of the {len(stamps)} stamps lie outside the time of the true poses: 5 before the first pose, '
-        f'{1e-9 * stamps[5]:.3f} s and 7 after the last pose, {1e-9 * stamps[-8]:.3f} s')
+    known = np.ones(len(stamps), dtype=bool)
+    known[[*range(5), *range(20, 32), *range(len(stamps) - 7, len(stamps))]] = False
+    write_tum(tmp_path / 'known.tum', stamps[known], poses[known])
+    wrong = poses.copy()
+    wrong[25:28, :2] += 3.0
+    write_tum(tmp_path / 'wrong.tum', stamps, wrong)
+    words = write('a', 0.001), f'wrong={tmp_path}/wrong.tum', '--truth', tmp_path / 'known.tum'
+    code, printed, content = compare(*words)
+    assert code == 0 and content['table'][1]['error_m'] < 1e-6 and content['table'][1]['ape_m'] < 1e-6
+    count = len(stamps)
+    note = (f'true poses: {count - 24} of {count} scans have the stamp of a pose; 24 have no pose: 5 before the first '
+            f'pose, {1e-9 * stamps[5]:.3f} s and 7 after the last pose, {1e-9 * stamps[-8]:.3f} s and 12 where '
+            'successive poses are more than 0.750 s apart')
+    assert content['table'][1]['notes'][1] == note
+    assert f'hall, A, B: {note}\n' in printed.out
+    assert f'<p>A, B: {note}</p>' in (tmp_path / 'compare/latest/index.html').read_text()
+    assert '<a href="../index.html">' in (tmp_path / 'compare/latest/hall/report.html').read_text()
 
 
 def test_the_truth_beside_a_recording_is_found(tmp_path):

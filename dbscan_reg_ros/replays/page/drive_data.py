@@ -95,7 +95,7 @@ def _others(known, stamps, poses):
     for kind, name, other in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
         if other is None:
             continue
-        path = interpolate(*other, stamps)
+        path = known.true_poses(stamps).poses if kind == 'truth' else interpolate(*other, stamps)
         there = np.isfinite(path).all(axis=1)
         if np.count_nonzero(there) <= 1:
             continue
@@ -180,13 +180,14 @@ def _errors(known, stamps, poses):
     """Yield plots and errors ``(N,)`` against the truth, or else the relations, or else the wheel odometry."""
     found = None
     if known.truth:
-        found = 'Error over the next metre', 'against the truth', _over_a_metre(known.truth, stamps, poses)
+        found = 'Error over the next metre', 'against the truth', _over_a_metre(known.true_poses(stamps).poses, poses)
     elif known.relations and len(poses):
         first, second, there = related(stamps, known.relations)
         values = errors(relative(poses[first], poses[second]), known.relations.motions[there])
         found = 'Error of relations', 'at the later scan', _of_scans(len(poses), second, values)
     elif known.wheels:
-        found = 'Difference from the wheels over the next metre', '', _over_a_metre(known.wheels, stamps, poses)
+        wheels = interpolate(*known.wheels, stamps)
+        found = 'Difference from the wheels over the next metre', '', _over_a_metre(wheels, poses)
     if found is None or not np.isfinite(found[2]).any():
         return
     name, note, values = found
@@ -195,14 +196,11 @@ def _errors(known, stamps, poses):
                'log': True}, row
 
 
-def _over_a_metre(trajectory, stamps, poses):
-    """Return errors ``(2, N)`` [m], [deg] of the motion from each scan over the next metre of `trajectory`."""
-    reference = interpolate(*trajectory, stamps)
-    there = np.flatnonzero(np.isfinite(reference).all(axis=1))
-    reference, ours = reference[there], poses[there]
-    scans, later = apart(reference, METRES) if len(reference) else (there, there)
-    values = errors(relative(ours[scans], ours[later]), relative(reference[scans], reference[later]))
-    return _of_scans(len(poses), there[scans], values)
+def _over_a_metre(reference, poses):
+    """Return errors ``(2, N)`` [m], [deg] of the motion from each scan over the next metre of the `reference`."""
+    scans, later = apart(reference, METRES)
+    values = errors(relative(poses[scans], poses[later]), relative(reference[scans], reference[later]))
+    return _of_scans(len(poses), scans, values)
 
 
 def _of_scans(count, scans, values):

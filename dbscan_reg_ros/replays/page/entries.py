@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ...core.registration.records import Status
-from ...evaluation.competitor_results import number
+from ...evaluation.competitor_results import grouped_notes, number
 from ...figures.plots import density_map
 from .drive_data import competitor_lines
 from .index import Columns, DriveEntry, SmallMap, small_map, write_index
@@ -80,9 +80,10 @@ def write_comparison_page(path, recording, known, trajectories, names) -> SmallM
     density = density_map(scans(), ours.poses)
     others = list(zip(names[1:], trajectories[1:], strict=True))
     summary = [('recording', str(recording.path)), ('map and scans', names[0]),
-               *(('layer', name) for name, _ in others)]
+               *(('layer', name) for name, _ in others),
+               *([('true poses', known.true_poses(ours.stamps).explanation)] if known.truth else [])]
     write_report(path, Report(f'{recording.name}: {len(names)} competitors', summary, known, ours, density, [], None,
-                              history=history, competitors=others))
+                              history=history, competitors=others, index='../index.html'))
     lines = [('trajectory', names[0], ours.pose_array()[:, :2]), *competitor_lines(ours, others)]
     return small_map(density, lines)
 
@@ -101,5 +102,4 @@ def comparison_entry(link, small, results) -> DriveEntry:
     rows = [[f'{each.letter}: {each.name}', each.verdict, number(each.error_m, 4), number(each.error_deg, 3),
              number(each.evo.ape_m, 6), number(each.evo.rpe_m, 6), number(each.evo.rpe_deg, 6),
              number(each.driven, 1), f'{each.poses} of {each.scans}', str(each.not_ok)] for each in results]
-    notes = [f'{each.letter}: {note}' for each in results for note in each.notes]
-    return DriveEntry(results[0].recording, link, rows, small, notes)
+    return DriveEntry(results[0].recording, link, rows, small, grouped_notes(results))

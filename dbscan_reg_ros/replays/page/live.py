@@ -20,5 +20,5 @@ def live_page(title: str) -> bytes:
     data['drive']['plots'] = [{'id': 'speed', 'name': 'Speed', 'short': 'speed', 'note': '',
                                'unit': 'm/s', 'log': False, 'values': ''}]
     data['nothing'] = ''
-    contents = {'data': script_json(data), 'scans': scans, 'connect': "; connect-src 'self'"}
+    contents = {'data': script_json(data), 'scans': scans, 'connect': "; connect-src 'self'", 'index': ''}
     return ''.join(page_parts(contents, scripts=SCRIPTS)).encode()

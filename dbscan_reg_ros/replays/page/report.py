@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report of a replay: one page that opens in any browser, without a network."""
 from dataclasses import dataclass, field
+from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -63,6 +64,8 @@ class Report:
         Result of loop closing; None if loops were not closed.
     competitors : list of (str, Trajectory)
         Names and trajectories of the competitors over the same recording.
+    index : str
+        Address of the index of several drives, relative to the page; empty without an index.
     """
 
     title: str
@@ -76,13 +79,15 @@ class Report:
     history: ScanHistory = field(default_factory=ScanHistory)
     closed: ClosedMap | None = None
     competitors: list = field(default_factory=list)
+    index: str = ''
 
 
 def write_report(path: Path, report: Report) -> None:
     """Write the page of a replay to `path`."""
     data, scans = page_data(report)
+    link = f'<nav><a href="{escape(report.index)}">All drives</a></nav>' if report.index else ''
     with replacing(path) as file:
-        for part in page_parts({'data': script_json(data), 'scans': scans, 'connect': ''}):
+        for part in page_parts({'data': script_json(data), 'scans': scans, 'connect': '', 'index': link}):
             file.write(part)
 
 

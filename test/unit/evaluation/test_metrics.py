@@ -10,6 +10,7 @@ import pytest
 
 from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.evaluation import metrics
+from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.recordings.trajectories import read_csv, read_tum, write_csv, write_tum
@@ -110,6 +111,38 @@ def test_a_scale_error_shows_over_the_distance():
     assert measures['rpe_5m_mean_m'] == pytest.approx(0.1, rel=0.03)
     assert measures['rpe_1m_mean_m'] == pytest.approx(0.02, rel=0.1)
     assert measures['ate_m'] == pytest.approx(0.02 * np.std(reference[:, 0]))
+
+
+def test_no_motion_is_measured_across_a_hole_in_the_truth():
+    """The robot drives on where the truth is unknown, and the odometry is wrong there."""
+    reference = np.column_stack((0.125 * np.arange(101), np.zeros(101), np.zeros(101)))
+    poses = reference.copy()
+    poses[45:, 1] += 7.0
+    reference[40:50] = np.nan
+    measures = metrics.evaluate(poses, reference=reference)
+    assert measures['rpe_1m_p95_m'] < 1e-9 and measures['step_p95_m'] < 1e-9
+    scans, later = metrics.apart(reference, 1.0)
+    assert scans.tolist() == [*range(32), *range(50, 93)] and (later - scans).tolist() == [8] * 75
+    assert measures['ate_m'] > 0.5 and 'rpe_5m_mean_m' not in metrics.evaluate(poses[:60], reference=reference[:60])
+
+
+def test_truth_is_interpolated_where_it_is_generally_sparse_but_not_in_its_holes():
+    """Scans at 10 Hz."""
+    stamps = 100_000_000 * np.arange(200)
+    poses = np.column_stack((0.1 * np.arange(200), np.zeros(200), np.zeros(200)))
+    for step in 1, 2, 10:
+        kept = np.arange(200) % step == 0
+        found = KnownMotion((stamps[kept], poses[kept]), None, None).true_poses(stamps).poses
+        np.testing.assert_allclose(found[:191], poses[:191], atol=1e-9)
+        kept[50:150] = False
+        known = KnownMotion((stamps[kept], poses[kept]), None, None)
+        found, explanation = known.true_poses(stamps)
+        first = 50 - step
+        assert np.isnan(found[first + 1:150]).all() and np.isfinite(found[[first, 150]]).all()
+        assert f'{149 - first} where successive poses are more than {0.3 * step:.3f} s apart' in explanation
+        assert known.between(stamps[first], stamps[first + 1]) is None
+        assert known.between(stamps[first - 20], stamps[first]).x == pytest.approx(2.0)
+        assert known.measures(stamps, poses)['rpe_1m_mean_m'] < 1e-9
 
 
 def test_a_short_trajectory_has_the_measures_that_it_can_have():
