@@ -81,6 +81,18 @@ def test_what_differs_is_renewed(docs, document, tmp_path):
     assert status == 1 and 'shown.png differs' in output
 
 
+def test_commands_without_their_recording_are_skipped_and_counted(docs, tmp_path):
+    (tmp_path / 'a.md').write_text("""<!-- run: short -->
+```bash
+python -m dbscan_reg_ros replay --close-loops absent/absent.log.gz
+```
+<!-- picture: results/absent/latest/map.png shown.png -->
+""")
+    status, output = docs('--check', tmp_path / 'a.md')
+    assert (status, output) == (0, '0 blocks of commands checked, 1 skipped for lack of data, 0 left out or for the '
+                                   'next call; 0 differences\n')
+
+
 def drawn(path, seed, radius):
     """A document with the picture of a simulated building and drive, blurred by `radius` pixels."""
     path.write_text(f"""<!-- run: short -->
