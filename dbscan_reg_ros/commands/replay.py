@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``replay FILE...``: run the same `Odometry` as the node over recordings, offline."""
 import sys
+from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -24,6 +25,9 @@ from .command_line import (
 
 BAG_LIBRARIES = 'rosbags', 'rosbag2_py'
 """Python packages that write bags; one is enough, and without both a replay writes no bag."""
+AT_A_TIME = 50
+"""Number of scans whose results are reported together: one by one this would take longer, since the odometry evicts the
+code that reports them from the processor's caches."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -161,6 +165,7 @@ def replay_one(job) -> Replayed:
     DbscanRegError
         When the recording cannot be read, or fewer than two of its scans can be used.
     """
+    from ..figures.plots import MapPoints
     from ..recordings import open_recording, write_tum
     from ..replays.faults import Faults
     from ..replays.loops import Loops
@@ -179,8 +184,8 @@ def replay_one(job) -> Replayed:
     trajectory, broken = Trajectory(yaw, mounting.upside_down), None
     odometry = _odometry(job.parameters, others, recording, mounting)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
-                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), job.animation,
-                      '../../index.html' if job.indexed else '', odometry if others else None)
+                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
+                      job.animation, '../../index.html' if job.indexed else '', odometry if others else None)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:
@@ -248,8 +253,17 @@ def _follow(results, mounting, odometry):
 
     recording, parameters = results.recording, results.parameters
     trajectory, faults = results.trajectory, results.faults
-    stack = ExitStack()
+    stack, waiting = ExitStack(), deque()
+
+    def report():
+        while waiting:
+            update = waiting.popleft()
+            for part, add in reports.items():
+                if add:
+                    faults.attempt(part, add, update)
+
     reports = {'pairs to review': results.to_review.add, 'report.html': results.history.add,
+               'map.png': lambda update: results.map_points.add(update.features.scan),
                'closed.tum': results.loops and results.loops.add}
     if _writes_bags():
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
@@ -258,12 +272,13 @@ def _follow(results, mounting, odometry):
         scans = masked(watched(recording.scans(), recording.name, recording.count), parameters.input)
         scans = turned(scans, trajectory.yaw, mounting.upside_down)
         for update in trajectory.follow(scans, odometry):
-            for part, add in reports.items():
-                if add:
-                    faults.attempt(part, add, update)
+            waiting.append(update)
+            if len(waiting) == AT_A_TIME:
+                report()
         if results.lidars:
             results.lidars.finish()
     finally:
+        report()
         with faults.noted('bag'):
             stack.close()
 

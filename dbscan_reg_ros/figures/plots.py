@@ -28,10 +28,44 @@ class DensityMap(NamedTuple):
     extent: tuple
 
 
+class MapPoints:
+    """The returns of the scans of a map, each scan in its own frame; about `MOST_POINTS` of them are kept.
+
+    Parameters
+    ----------
+    count : int
+        Number of scans of the map.
+    yaw : float
+        Angle [rad] by which `sensor_mounting.turned` rotated the scans.
+    """
+
+    def __init__(self, count, yaw=0.0):
+        self._each = max(1, MOST_POINTS // max(count, 1))
+        self._yaw = yaw
+        self._scans = []
+
+    def add(self, scan):
+        """Keep the returns of the next scan."""
+        points = as_complex(scan.points[scan.valid])
+        self._scans.append(points[::-(-len(points) // self._each) or 1].astype(np.complex64))
+
+    def density(self, poses) -> DensityMap:
+        """Return the density of the returns, given the poses ``(N, 3)`` of the sensor at the scans added."""
+        poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+        laid = [np.empty(0, dtype=np.complex64)]
+        # After an interruption the last pose may have no scan.
+        for points, place, turn in zip(self._scans, as_complex(poses[:, :2]), np.exp(1j * (poses[:, 2] - self._yaw)),
+                                       strict=False):
+            laid.append((turn * points + place).astype(np.complex64))
+        return _density(np.concatenate(laid).view(np.float32).reshape(-1, 2), poses)
+
+
 def density_map(scans, poses) -> DensityMap:
     """Return the density of the returns of `scans`, an iterable with one scan for each of the `poses` ``(N, 3)``."""
-    poses = np.asarray(poses, dtype=float).reshape(-1, 3)
-    return _density(_laid_out(scans, poses), poses)
+    points = MapPoints(len(poses))
+    for scan, _ in zip(scans, poses, strict=True):
+        points.add(scan)
+    return points.density(poses)
 
 
 def save(figure, path, dpi, **options):
@@ -168,17 +202,6 @@ def _legend(axes):
     below = offset_copy(axes.transAxes, axes.figure, y=-40.0, units='points')
     axes.legend(loc='upper left', bbox_to_anchor=(0.0, 0.0), bbox_transform=below, ncol=4, frameon=False,
                 borderaxespad=0.0)
-
-
-def _laid_out(scans, poses):
-    """Return the returns ``(P, 2)`` of all scans in the frame of the poses."""
-    each = max(1, MOST_POINTS // max(len(poses), 1))
-    laid = [np.empty(0, dtype=np.complex64)]
-    for scan, place, turn in zip(scans, as_complex(poses[:, :2]), np.exp(1j * poses[:, 2]), strict=True):
-        points = as_complex(scan.points[scan.valid])
-        points = points[::-(-len(points) // each) or 1]
-        laid.append((turn * points + place).astype(np.complex64))
-    return np.concatenate(laid).view(np.float32).reshape(-1, 2)
 
 
 def _density(points, poses):

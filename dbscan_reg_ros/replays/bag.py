@@ -9,18 +9,13 @@ from ..robot.base_state import base_state
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
 
-AT_A_TIME = 50
-"""Number of scans whose messages are written together."""
-
 
 @contextmanager
 def odometry_bag(path, parameters, mounting):
     """Open a bag for writing; provide a function that adds the messages of an `OdometryUpdate` to the bag.
 
     The record times are the stamps of the messages, increased where a stamp is before the last one. When the writing is
-    interrupted, the messages written until then form a valid bag. Messages of several scans are written together:
-    written one by one, they would take longer, since the odometry evicts the code of the writer from the processor's
-    caches.
+    interrupted, the messages written until then form a valid bag.
 
     Parameters
     ----------
@@ -35,26 +30,16 @@ def odometry_bag(path, parameters, mounting):
     frames = parameters.odom_frame, parameters.base_frame
     with bag_writer(path) as (writer, serialize):
         added = {topic: writer.add_topic(topic, kind) for topic, kind in TOPICS.items()}
-        time, waiting = -1, []
-
-        def write():
-            nonlocal time
-            while waiting:
-                update = waiting.pop(0)
-                time = max(update.stamp, time + 1)
-                state = base_state(update, place, place)
-                fields = {'/odom': odometry_fields(state, *frames),
-                          '/tf': {'transforms': [transform_fields(state, *frames)]},
-                          '/segments': segments_fields(update, place, parameters.odom_frame)}
-                for topic, kind in TOPICS.items():
-                    writer.write(added[topic], time, serialize(kind, fields[topic]))
+        time = -1
 
         def add(update):
-            waiting.append(update)
-            if len(waiting) == AT_A_TIME:
-                write()
+            nonlocal time
+            time = max(update.stamp, time + 1)
+            state = base_state(update, place, place)
+            fields = {'/odom': odometry_fields(state, *frames),
+                      '/tf': {'transforms': [transform_fields(state, *frames)]},
+                      '/segments': segments_fields(update, place, parameters.odom_frame)}
+            for topic, kind in TOPICS.items():
+                writer.write(added[topic], time, serialize(kind, fields[topic]))
 
-        try:
-            yield add
-        finally:
-            write()
+        yield add

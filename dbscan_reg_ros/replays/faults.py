@@ -30,13 +30,18 @@ class Faults:
         try:
             yield
         except Exception as error:  # noqa: BLE001 - any fault: the other parts are still written
-            if self._verbose:
-                traceback.print_exception(error)
-            self._reasons.setdefault(part, self._explain(error))
+            self._note(part, error)
 
     def attempt(self, part, function, *args):
         """Return the result of `function(*args)`; None if it fails, which is recorded, or if `part` failed before."""
         if part in self._reasons:
             return None
-        with self.noted(part):
+        try:
             return function(*args)
+        except Exception as error:  # noqa: BLE001 - any fault: the other parts are still written
+            self._note(part, error)
+
+    def _note(self, part, error):
+        if self._verbose:
+            traceback.print_exception(error)
+        self._reasons.setdefault(part, self._explain(error))

@@ -7,8 +7,6 @@ corrected as a whole.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix, diags
-from scipy.sparse.linalg import spsolve
 
 from ..core.features.records import Features
 from ..core.geometry.se2 import SE2, turned, wrap
@@ -156,6 +154,9 @@ def agree(poses, pairs, motions, covariances):
     -------
     (K, 3) array
     """
+    from scipy.sparse import coo_matrix, diags
+    from scipy.sparse.linalg import spsolve
+
     poses = poses.copy()
     first, second = pairs.T
     covariances = np.array([turned(c, theta) for c, theta in zip(covariances, motions[:, 2], strict=True)])

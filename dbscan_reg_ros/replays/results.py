@@ -7,7 +7,7 @@ import numpy as np
 
 from ..evaluation.known_motion import KnownMotion
 from ..evaluation.metrics import align
-from ..figures.plots import density_map, draw_map
+from ..figures.plots import MapPoints, draw_map
 from ..recordings import write_tum
 from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
@@ -44,6 +44,8 @@ class Results:
         Collects the results that cannot be written, with the reasons.
     history : ScanHistory
         Data of each scan that the page shows.
+    map_points : MapPoints
+        Returns of the scans that the odometry used.
     animation : bool
         Whether to write animation.gif as well.
     index : str
@@ -62,6 +64,7 @@ class Results:
     loops: Loops | None
     faults: Faults
     history: ScanHistory
+    map_points: MapPoints
     animation: bool = False
     index: str = ''
     lidars: OdometryWithOthers | None = None
@@ -126,17 +129,14 @@ class Results:
 
     def _draw(self, file, poses, title, truth):
         """Draw the map from the poses; return the `DensityMap`, or None if it cannot be drawn."""
-        density = self.faults.attempt(file, density_map, self._usable(), poses)
+        density = self.faults.attempt(file, self.map_points.density, poses)
         if density:
             self.faults.attempt(file, draw_map, self.folder / file, density, poses, title, _aligned(truth, poses))
         return density
 
-    def _usable(self):
-        """Return the scans that the odometry used, without masked returns."""
-        return self.trajectory.usable(masked(self.recording.scans(), self.parameters.input))
-
     def _animate(self, density, closed):
-        found, scans = self.trajectory, self._usable()
+        found = self.trajectory
+        scans = found.usable(masked(self.recording.scans(), self.parameters.input))
         write_animation(self.folder / 'animation.gif', scans, Track(found.pose_array(), found.stamps, density),
                         closed and Track(closed.poses, found.stamps, closed.density))
 

@@ -99,7 +99,7 @@ def _number_size(member):
 
 
 def _numbers(size, members, given):
-    """Return the function that appends adjacent numbers of the same `size` [bytes]; `given` has defaults other than 0."""
+    """Return the function that appends adjacent numbers of `size` [bytes]; `given` has defaults other than 0."""
     items = [(name, given.get(name, 0)) for name, _ in members]
     pack = struct.Struct('<' + ''.join(FORMATS[detail[0]] for _, (_, detail) in members)).pack
     padding = PADDING[size]
@@ -120,7 +120,7 @@ def _append_text(out, text):
 
 
 def _array(name, dtype, length):
-    """Return the function that appends an array of numbers; of a fixed `length`, or after its length if that is None."""
+    """Return the function that appends an array of numbers; its length first, unless it has a fixed `length`."""
     padding = PADDING[dtype.itemsize]
 
     def append(out, fields):
