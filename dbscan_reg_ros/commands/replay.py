@@ -26,8 +26,7 @@ from .command_line import (
 BAG_LIBRARIES = 'rosbags', 'rosbag2_py'
 """Python packages that write bags; one is enough, and without both a replay writes no bag."""
 AT_A_TIME = 50
-"""Number of scans whose results are reported together: one by one this would take longer, since the odometry evicts the
-code that reports them from the processor's caches."""
+"""Number of scans that are reported together: one by one takes longer, as the odometry evicts the code from caches."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -225,7 +224,7 @@ def _odometry(parameters, others, recording, mounting):
     from ..replays.lidars import OdometryWithOthers
 
     odometry = Odometry(parameters.for_odometry())
-    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters.input) if others else odometry
+    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters) if others else odometry
 
 
 def _replayed(results, lines, broken) -> Replayed:
@@ -248,7 +247,7 @@ def _writes_bags() -> bool:
 def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..replays.bag import odometry_bag
-    from ..replays.sensor_mounting import masked, turned
+    from ..replays.sensor_mounting import received, turned
     from .workers import watched
 
     recording, parameters = results.recording, results.parameters
@@ -269,7 +268,8 @@ def _follow(results, mounting, odometry):
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
-        scans = masked(watched(recording.scans(), recording.name, recording.count), parameters.input)
+        scans = received(watched(recording.scans(), recording.name, recording.count),
+                         parameters.input_of(recording.topic))
         scans = turned(scans, trajectory.yaw, mounting.upside_down)
         for update in trajectory.follow(scans, odometry):
             waiting.append(update)

@@ -82,7 +82,7 @@ class NodeCore:
 
     def activate(self) -> None:
         """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
-        inboxes = [lidar.subscribe(self._live.value, self._is_ready, self._on_scan) for lidar in self._lidars]
+        inboxes = [lidar.subscribe(self._is_ready, self._on_scan) for lidar in self._lidars]
         self._diagnostics.restart()
         topics = ', '.join(inbox.topic for inbox in inboxes)
         self._node.get_logger().info(f'ready: {topics} -> {self._outputs.odom.topic_name}')
@@ -102,9 +102,10 @@ class NodeCore:
     def _reconfigure(self, parameters: NodeParameters, names: Collection[str] = ()) -> None:
         """Apply `parameters`; `names` are the parameters that were just set, even to their old values."""
         self._odometry.parameters = parameters.for_odometry()
-        for part in (self._priors, self._outputs, self._services, *(lidar.inbox for lidar in self._lidars)):
-            if part:
-                part.parameters = parameters
+        for part in (self._priors, self._outputs, self._services):
+            part.parameters = parameters
+        for lidar in self._lidars:
+            lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
     def _is_ready(self, message: LaserScan) -> bool:
@@ -136,7 +137,7 @@ class NodeCore:
         try:
             mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp),
                                             lidar.log)
-            scan = lidar.reader.read(message, mounting, self._live.value)
+            scan = lidar.reader.read(message, mounting, lidar.input)
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
                 self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
             followed = mounting if len(self._lidars) == 1 else Mounting()

@@ -16,7 +16,7 @@ from ..recordings.bags.static_transforms import static_mounting
 from ..recordings.opening import is_bag
 from ..recordings.recording import Recording
 from ..robot.parameters import InputParameters
-from .sensor_mounting import masked, turned
+from .sensor_mounting import received, turned
 
 UPSIDE_DOWN = 'upside_down'
 """Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
@@ -93,7 +93,7 @@ class FurtherLidar:
 
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
-        return turned(masked(self.recording.scans(), parameters), self.mounting.pose.theta, self.mounting.upside_down)
+        return turned(received(self.recording.scans(), parameters), self.mounting.pose.theta, self.mounting.upside_down)
 
 
 def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
@@ -158,8 +158,8 @@ class OdometryWithOthers:
         Topic of the first lidar.
     mounting : Mounting
         Mounting of the first lidar.
-    parameters : InputParameters
-        Mask of the scans of the other lidars.
+    parameters : NodeParameters
+        Their `input_of` has mask and time offset of each lidar.
 
     Attributes
     ----------
@@ -172,7 +172,8 @@ class OdometryWithOthers:
     def __init__(self, odometry, others, first, mounting, parameters):
         self._odometry, self._first = odometry, Sensor(first)
         self.recordings = [other.recording for other in others]
-        self._others = [(other.sensor(mounting), other.scans(parameters)) for other in others]
+        self._others = [(other.sensor(mounting), other.scans(parameters.input_of(other.recording.topic)))
+                        for other in others]
         self._next = [next(scans, None) for _, scans in self._others]
         self.counts = {sensor.name: LidarCounts() for sensor in (self._first, *(sensor for sensor, _ in self._others))}
         self._numbers: dict[int, int] = {}

@@ -20,7 +20,7 @@ from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
-from .sensor_mounting import masked
+from .sensor_mounting import received
 from .summary import describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 
@@ -136,7 +136,7 @@ class Results:
 
     def _animate(self, density, closed):
         found = self.trajectory
-        scans = found.usable(masked(self.recording.scans(), self.parameters.input))
+        scans = found.usable(received(self.recording.scans(), self.parameters.input_of(self.recording.topic)))
         write_animation(self.folder / 'animation.gif', scans, Track(found.pose_array(), found.stamps, density),
                         closed and Track(closed.poses, found.stamps, closed.density))
 

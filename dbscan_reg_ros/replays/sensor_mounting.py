@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mounting and mask of the laser in a replay, read from the same parameters as in the node."""
+"""Mounting, mask and time offset of a lidar in a replay, read from the same parameters as in the node."""
+import dataclasses
+
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
 from ..core.scan_geometry import ScanGeometry
-from ..robot.mask import Mask
+from ..robot.mask import Mask, corrected_stamp
 from ..robot.mounting import mounting_from_parameters
 
 
@@ -12,10 +14,15 @@ def mounting_of(parameters) -> Mounting:
     return mounting_from_parameters(parameters) or Mounting()
 
 
-def masked(scans, parameters):
-    """Yield `scans` without the returns in the sectors of ``input.mask`` in `parameters` (`InputParameters`)."""
-    mask = Mask()
+def received(scans, parameters):
+    """Yield `scans` as the node uses them: the stamps corrected by ``input.time_offset``, without masked returns.
+
+    `parameters` are the `InputParameters` of this lidar.
+    """
+    mask, (offset,) = Mask(), parameters.time_offset
     for scan in scans:
+        if offset:
+            scan = dataclasses.replace(scan, stamp=corrected_stamp(scan.stamp, offset))
         yield mask.apply(scan, Mounting(), parameters)
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mask of the sectors in which a lidar sees the robot itself; the node and replays use the same mask."""
+"""Mask and time offset of the scans of a lidar, the same in the node and in replays."""
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.mounting import Mounting
-from ..core.scan import Scan
+from ..core.scan import SECOND, Scan
 from ..core.scan_geometry import ScanGeometry
 from .parameters import InputParameters
 
@@ -53,6 +53,11 @@ class Mask:
             self._key, self._geometry = key, scan.geometry
             self._masked = within(-bearings if mounting.upside_down else bearings, sectors)
         return self._masked
+
+
+def corrected_stamp(stamp: int, offset: float) -> int:
+    """Return a `stamp` [ns] plus ``input.time_offset`` [s]; 0, which means no stamp, stays 0."""
+    return stamp + round(offset * SECOND) if stamp else stamp
 
 
 def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ SECTORS = 4
 METHOD = frozenset(each.name for each in Parameters.describe())
 """Full names of the parameters of the method."""
 REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
-                     'input.mask_range'}
+                     'input.mask_range', 'input.time_offset'}
 """Full names of the parameters that a replay uses."""
 OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 """Names and values of parameters that have no effect on a replay, and so need no warning."""
@@ -27,7 +27,7 @@ OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 class InputParameters(ParameterGroup):
     """Selection of the scans that are processed, and of the beams that are used."""
 
-    BASIC = 'every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range'
+    BASIC = 'every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range', 'time_offset'
 
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
@@ -44,11 +44,27 @@ class InputParameters(ParameterGroup):
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
         help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '
-             'counter-clockwise in the frame of the scans. Two equal bearings define no sector.')
+             'counter-clockwise in the frame of the scans. Two equal bearings define no sector. Eight numbers apply to '
+             'every lidar; with several lidars there may be eight for each, in the order of scan_topics.')
     mask_range: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
         help='Returns in the sectors of input.mask are ignored when their range is below this. Larger values ignore '
              'more returns; 0 ignores all returns in the sectors.')
+    time_offset: tuple[float, ...] = parameter(
+        (0.0,), unit='s', bounds=(-10.0, 10.0),
+        help='Added to the stamps of the scans when they arrive, except to stamps of 0. A driver that stamps its scans '
+             'too late needs a negative value. One number applies to every lidar; with several lidars there may be one '
+             'for each, in the order of scan_topics.')
+
+    def of_lidar(self, number: int) -> 'InputParameters':
+        """Return the parameters of the lidar `number`, from 0: its own mask and time offset only."""
+        return dataclasses.replace(self, mask=_of_lidar(self.mask, number, 2 * SECTORS),
+                                   time_offset=_of_lidar(self.time_offset, number, 1))
+
+
+def _of_lidar(values: tuple[float, ...], number: int, size: int) -> tuple[float, ...]:
+    """Return the `size` numbers of the lidar `number`: all `values`, if every lidar has the same."""
+    return values if len(values) == size else values[size * number:size * (number + 1)]
 
 
 @dataclass(frozen=True)
@@ -175,6 +191,10 @@ class NodeParameters(Parameters):
             raise ParameterError(f'odom_frame = base_frame = {self.base_frame!r}: expected two different frames')
         if len(set(self.scan_topics)) < len(self.scan_topics):
             raise ParameterError(f'scan_topics = {list(self.scan_topics)}: expected each topic once')
+        for name, values, size, lidars in (('laser_pose', self.laser_pose, 3, 1),
+                                           ('input.mask', self.input.mask, 2 * SECTORS, len(self.scan_topics)),
+                                           ('input.time_offset', self.input.time_offset, 1, len(self.scan_topics))):
+            _check_count(name, values, size, lidars)
         if len(self.scan_topics) > 1 and self.mounting != 'tf':
             raise ParameterError(f'mounting = {self.mounting!r} with scan_topics = {list(self.scan_topics)}: expected '
                                  "mounting 'tf' for several lidars")
@@ -186,11 +206,25 @@ class NodeParameters(Parameters):
         """Return the parameters for `Odometry`: if `prior.source` is none, `advanced.odometry.prior` is none, too."""
         return self.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else self
 
+    def input_of(self, topic: str) -> InputParameters:
+        """Return the input parameters of the lidar on `topic`; of the first one if ``scan_topics`` lacks the topic."""
+        names = [each.lstrip('/') for each in self.scan_topics]
+        name = topic.lstrip('/')
+        return self.input.of_lidar(names.index(name) if name in names else 0)
+
     def unused(self, used: Collection[str]) -> list[str]:
         """Full names of parameters that differ from their defaults but have no effect, as they are not in `used`."""
         values = self.flatten()
         return [d.name for d in self.describe() if d.name not in used and values[d.name] != d.default
                 and (d.name, values[d.name]) not in OFFLINE]
+
+
+def _check_count(name: str, values: tuple[float, ...], size: int, lidars: int) -> None:
+    """Raise a ParameterError unless there are `size` numbers, or `size` for each of the `lidars`."""
+    if len(values) not in (size, size * lidars):
+        numbers = 'one number' if size == 1 else f'{size} numbers'
+        several = f', or {size * lidars}: {size} for each topic of scan_topics' if lidars > 1 else ''
+        raise ParameterError(f'{name} = {list(values)}: expected {numbers}{several}')
 
 
 def is_ros_parameter(name: str) -> bool:

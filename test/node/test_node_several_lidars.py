@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One node with two lidars, on topics of their own."""
+import dataclasses
 import heapq
 import math
 
@@ -10,10 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, changed, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.node.interfaces.lidar import OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
@@ -138,8 +141,35 @@ def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_
     assert '/front/scan: too slow' not in node.output()
 
 
+def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive, tf_type, tmp_path):
+    """The driver of the rear lidar stamps 60 ms late."""
+    scans, late = drive[0][:20], 60 * MS
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
+                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'snapshot.folder:={tmp_path}',
+                         '-p', f'input.mask:={[0.0] * 8 + [0.5, 1.0] + [0.0] * 6}')
+    said(node, 'ready: ', peer)
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    found = peer.subscribe(Odometry, '/odom')
+    for scan in scans:
+        count, rear = len(found), scan.frame_id == 'rear'
+        lidars[scan.frame_id].tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + late * rear)))
+        if not rear:
+            peer.until(lambda count=count: len(found) > count)
+    used = [update.scan for update in read_snapshot(
+        peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request()).message).updates]
+    assert {(scan.frame_id, scan.stamp) for scan in used} <= {(scan.frame_id, scan.stamp) for scan in scans}
+    sector = (scans[0].geometry.bearings > 0.5) & (scans[0].geometry.bearings < 1.0)
+    for name, masked in (('front', False), ('rear', True)):
+        sectors = [np.isnan(scan.ranges[sector]).all() for scan in used if scan.frame_id == name]
+        assert len(sectors) > 5 and set(sectors) == {masked}
+
+
 @pytest.mark.parametrize('words, expected', [
     (['-p', 'scan_topics:=[a, b]', '-p', 'mounting:=none'], "expected mounting 'tf' for several lidars"),
+    (['-p', 'scan_topics:=[a, b]', '-p', 'input.time_offset:=[0.0, 0.1, 0.2]'],
+     'expected one number, or 2: 1 for each topic of scan_topics'),
     (['-p', 'scan_topics:=[a, a]'], 'expected each topic once')])
 def test_lidars_that_cannot_be_used_are_refused(start_command, peer, words, expected):
     said(start_command('scan_matcher', '--ros-args', *words), expected, peer)

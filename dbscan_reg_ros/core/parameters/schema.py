@@ -25,8 +25,8 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
     Parameters
     ----------
     default : float, int, bool, str or tuple of float or str
-        If the default is a tuple of numbers, values are lists of the same length; if it is a tuple of texts, values are
-        lists of one or more texts.
+        If the default is a tuple of numbers, values are lists of as many numbers, or of a multiple of it: the numbers
+        of several lidars, one after the other. If it is a tuple of texts, values are lists of one or more texts.
     help : str
         Whole sentences: what the parameter does, and what larger and smaller values cause.
     unit : str
@@ -185,9 +185,10 @@ def _check_list(d: Description, values: Any) -> tuple[Any, ...]:
     if isinstance(default[0], str):
         if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or not all(values):
             raise ParameterError(f'{d.name} = {_shown(values)}: expected a list of one or more texts')
-        default = (default[0],) * len(values)
-    if isinstance(values, str) or not hasattr(values, '__len__') or len(values) != len(default):
-        raise ParameterError(f'{d.name} = {_shown(values)}: expected {len(default)} numbers')
+        default = default[:1]
+    if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or len(values) % len(default):
+        raise ParameterError(f'{d.name} = {_shown(values)}: expected '
+                             f'{f"{len(default)} numbers" if len(default) > 1 else "a list of numbers"}')
     each = dataclasses.replace(d, type=type(default[0]))
     return tuple(check(dataclasses.replace(each, name=f'{d.name}[{i}]'), value) for i, value in enumerate(values))
 

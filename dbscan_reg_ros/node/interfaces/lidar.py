@@ -11,7 +11,7 @@ from sensor_msgs.msg import LaserScan
 from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
-from ...robot.parameters import NodeParameters
+from ...robot.parameters import InputParameters, NodeParameters
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
 from .scan_input import ScanInbox, StampFilter
@@ -39,6 +39,8 @@ class Lidar:
     counters : Counters
     reader : ScanReader
     stamps : StampFilter
+    input : InputParameters
+        Selection of its scans, with the mask and the time offset of this lidar.
     inbox : ScanInbox or None
         Pending scans; None while the node is not subscribed to the topic.
     """
@@ -49,12 +51,19 @@ class Lidar:
         self.log = ThrottledLog(node.get_logger(), self.label)
         self.counters = Counters()
         self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
+        self.input = InputParameters()
         self.inbox: ScanInbox | None = None
 
-    def subscribe(self, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
+    def reconfigure(self, parameters: NodeParameters) -> None:
+        """Apply the parameters of the node."""
+        self.input = parameters.input_of(self.topic)
+        if self.inbox:
+            self.inbox.parameters = self.input
+
+    def subscribe(self, is_ready: Callable[[LaserScan], bool],
                   handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
         """Subscribe to the scans; call `handle` with this lidar and each scan; see `ScanInbox` for `is_ready`."""
-        self.inbox = ScanInbox(self._node, parameters, is_ready, lambda message: handle(self, message), self.topic)
+        self.inbox = ScanInbox(self._node, self.input, is_ready, lambda message: handle(self, message), self.topic)
         return self.inbox
 
     def unsubscribe(self) -> None:

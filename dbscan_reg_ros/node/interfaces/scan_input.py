@@ -10,10 +10,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
 from ...core.scan import SECOND
-from ...robot.parameters import NodeParameters
+from ...robot.mask import corrected_stamp
+from ...robot.parameters import InputParameters
 from .endpoints import subscription
 from .graph_checks import incompatibilities
-from .messages import stamp_from_message
+from .messages import stamp_from_message, stamp_to_message
 from .subscriptions import WakingCallbackGroup, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -29,8 +30,8 @@ class ScanInbox:
     ----------
     node : rclpy.node.Node
         The node that subscribes.
-    parameters : NodeParameters
-        Parameters of the node; may be replaced at any time.
+    parameters : InputParameters
+        Parameters of this lidar; may be replaced at any time.
     is_ready : callable
         Function that returns whether a scan can be processed now; otherwise it waits for its mounting or prior.
     handle : callable
@@ -48,7 +49,7 @@ class ScanInbox:
         When the quality of service that the parameters set is invalid.
     """
 
-    def __init__(self, node: Node, parameters: NodeParameters, is_ready: Callable[[LaserScan], bool],
+    def __init__(self, node: Node, parameters: InputParameters, is_ready: Callable[[LaserScan], bool],
                  handle: Callable[[LaserScan], None], topic: str = 'scan') -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
@@ -96,7 +97,7 @@ class ScanInbox:
         if not self._pending:
             return
         message, arrival = self._pending[0]
-        remaining = arrival + self.parameters.input.max_wait - time.monotonic()
+        remaining = arrival + self.parameters.max_wait - time.monotonic()
         if remaining > 0.0 and not self._is_ready(message):
             self._retry_after(remaining)
             return
@@ -111,12 +112,19 @@ class ScanInbox:
 
     def _queue(self, message: LaserScan) -> None:
         self.received += 1
-        if (self.received - 1) % self.parameters.input.every_nth:
+        if (self.received - 1) % self.parameters.every_nth:
             return
+        self._correct_stamp(message)
         self._pending.append((message, time.monotonic()))
-        while len(self._pending) > self.parameters.input.queue_size:
+        while len(self._pending) > self.parameters.queue_size:
             self._pending.popleft()
             self.dropped += 1
+
+    def _correct_stamp(self, message: LaserScan) -> None:
+        """Add ``input.time_offset`` to the stamp of a message, unless the message has none."""
+        offset, = self.parameters.time_offset
+        if offset:
+            message.header.stamp = stamp_to_message(corrected_stamp(stamp_from_message(message.header.stamp), offset))
 
 
 class StampFilter:

@@ -8,7 +8,7 @@ from ...core.scan import Scan
 from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
-from ...robot.parameters import NodeParameters
+from ...robot.parameters import InputParameters
 from ..throttled_log import ThrottledLog
 
 
@@ -44,7 +44,7 @@ class ScanReader:
         """Accept any stamp of the next scan: the clock was reset."""
         self._checks.restart()
 
-    def read(self, message: LaserScan, mounting: Mounting, parameters: NodeParameters) -> Scan:
+    def read(self, message: LaserScan, mounting: Mounting, parameters: InputParameters) -> Scan:
         """Convert a LaserScan message to the scan of a sensor at `mounting.aligned_pose`, without masked returns.
 
         Raises
@@ -54,4 +54,4 @@ class ScanReader:
         """
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         self._geometry = scan.geometry
-        return self._mask.apply(scan, mounting, parameters.input)
+        return self._mask.apply(scan, mounting, parameters)

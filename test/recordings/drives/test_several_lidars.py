@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of two lidars: simulated and replayed."""
+import dataclasses
 import json
 import math
 
@@ -127,15 +128,32 @@ def test_the_mask_hides_a_mast_from_the_lidar_that_sees_it(scans, tmp_path, topi
     bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': [
                 with_ranges(scan, mast, value) for scan in scans['/scan_2']]})
             for name, value in (('mast', 0.2), ('hole', np.nan))}
-    mask = tmp_path / 'mask.yaml'
-    mask.write_text('/**: {ros__parameters: {input: {mask: [1.71, 1.99, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], '
-                    'mask_range: 0.3}}}')
+    own = [1.71, 1.99, *[0.0] * 6]
     words = given(*topics)
-    replayed(bags['mast'], tmp_path / 'masked', *words, '--params-file', str(mask))
+    for name, each in (('all', own), ('each', [0.0] * 8 + own if topics[1] == '/scan_2' else own + [0.0] * 8)):
+        mask = tmp_path / f'{name}.yaml'
+        mask.write_text(f'/**: {{ros__parameters: {{scan_topics: [{", ".join(topics)}], '
+                        f'input: {{mask: {each}, mask_range: 0.3}}}}}}')
+        replayed(bags['mast'], tmp_path / name, *words, '--params-file', str(mask))
     replayed(bags['mast'], tmp_path / 'seen', *words)
     replayed(bags['hole'], tmp_path / 'hole', *words)
-    masked, seen = (trajectory(tmp_path / name, bags['mast']) for name in ('masked', 'seen'))
-    assert masked == trajectory(tmp_path / 'hole', bags['hole']) != seen
+    masked, each, seen = (trajectory(tmp_path / name, bags['mast']) for name in ('all', 'each', 'seen'))
+    assert masked == each == trajectory(tmp_path / 'hole', bags['hole']) != seen
+
+
+def test_a_lidar_that_stamps_late_is_corrected_by_its_time_offset(scans, tmp_path):
+    late = [dataclasses.replace(scan, stamp=scan.stamp + 60_000_000) for scan in scans['/scan_2']]
+    bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': rear})
+            for name, rear in (('right', scans['/scan_2']), ('late', late))}
+    file = tmp_path / 'offset.yaml'
+    file.write_text('/**: {ros__parameters: {scan_topics: [/scan, /scan_2], input: {time_offset: [0.0, -0.06]}}}')
+    words = given('/scan', '/scan_2')
+    replayed(bags['right'], tmp_path / 'out', *words)
+    replayed(bags['late'], tmp_path / 'wrong', *words)
+    replayed(bags['late'], tmp_path / 'corrected', *words, '--params-file', str(file))
+    right, wrong, corrected = (trajectory(tmp_path / out, bags[name]) for out, name in (
+        ('out', 'right'), ('wrong', 'late'), ('corrected', 'late')))
+    assert corrected == right != wrong
 
 
 def test_each_line_on_a_lidar_names_it(scans, tmp_path, capsys):
