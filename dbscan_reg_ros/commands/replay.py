@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..command_lines import command_line
-from ..requirements import is_there, missing_line
+from ..requirements import missing_line
 from .command_line import (
     INCOMPLETE,
     SEVERAL,
@@ -23,8 +23,6 @@ from .command_line import (
     shortened,
 )
 
-BAG_LIBRARIES = 'rosbags', 'rosbag2_py'
-"""Python packages that write bags; one is enough, and without both a replay writes no bag."""
 AT_A_TIME = 50
 """Number of scans that are reported together: one by one takes longer, as the odometry evicts the code from caches."""
 
@@ -229,9 +227,11 @@ def _odometry(parameters, others, recording, mounting):
 
 def _replayed(results, lines, broken) -> Replayed:
     """Return the outcome of a replay with the summary `lines`; `broken`: error that ended the replay early, or None."""
+    from ..replays.bag import BAG_LIBRARIES, writes_bags
+
     faults = results.faults.lines
     code = INCOMPLETE if faults else 0
-    if not _writes_bags():
+    if not writes_bags():
         faults.insert(0, f'bag not written: {missing_line(BAG_LIBRARIES[:1])}')
     if broken:
         code, reason = explain(broken)
@@ -239,14 +239,9 @@ def _replayed(results, lines, broken) -> Replayed:
     return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code, results.entry)
 
 
-def _writes_bags() -> bool:
-    """Whether one of the `BAG_LIBRARIES` is installed."""
-    return any(map(is_there, BAG_LIBRARIES))
-
-
 def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
-    from ..replays.bag import odometry_bag
+    from ..replays.bag import odometry_bag, writes_bags
     from ..replays.sensor_mounting import received, turned
     from .workers import watched
 
@@ -264,7 +259,7 @@ def _follow(results, mounting, odometry):
     reports = {'pairs to review': results.to_review.add, 'report.html': results.history.add,
                'map.png': lambda update: results.map_points.add(update.features.scan),
                'closed.tum': results.loops and results.loops.add}
-    if _writes_bags():
+    if writes_bags():
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:

@@ -4,10 +4,18 @@ from contextlib import contextmanager
 
 from ..recordings.conversion import bag_writer
 from ..recordings.message_fields import odometry_fields, segments_fields, transform_fields
+from ..requirements import is_there
 from ..robot.base_state import base_state
 
 TOPICS = {'/odom': 'nav_msgs/msg/Odometry', '/tf': 'tf2_msgs/msg/TFMessage',
           '/segments': 'visualization_msgs/msg/MarkerArray'}
+BAG_LIBRARIES = 'rosbags', 'rosbag2_py'
+"""Python packages that write bags; one is enough, and without both a replay writes no bag."""
+
+
+def writes_bags() -> bool:
+    """Whether one of the `BAG_LIBRARIES` is installed."""
+    return any(map(is_there, BAG_LIBRARIES))
 
 
 @contextmanager
