@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from ..core.errors import RecordingError
 from ..paths import check_writable
-from .bags.bag import LASER_SCAN, ODOMETRY, describe, open_reader, safely
+from .bags.bag import LASER_SCAN, ODOMETRY, open_reader, own, safely
 from .bags.bag_library import bag_library, is_ros1
 from .carmen.lines import SETTINGS, format_line, settings_of
 from .message_fields import pose_only_fields, scan_fields
@@ -198,7 +198,7 @@ def _bag_to_bag(source, open_target, kept, progress):
                 try:
                     added, message = convert_message(connection, raw)
                 except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
-                    problems.append(f'{source.name}: damaged message on {connection.topic} skipped: {describe(error)}')
+                    problems.append(f'{source.name}: damaged message on {connection.topic} skipped{own(error)}')
                     continue
                 writer.write(added, time, message)
                 counts[connection.topic] += 1

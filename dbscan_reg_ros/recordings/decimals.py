@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of stamps between decimal text and whole nanoseconds, without rounding to binary fractions."""
+"""Conversion of text to numbers, and of stamps to whole nanoseconds without rounding to binary fractions."""
 from decimal import Decimal
 
 END_OF_TIME = 2**31 * 1_000_000_000
@@ -26,8 +26,16 @@ def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
     except (ArithmeticError, ValueError):
         raise ValueError(f'stamp {text!r} is no number of seconds') from None
     if not possible:
-        raise ValueError(f'stamp {text} s is outside 0 to 2^31 s')
+        raise ValueError(f'stamp {text} s is outside {first // 10**9} to {end // 10**9} s: expected seconds')
     return int(stamp)
+
+
+def to_float(text) -> float:
+    """Convert text to a number, possibly infinite or not a number; raise ValueError if `text` is none."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f'{text!r} is not a number') from None
 
 
 def seconds(stamp) -> str:

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Atomic writing of files: a file is complete or does not appear."""
+"""Atomic writing of files, and the reason why a file cannot be read."""
+import gzip
 import os
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
+
+UNREADABLE = OSError, EOFError, zlib.error, UnicodeDecodeError
+"""Errors of reading a file, plain or gzip, text or binary."""
 
 
 @contextmanager
@@ -16,3 +21,12 @@ def replacing(path, binary=False):
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def reason_of(error) -> str:
+    """Return the reason for one of the errors `UNREADABLE`, and the remedy, in one line."""
+    if isinstance(error, (EOFError, gzip.BadGzipFile, zlib.error)):
+        return 'the gzip file is cut off or damaged; copy it again from its source'
+    if isinstance(error, UnicodeDecodeError):
+        return 'expected a text file in UTF-8'
+    return error.strerror or str(error)

@@ -2,12 +2,12 @@
 """Open a recording, whatever its format."""
 import gzip
 import shlex
-import zlib
 from pathlib import Path
 
 from ..core.errors import RecordingError
 from ..paths import check_file
 from .bags.bag_faults import kind_of, unpacking_advice
+from .files import UNREADABLE, reason_of
 from .recording import Recording
 
 
@@ -74,6 +74,6 @@ def _starts_of(path, size=512):
         if start.startswith(b'\x1f\x8b'):
             with gzip.open(path) as file:
                 return start, file.read1(size)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+    except UNREADABLE as error:
+        raise RecordingError(f'{path}: cannot be read: {reason_of(error)}') from error
     return start, start

@@ -136,6 +136,8 @@ class Recording:
         if topic is not None and topic not in counts:
             raise RecordingError(f'{self.path}: no scans on {topic!r}; topics of scans: {held}')
         filled = [topic] if topic is not None else _with_scans(counts)
+        if len(filled) > 1 and not any(counts.values()):
+            raise RecordingError(f'{self.path}: none of its topics of scans holds a message: {held}')
         if len(filled) > 1:
             raise RecordingError(f'{self.path}: choose one of its {len(filled)} topics of scans: {", ".join(filled)}')
         self.topic = filled[0]

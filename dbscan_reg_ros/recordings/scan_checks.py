@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.scan import SECOND
+from .stamps import equal
 
 FUTURE = 1.0
 """A stamp ahead of the clock by more than this [s] causes a warning."""
@@ -178,10 +179,10 @@ class ScanChecks:
             return ScanWarning(Kind.STAMP_BACK, f'the stamps of the scans go back by {(last - stamp) / SECOND:.3f} s, '
                                f'to {stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a '
                                'loop, was the clock set, or are there two drivers on one topic?')
-        if stamp == last and self._steps(operator.eq) >= REPEATED:
-            return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s): '
-                               'expected the time of each scan; without it there is no speed; the driver has to set '
-                               'header.stamp for every scan')
+        if equal(last, stamp) and self._steps(equal) >= REPEATED:
+            return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s), or less '
+                               'than 0.1 ms apart: expected the time of each scan; without it there is no speed; the '
+                               'driver has to set header.stamp for every scan')
         if now and stamp > now + FUTURE * SECOND:
             return ScanWarning(Kind.STAMP_FUTURE, f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the '
                                'future; is the sensor\'s clock synchronised, and use_sim_time set where it should be?')

@@ -8,6 +8,8 @@ import numpy as np
 from .decimals import END_OF_TIME
 
 SECOND = 1_000_000_000
+APART = SECOND // 10_000
+"""Stamps that differ by less than this [ns] are regarded as equal: no lidar is that fast."""
 STEADY = SECOND
 """Assumed interval of scans whose stamps cannot be used [ns]."""
 START = SECOND
@@ -37,8 +39,8 @@ def mend(stamps) -> Mended:
     """Correct the stamps of the scans in a file, or replace them if they cannot be used.
 
     Counters of 32 bits that start at 0 again are unwrapped; stamps that are negative, or too large for a ROS message,
-    are shifted. If fewer than half of the stamps are later than the one before, for example if all are equal, they
-    cannot be used, and the scans are assumed to be `STEADY` apart.
+    are shifted. If fewer than half of the stamps are later than the one before, for example if all are equal,
+    or if they span more than a ROS message can hold, they cannot be used: the scans are assumed to be `STEADY` apart.
 
     Parameters
     ----------
@@ -48,16 +50,22 @@ def mend(stamps) -> Mended:
     given = [int(stamp) for stamp in stamps]
     unwrapped, wraps = _unwrap(given)
     notes = [f'stamps start at 0 again after 2^32 {unit}: unwrapped' for unit in wraps]
-    if not usable(unwrapped) or max(unwrapped, default=0) - min(unwrapped, default=0) >= END_OF_TIME - START:
+    increasing = usable(unwrapped)
+    if not increasing or max(unwrapped, default=0) - min(unwrapped, default=0) >= END_OF_TIME - START:
+        reason = 'they span 68 years or more' if increasing else 'fewer than half are later than the one before'
         first = given[0] if 0 < given[0] < END_OF_TIME - len(given) * STEADY else START
         return Mended([first + number * STEADY for number in range(len(given))],
-                      f'stamps are of no use (fewer than half are later than the one before): scans are assumed to be '
-                      f'{STEADY / SECOND:g} s apart')
+                      f'stamps are of no use ({reason}): scans are assumed to be {STEADY / SECOND:g} s apart')
     first = min(unwrapped, default=0)
     if first < 0 or max(unwrapped, default=0) >= END_OF_TIME:
         unwrapped = [stamp - first + START for stamp in unwrapped]
         notes.append(f'stamps from {first / SECOND:.3f} s on are shifted to start at {START / SECOND:g} s')
     return Mended(unwrapped, '; '.join(notes))
+
+
+def equal(before, after) -> bool:
+    """Whether two successive stamps of scans [ns] are regarded as equal."""
+    return 0 <= after - before < APART
 
 
 def usable(stamps) -> bool:

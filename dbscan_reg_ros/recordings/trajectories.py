@@ -7,8 +7,8 @@ import numpy as np
 
 from ..core.errors import RecordingError
 from ..paths import check_file
-from .decimals import nanoseconds, seconds
-from .files import replacing
+from .decimals import nanoseconds, seconds, to_float
+from .files import UNREADABLE, reason_of, replacing
 from .poses import FARTHEST, possible
 
 
@@ -93,7 +93,7 @@ def read_csv(path):
 
 def finite_numbers(words) -> list:
     """Convert `words` to floats; raise ValueError if one is not a number, not finite or too large for a pose."""
-    numbers = [float(word) for word in words]
+    numbers = [to_float(word) for word in words]
     if not possible(numbers):
         raise ValueError(f'expected finite numbers below {FARTHEST:g}')
     return numbers
@@ -109,8 +109,8 @@ def numbered_lines(path):
     """
     check_file(path, RecordingError)
     try:
-        lines = Path(path).read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from error
+        lines = Path(path).read_text(encoding='utf-8-sig').splitlines()
+    except UNREADABLE as error:
+        raise RecordingError(f'{path}: cannot be read: {reason_of(error)}') from error
     return ((number, line.strip()) for number, line in enumerate(lines, 1)
             if line.strip() and not line.startswith('#'))

@@ -148,7 +148,9 @@ def _load(path: str | Path) -> Any:
                              f'file, or the name of a ready-made one: {", ".join(ready_made())}') from None
     except OSError as error:
         raise ParameterError(f'{path}: cannot be read: {error.strerror}') from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except UnicodeDecodeError:
+        raise ParameterError(f'{path}: no valid YAML: expected a text file in UTF-8') from None
+    except yaml.YAMLError as error:
         where = getattr(error, 'problem_mark', None)
         line = f', line {where.line + 1}' if where else ''
         raise ParameterError(f'{path}{line}: no valid YAML: {getattr(error, "problem", error)}') from None

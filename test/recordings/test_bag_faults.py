@@ -74,6 +74,10 @@ def change_metadata(folder, old, new):
     ('mcap', '- bag.mcap', '- other.mcap', 'names other.mcap, which is not there'),
     ('mcap', 'rosbag2_bagfile_information', 'something_else', 'its metadata.yaml is damaged'),
     ('mcap', 'version: 9', 'version: [', 'its metadata.yaml is damaged'),
+    ('mcap', 'version: 9', 'version: 99', 'or of a version that is not known here'),
+    ('mcap', 'version: 9', 'version: x', 'its metadata.yaml is damaged'),
+    ('mcap', 'starting_time', 'started', 'its metadata.yaml is damaged'),
+    ('sqlite3', 'topics_with_message_count', 'topics', 'its metadata.yaml is damaged'),
 ])
 def test_a_metadata_file_that_is_wrong_names_the_file_to_name_instead(tmp_path, storage, old, new, reason):
     folder = small_bag(tmp_path / 'bag', storage)
@@ -97,6 +101,28 @@ def test_a_damaged_sqlite_file_says_how_to_save_what_it_holds(tmp_path):
     assert f"sqlite3 '{file}' .recover" in refusal(file)
 
 
+def test_an_mcap_file_whose_index_is_damaged_says_how_to_mend_it(tmp_path):
+    folder = small_bag(tmp_path / 'bag')
+    (file,) = folder.glob('*.mcap')
+    content = file.read_bytes()
+    file.write_bytes(content[:-40] + bytes(30) + content[-10:])
+    for path in (file, folder):
+        assert f'a damaged mcap file; mend it: mcap recover {file}' in refusal(path)
+    file.write_bytes(b'xx' + content[2:])
+    assert 'bag.mcap is no file of a bag, or its start is damaged' in refusal(folder)
+
+
+def test_damage_within_a_bag_is_named_without_the_words_of_a_library(tmp_path):
+    raw = [('/scan', stamp, b'\0\1\0\0abc' if stamp > 2 else laser_scan(stamp)) for stamp in (1, 2, 3)]
+    recording = open_recording(write_bag(tmp_path / 'bag', raw))
+    assert recording.stamps() == [1, 2]
+    assert recording.problems == ['bag: damaged message 3 on /scan skipped']
+    (file,) = (tmp_path / 'bag').glob('*.mcap')
+    content = file.read_bytes()
+    file.write_bytes(content[:len(content) // 3] + bytes(200) + content[len(content) // 3 + 200:])
+    assert refusal(file).endswith('messages from number 1 of /scan cannot be read, the bag is damaged')
+
+
 @pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'),
                                                 (b'PK\x03\x04', 'unzip'),
                                                 (b'\x04\x22\x4d\x18', 'lz4 -d'), (b'7z\xbc\xaf\x27\x1c', '7z x')])
@@ -115,6 +141,20 @@ def test_a_gzip_file_of_a_bag_says_how_to_unpack_it(data, tmp_path):
 def test_a_bag_without_scans_names_what_it_holds(tmp_path):
     message = refusal(write_bag(tmp_path / 'bag', [('/chatter', 1, text('hello'))]))
     assert 'holds no sensor_msgs/msg/LaserScan; there are /chatter (std_msgs/msg/String)' in message
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize(('topics', 'message'), [
+    ([], 'holds no sensor_msgs/msg/LaserScan; there is no topic at all'),
+    (['/a'], 'no readable scan on /a: there is no message'),
+    (['/a', '/b'], 'none of its topics of scans holds a message: /a, /b')])
+def test_a_bag_without_messages_is_refused_with_its_topics(tmp_path, storage, topics, message):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+        for topic in topics:
+            writer.add_connection(topic, 'sensor_msgs/msg/LaserScan', typestore=get_typestore(Stores.ROS2_JAZZY))
+    assert refusal(tmp_path / 'bag').endswith(message)
 
 
 def test_the_one_topic_that_has_messages_is_taken_and_said(cases):

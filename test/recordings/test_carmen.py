@@ -251,7 +251,53 @@ def test_negative_stamps_of_a_log_are_shifted(tmp_path):
     assert recording.notes == ['stamps from -3.000 s on are shifted to start at 1 s'] and recording.problems == []
 
 
+def test_stamps_that_span_too_long_are_replaced_and_the_reason_is_noted(tmp_path):
+    lines = [flaser(stamp) for stamp in (1e9, 1e9 + 1, 4.2e9, 1e9 + 3)]
+    recording = open_recording(write_log(tmp_path / 'a.log', *lines))
+    assert recording.notes == ['stamps are of no use (they span 68 years or more): scans are assumed to be 1 s apart']
+    assert recording.stamps() == [10**18 + k * 10**9 for k in range(4)]
+
+
+# Text
+
+@pytest.mark.parametrize('rewrite', [
+    lambda text: '\ufeff' + text, lambda text: text.replace('\n', '\r\n'), lambda text: text.replace(' ', '\t'),
+    lambda text: text.replace(' ', '  '), lambda text: '# caf\u00e9\n\n  \n' + text.replace('\n', '\n#comment\n'),
+    lambda text: text.replace(' 2.0 ', ' 2.0e+00 ')])
+def test_a_log_that_an_editor_or_a_script_has_rewritten_is_read_as_before(tmp_path, rewrite):
+    path = write_log(tmp_path / 'a.log', odom(0, (0, 0, 0)), *(flaser(k, (0.1 * k, 0, 0)) for k in range(4)))
+    before = list(open_recording(path).records())
+    path.write_bytes(rewrite(path.read_text()).encode())
+    recording = open_recording(path)
+    assert recording.problems == [] and recording.count == len(before) == 4
+    for was, now in zip(before, recording.records(), strict=True):
+        assert was[1:] == now[1:] and was.scan.stamp == now.scan.stamp
+        assert was.scan.ranges.tobytes() == now.scan.ranges.tobytes()
+
+
+@pytest.mark.parametrize(('text', 'held'), [
+    ('\n\n# comment\n', 'none that is known'), (f'{"x" * 3000}\nODOM\nODOM\n', '2 ODOM; first problem'),
+    ('hello\tworld\n', '1 hello')])
+def test_a_file_without_scans_names_the_kinds_of_its_lines_only(tmp_path, text, held):
+    path = tmp_path / 'a.log'
+    path.write_text(text)
+    with pytest.raises(RecordingError) as caught:
+        open_recording(path)
+    message = str(caught.value)
+    assert f'lines of the file: {held}' in message and len(message) < 600
+
+
 # Warnings
+
+@pytest.mark.parametrize(('kind', 'limit'), [('FLASER', ''), ('ROBOTLASER1', '20.0')])
+def test_millimetres_in_a_log_are_named_whatever_its_kind_of_lines(tmp_path, kind, limit):
+    readings = ' '.join(['10', *(str(1500 + 100 * k) for k in range(10))])
+    line = (f'FLASER {readings} 0 0 0 0 0 0' if kind == 'FLASER' else
+            f'ROBOTLASER1 0 -1.2 2.4 0.3 {limit} 0.01 0 {readings} 0 0 0 0 0 0 0 0.5 0.1 0.3 0.2 1e6')
+    recording = open_recording(write_log(tmp_path / 'a.log', *(f'{line} {k} host 0.1' for k in range(3))))
+    (warning,) = recording.look_through().lines()
+    assert warning.startswith('the ranges look like millimetres') and '(3 of 3 scans, first scan 0)' in warning
+
 
 def test_register_convert_and_compare_tell_once_what_was_assumed(cases, tmp_path, capsys):
     path = cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log'

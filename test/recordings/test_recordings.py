@@ -116,11 +116,12 @@ def test_a_log_with_two_kinds_of_scans_asks_which(tmp_path):
     ('FLASER 180 1.0 2.0 3.0', '4 values where 180 readings need 190'),
     ('FLASER', 'too few values'),
     ('FLASER x 1.0', 'x'),
-    ('FLASER 0 0 0 0 0 0 0 1.0 host 1.0', '0 readings'),
-    (flaser([1.0, 'wall']), 'wall'),
+    ('FLASER 0 0 0 0 0 0 0 1.0 host 1.0', "number of readings '0': expected a whole number of at least 2"),
+    ('FLASER 2.0 1.0 2.0 0 0 0 0 0 0 1.0 host 1.0', "number of readings '2.0'"),
+    (flaser([1.0, 'wall']), "'wall' is not a number"),
     (flaser([1.0, 2.0], stamp='yesterday'), "stamp 'yesterday' is no number of seconds"),
     (flaser([1.0, 2.0], stamp='nan'), "stamp 'nan' is no number of seconds"),
-    (flaser([1.0, 2.0], stamp='-3.0e9'), 'outside 0 to 2'),
+    (flaser([1.0, 2.0], stamp='-3.0e9'), 'outside -1000000 to 4295967296 s: expected seconds'),
     (flaser([1.0, 2.0], odometry='1 nan 0'), 'expected finite numbers'),
     ('1.0 2.0 3.0 12.5 host 0.1', 'not a CARMEN message'),
     ('\x01\xff\xfe', 'not a CARMEN message'),
@@ -154,7 +155,17 @@ def test_a_cut_gzip_file_gives_what_it_holds(data, tmp_path):
     stamps = recording.stamps()
     assert 2500 < len(stamps) < 3000
     assert stamps == open_recording(data / 'intel' / 'intel.log.gz').stamps()[:len(stamps)]
-    assert any('cannot be read from here on' in problem for problem in recording.problems)
+    assert any('cannot be read from here on: the gzip file is cut off or damaged' in problem
+               for problem in recording.problems)
+
+
+def test_a_gzip_file_that_is_damaged_at_its_start_is_refused(data, tmp_path):
+    whole = (data / 'intel' / 'intel.log.gz').read_bytes()
+    path = tmp_path / 'damaged.log.gz'
+    for content in (whole[:8], whole[:200] + b'x' * 400 + whole[600:]):
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match='the gzip file is cut off or damaged; copy it again from its source'):
+            open_recording(path)
 
 
 def test_a_flipped_bit_in_a_gzip_file_is_a_problem_not_a_crash(data, tmp_path):

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from ...core.errors import RecordingError, ScanError
+from ...core.errors import DbscanRegError, RecordingError, ScanError
 from ...core.scan import Scan
 from ...paths import check_file
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
@@ -122,8 +122,7 @@ class Bag(Recording):
                 try:
                     message = (reader.to_ros2 if topic in passed else reader.deserialize)(raw, RENAMED.get(kind, kind))
                 except Exception as error:  # noqa: BLE001 - a damaged message makes the library raise nearly anything
-                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped: '
-                                 f'{describe(error)}')
+                    self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped{own(error)}')
                     continue
                 yield numbers[topic], topic, time, message
 
@@ -159,7 +158,7 @@ def open_reader(path):
     try:
         reader = library.BagReader(path)
     except Exception as error:
-        raise RecordingError(fault_of(path, describe(error))) from error
+        raise RecordingError(fault_of(path, own(error))) from error
     try:
         yield reader
     finally:
@@ -178,14 +177,15 @@ def safely(reader, connections, report, **window):
             return
         except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
             topics = ', '.join(sorted({connection.topic for connection in connections}))
-            report(f'{reader.path.name}: messages from number {number} of {topics} cannot be read: {describe(error)}')
+            report(f'{reader.path.name}: messages from number {number} of {topics} cannot be read, the bag is damaged'
+                   f'{own(error)}')
             return
         yield message
 
 
-def describe(error):
-    """Return the text of an exception in one line."""
-    return ' '.join(str(error).split()) or 'no reason given'
+def own(error) -> str:
+    """Return the text of one of our own errors, after a colon; empty for an error of a library."""
+    return f': {error}' if isinstance(error, DbscanRegError) else ''
 
 
 def _at(stamps, trajectory):

@@ -12,6 +12,10 @@ PACKED = {b'\x28\xb5\x2f\xfd': ('zstd', 'zstd -d'), b'\x1f\x8b': ('gzip', 'gunzi
           b'7z\xbc\xaf\x27\x1c': ('7z', '7z x')}
 """First bytes of a compressed file -> its format, and the command that unpacks it."""
 MCAP_END = next(iter(KINDS))
+LAST_VERSION = 9
+"""Latest version of ``metadata.yaml`` that is known here."""
+FIELDS = {'starting_time', 'duration', 'message_count', 'topics_with_message_count'}
+"""Fields that ``metadata.yaml`` must have, besides those that name the files."""
 CONVERTERS = {'sensor_msgs/msg/PointCloud2': 'the ROS package pointcloud_to_laserscan',
               'sensor_msgs/msg/MultiEchoLaserScan': 'the ROS package laser_proc'}
 """Message type -> the ROS package that converts its messages to laser scans."""
@@ -44,21 +48,21 @@ def fault_of(path, words) -> str:
     ----------
     path : Path
     words : str
-        Error message of the reader; shown if the bytes of the bag give no better reason.
+        Reason of the reader, after a colon; shown if the bytes of the bag give no better one.
     """
     try:
         found = _of_folder(path) if path.is_dir() else _of_file(path)
     except OSError as error:
         found = f'cannot be read: {error.strerror}'
-    return f'{path}: {found or f"damaged, or of a kind that is not known here ({words})"}'
+    return f'{path}: {found or f"damaged, or of a kind that is not known here{words}"}'
 
 
 def other_contents(connections) -> str:
     """Return a text with the topics of a bag without laser scans, and how to convert them to laser scans."""
     kinds = sorted({(connection.topic, connection.msgtype) for connection in connections})
-    held = ', '.join(f'{topic} ({kind})' for topic, kind in kinds) or 'no topic'
+    held = ', '.join(f'{topic} ({kind})' for topic, kind in kinds)
     advice = [f'{CONVERTERS[kind]} makes laser scans of {kind}' for kind in CONVERTERS if kind in dict(kinds).values()]
-    return '; '.join([f'there are {held}', *advice])
+    return '; '.join([f'there are {held}' if held else 'there is no topic at all', *advice])
 
 
 class _Metadata(NamedTuple):
@@ -75,10 +79,11 @@ def _of_folder(folder):
     instead = f'name the file itself: {folder / files[0]}' if files else 'it holds no file of a bag'
     metadata = _read_metadata(folder)
     if metadata is None:
-        return f'its metadata.yaml is damaged; {instead}, or write it again: ros2 bag reindex {_quoted(folder)}'
+        return f'its metadata.yaml is damaged, or of a version that is not known here; {instead}, or write it again: ' \
+               f'ros2 bag reindex {_quoted(folder)}'
     for name in metadata.names:
         file = folder / name
-        if not file.exists():
+        if not file.is_file():
             return f'metadata.yaml names {name}, which is not there; {instead}'
         if fault := _of_named_file(file, metadata):
             return fault
@@ -90,6 +95,8 @@ def _read_metadata(folder):
     import yaml
     try:
         fields = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        if fields['version'] > LAST_VERSION or FIELDS - fields.keys():
+            return None
         mode = (fields.get('compression_mode') or 'none').lower()
         return _Metadata([Path(name).name for name in fields['relative_file_paths']], fields['storage_identifier'],
                          fields.get('compression_format') if mode == 'file' else None)
@@ -108,7 +115,7 @@ def _of_named_file(file, metadata):
                f'{packed[1]} {_quoted(file)}'
     kind = kind_of(start)
     if kind is None:
-        return None
+        return f'{name} is no file of a bag, or its start is damaged'
     if compression:
         return f'metadata.yaml says that {name} is compressed with {compression}, it is a plain {kind} file; ' \
                f'name the file itself: {file}'
@@ -129,8 +136,10 @@ def _of_file(file):
     if kind == 'ROS 1 bag':
         return f'a ROS 1 bag whose index is damaged or missing; mend it with ROS 1: rosbag reindex {name}'
     mended = _quoted(file.with_name(f'{file.stem}_recovered{file.suffix}'))
-    if kind == 'mcap' and _end(file, len(MCAP_END)) != MCAP_END:
-        return f'a recording that was not closed, as after a loss of power; mend it: mcap recover {name} -o {mended}'
+    if kind == 'mcap':
+        closed = _end(file, len(MCAP_END)) == MCAP_END
+        what = 'a damaged mcap file' if closed else 'a recording that was not closed, as after a loss of power'
+        return f'{what}; mend it: mcap recover {name} -o {mended}'
     if kind == 'sqlite3':
         return f'a damaged sqlite3 file; save what can be read: sqlite3 {name} .recover | sqlite3 {mended}'
     return None

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.scan import Scan
 from ...core.scan_geometry import ScanGeometry
-from ..decimals import nanoseconds, seconds
+from ..decimals import nanoseconds, seconds, to_float
 from ..recording import Record
 from ..stamps import SECOND
 from ..trajectories import finite_numbers
@@ -36,6 +36,9 @@ class Line(NamedTuple):
     stamp : int [ns]
         Stamp in the line, not corrected; see `stamps.mend`.
     ranges : (N,) float [m]
+        Readings as written in the line, codes for missing returns included.
+    missing : (N,) bool
+        Readings that mean a missing return in lines of this kind.
     start, step : float [rad]
         Bearing of the first beam, and step from one beam to the next.
     range_max : float [m]
@@ -46,6 +49,7 @@ class Line(NamedTuple):
 
     stamp: int
     ranges: np.ndarray
+    missing: np.ndarray
     start: float
     step: float
     range_max: float
@@ -61,7 +65,8 @@ class Line(NamedTuple):
 
         The `geometry` of the last scan is used again if that of this scan is equal.
         """
-        ranges = self.ranges if no_return is None else np.where(self.ranges >= no_return, np.inf, self.ranges)
+        missing = self.missing if no_return is None else self.missing | (self.ranges >= no_return)
+        ranges = np.where(missing, np.inf, self.ranges)
         return Scan(stamp, ranges, self.geometry(settings).reuse(geometry), float(settings['laser_time_increment']),
                     settings['laser_frame'])
 
@@ -88,7 +93,7 @@ def set_parameter(settings, words):
     """Update `settings` from the words of a ``PARAM`` line if it is one of the `SETTINGS`."""
     if words[0] in settings:
         if words[0] != 'laser_frame':
-            float(words[1])
+            to_float(words[1])
         settings[words[0]] = words[1]
 
 
@@ -119,30 +124,28 @@ def format_line(record: Record) -> str:
 
 def _read_old(words, poses):
     """Parse ``FLASER`` and similar lines: number of readings, readings, `poses` poses, stamp, host, logger's stamp."""
-    n = int(words[0])
+    n = _count(words[0], FEWEST_READINGS)
     needed = n + 4 + 3 * poses
-    if n < FEWEST_READINGS or len(words) != needed:
+    if len(words) != needed:
         raise ValueError(f'{len(words)} values where {n} readings need {needed}')
     ranges = _floats(words[1:n + 1])
-    ranges[ranges >= FLASER_RANGE_MAX] = np.inf
-    return Line(_stamp(words[-3]), ranges, *_flaser_angles(n), FLASER_RANGE_MAX,
+    return Line(_stamp(words[-3]), ranges, ranges >= FLASER_RANGE_MAX, *_flaser_angles(n), FLASER_RANGE_MAX,
                 *(_pose(words[first:first + 3]) for first in range(n + 1, n + 1 + 3 * poses, 3)))
 
 
 def _read_new(words, tail):
     """Parse ``RAWLASER`` or ``ROBOTLASER``: 7 values, readings, remissions, `tail` values, stamp, host, log stamp."""
-    n = int(words[7])
-    remissions = int(words[8 + n]) if 0 < n < len(words) - 8 else 0
+    n = _count(words[7], 1)
+    remissions = _count(words[8 + n]) if n < len(words) - 8 else 0
     rest = 9 + n + remissions
-    if n < 1 or remissions < 0 or len(words) != rest + tail + 3:
+    if len(words) != rest + tail + 3:
         raise ValueError(f'{len(words)} values where {n} readings and {remissions} remissions need {rest + tail + 3}')
     start, view, step, limit = _floats(words[1:5])
     if not step and n > 1:
         step = view / (n - 1)
     poses = (_pose(words[first:first + 3]) for first in (rest, rest + 3)) if tail else ()
     ranges = _floats(words[8:8 + n])
-    ranges[ranges == limit] = np.inf
-    return Line(_stamp(words[-3]), ranges, start, step, _before(limit), *poses)
+    return Line(_stamp(words[-3]), ranges, ranges == limit, start, step, _before(limit), *poses)
 
 
 KINDS = {kind: lambda words: _read_old(words, 2) for kind in ('FLASER', 'RLASER')}
@@ -179,8 +182,14 @@ def _stamp(word):
     return nanoseconds(word, FIRST_STAMP, END_OF_STAMPS)
 
 
+def _count(word, fewest=0):
+    if not word.isdecimal() or int(word) < fewest:
+        raise ValueError(f'number of readings {word!r}: expected a whole number of at least {fewest}')
+    return int(word)
+
+
 def _floats(words):
-    return np.array([float(word) for word in words])
+    return np.array([to_float(word) for word in words])
 
 
 def _pose(words):

@@ -2,13 +2,13 @@
 """CARMEN logs, text files with one message on each line."""
 import gzip
 import re
-import zlib
 from collections import Counter, defaultdict
 from functools import partial
 
 import numpy as np
 
 from ...core.errors import RecordingError, ScanError
+from ..files import UNREADABLE, reason_of
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from .lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_parameter
@@ -19,7 +19,7 @@ LONGEST_LINE = 2**22
 MOST_KINDS = 20
 """Number of kinds of lines that the error message names if no line contains a scan."""
 
-_MESSAGE = re.compile(r'#|[A-Za-z_][A-Za-z_0-9]*\s|\s*$')
+_MESSAGE = re.compile(r'[A-Za-z_][A-Za-z_0-9]{0,39}')
 
 
 class CarmenLog(Recording):
@@ -37,8 +37,9 @@ class CarmenLog(Recording):
         super().__init__(path)
         counts, others, surveys = self._survey()
         if not counts:
+            damage = f'; first problem: {self.problems[0]}' if self.problems else ''
             raise RecordingError(f'{self.path}: holds no laser scan; lines that are read: {", ".join(KINDS)}; lines of '
-                                 f'the file: {_named(others)}')
+                                 f'the file: {_named(others)}{damage}')
         front = {kind: count for kind, count in counts.items() if kind in FRONT}
         self._choose(front if front and topic is None else counts, topic)
         if topic is None and len(front) not in (0, len(counts)):
@@ -64,7 +65,7 @@ class CarmenLog(Recording):
         for (_, line, settings), (stamp, laser, robot) in zip(self._messages((self.topic,)), given, strict=False):
             scan = line.scan(settings, geometry, stamp, found.no_return)
             geometry = scan.geometry
-            self._look(watch, ScanFields.from_scan(scan))
+            self._look(watch, ScanFields.from_scan(scan)._replace(ranges=line.ranges))
             yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
 
     def stamps(self):
@@ -121,20 +122,20 @@ class CarmenLog(Recording):
         """Yield line number, kind and the remaining text of every message."""
         number = 0
         open_text = gzip.open if _is_gzip(self.path) else open
-        with open_text(self.path, 'rt', encoding='utf-8', errors='replace') as file:
+        with open_text(self.path, 'rt', encoding='utf-8-sig', errors='replace') as file:
             try:
                 for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ''), 1):
                     if len(line) == LONGEST_LINE:
                         self._report(f'{self.path.name}:{number}: cannot be read from here on: '
                                      f'the line has {LONGEST_LINE} characters or more')
                         return
-                    kind, _, words = line.strip().partition(' ')
-                    if kind in KINDS or _MESSAGE.match(line):
+                    kind, words = (*line.split(None, 1), '', '')[:2]
+                    if _MESSAGE.fullmatch(kind):
                         yield number, kind, words
-                    else:
+                    elif kind and not kind.startswith('#'):
                         self._report(f'{self.path.name}:{number}: not a CARMEN message, skipped')
-            except (EOFError, OSError, zlib.error) as error:
-                self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {error}')
+            except UNREADABLE as error:
+                self._report(f'{self.path.name}:{number + 1}: cannot be read from here on: {reason_of(error)}')
 
 
 def _named(counts):

@@ -32,7 +32,7 @@ class Survey:
         self._stamps.append(line.stamp)
         self._laser.extend(line.laser_pose or NOWHERE)
         self._robot.extend(line.robot_pose or NOWHERE)
-        self._no_return.add(line.ranges, line.range_max)
+        self._no_return.add(line.ranges[~line.missing], line.range_max)
         self.wheels.add_scan(line.stamp, line.robot_pose)
 
     def findings(self, filtered=False) -> 'Findings':

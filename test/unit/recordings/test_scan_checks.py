@@ -86,6 +86,7 @@ def test_correct_metadata_cause_no_warning(changes):
     ({'stamp': 0}, Kind.STAMP_ZERO, 30, 'the scans have no stamp'),
     ({'stamp': START}, Kind.STAMP_EQUAL, 27, 'are equal (1700000000.000 s)'),
     ({'stamp': lambda k: START + k // 2 * SECOND // 5}, Kind.STAMP_EQUAL, 13, 'are equal'),
+    ({'stamp': lambda k: START + 1000 * k, 'time_increment': 0.0}, Kind.STAMP_EQUAL, 27, 'or less than 0.1 ms apart'),
     ({'stamp': lambda k: START - k * SECOND // 10}, Kind.STAMP_BACK, 26, 'go back by 0.100 s, to 1699999999.600 s'),
     ({'stamp': lambda k: START + k * SECOND // 10 - k % 2 * SECOND}, Kind.STAMP_BACK, 12,
      'expected stamps that increase'),

@@ -179,5 +179,5 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
     with pytest.raises(ParameterError, match='cannot be read: No such file'):
         read_parameters(tmp_path / 'none.yaml')
     (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(ParameterError, match='no valid YAML'):
+    with pytest.raises(ParameterError, match='no valid YAML: expected a text file in UTF-8'):
         read_parameters(tmp_path / 'binary.yaml')
