@@ -25,11 +25,14 @@ from ..odometry.mapping.scan_to_map import align_to_map as align_to_map
 from ..odometry.mapping.scan_to_map import alignment_uncertainty as alignment_uncertainty
 from ..odometry.models.covariance import propagate_errors as propagate_errors
 from ..registration.confidence.evidence import collect_evidence as collect_evidence
+from ..registration.degeneracy import search_degenerate_direction as search_degenerate_direction
 from ..registration.point_to_line import fit as fit
 from ..registration.rotation import estimate_rotations as estimate_rotations
 from ..registration.rotation import pair_weights as pair_weights
+from ..registration.scoring import within_gate as within_gate
 from ..registration.selection import polish_best as polish_best
 from ..registration.selection import rank_by_density as rank_by_density
+from ..registration.status import find_rivals as find_rivals
 from ..registration.translation import estimate_translations as estimate_translations
 from ..registration.uncertainty import match_covariance as match_covariance
 from ..registration.uncertainty import uncertainty as uncertainty

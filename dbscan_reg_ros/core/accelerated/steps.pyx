@@ -81,6 +81,7 @@ include "registration/clusters.pxi"
 include "registration/translation.pxi"
 include "registration/scoring.pxi"
 include "registration/ranking.pxi"
+include "registration/degeneracy.pxi"
 include "registration/uncertainty.pxi"
 include "registration/evidence.pxi"
 include "mapping/window.pxi"
@@ -95,7 +96,7 @@ STEPS = (
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
     'leverage', 'high_leverage', 'find_small_objects', 'extract_from_returns', 'build_oriented_points',
     'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'rank_by_density', 'polish_best',
-    'uncertainty', 'match_covariance', 'collect_evidence',
+    'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'within_gate', 'find_rivals',
     'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
     'dynamic_points', 'detached_points', 'beside', 'newest_in_cell', 'propagate_errors',
 )

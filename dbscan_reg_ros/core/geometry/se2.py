@@ -108,6 +108,10 @@ class SE2:
         """Format the motion, rounded to 0.1 mm and 0.001 deg."""
         return f'x {self.x:.4f} m, y {self.y:.4f} m, theta {math.degrees(self.theta):.3f} deg'
 
+    def as_tuple(self) -> tuple[float, float, float]:
+        """Return x [m], y [m] and theta [rad]."""
+        return self.x, self.y, self.theta
+
     def as_array(self) -> FloatArray:
         """Return x [m], y [m] and theta [rad] as an array ``(3,)``."""
         return np.array([self.x, self.y, self.theta])

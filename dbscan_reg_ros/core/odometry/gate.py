@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
-from ..geometry.symmetric_matrix import inverse, mahalanobis
+from ..geometry.symmetric_matrix import IDENTITY, inverse, mahalanobis
 from ..geometry.tolerance import TINY
 from ..parameters.tree import Parameters
 from ..registration.confidence.model import LIKELY
@@ -191,7 +191,7 @@ class Gate:
 
     def motion_information(self, prior: Prior) -> NDArray[np.float64]:
         """Return the information ``(3, 3)`` of a motion that differs from the `prior` by about 1 m/s and 1 rad/s."""
-        return inverse(prior.covariance + max(self._time_since_found, _MIN_TIME) ** 2 * np.eye(DOF))
+        return inverse(prior.covariance + max(self._time_since_found, _MIN_TIME) ** 2 * IDENTITY)
 
     def supports_external(self, pose: SE2) -> bool:
         """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be estimated."""
@@ -268,7 +268,7 @@ class Gate:
 
 def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]) -> float:
     """Return the squared Mahalanobis distance of `pose` from a `reference` pose, in the frame of the reference."""
-    return float(mahalanobis((reference.inverse() @ pose).as_array(), covariance))
+    return mahalanobis((reference.inverse() @ pose).as_tuple(), covariance)
 
 
 _INFORMATION_RATIO = 0.5

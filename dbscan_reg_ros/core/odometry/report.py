@@ -2,10 +2,9 @@
 """Report of one step of the odometry."""
 from typing import NamedTuple
 
-import numpy as np
-
 from ..features.records import Features
-from ..geometry.se2 import DOF, SE2, turned
+from ..geometry.se2 import SE2, turned
+from ..geometry.symmetric_matrix import IDENTITY
 from ..geometry.tolerance import RESOLUTION
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
@@ -31,12 +30,12 @@ class ReportedStep(NamedTuple):
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
     """Return the update with the published pose of a scan; variances of a lidar's resolution are added."""
-    number, frame, least = state.output.number, step.key_frame, RESOLUTION ** 2 * np.eye(DOF)
+    number, frame = state.output.number, step.key_frame
     pose, increment = state.output.publish(step.pose)
     covariance = turned(coordinate_covariance(state.covariance.pose), pose.theta)
     return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=covariance + least,
-        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + least,
+        stamp=features.scan.stamp, pose=pose, covariance=covariance + _LEAST,
+        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _LEAST,
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
@@ -49,3 +48,7 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
 def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:
     """Return the last pose again: at the start of a track, scans of another `sensor` than the first are not used."""
     return report(state, features, ReportedStep(state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor))
+
+
+_LEAST = RESOLUTION ** 2 * IDENTITY
+"""Covariance of the resolution of a lidar [m, m, rad], which is added to every published one."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several sensors on one rigid body: transforms of poses, twists and covariances between them."""
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class Sensor:
     name: str = ''
     pose: SE2 = _IDENTITY
 
-    @property
+    @cached_property
     def is_first(self) -> bool:
         """Whether this is the first sensor, for which nothing has to be transformed."""
         return self.pose == _IDENTITY

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..features.records import Features
-from ..geometry.se2 import DOF, SE2
-from ..geometry.symmetric_matrix import inverse
+from ..geometry.se2 import SE2
+from ..geometry.symmetric_matrix import IDENTITY, inverse
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
@@ -226,7 +226,7 @@ class _FoundScan:
         # Update covariances, motion and key frames.
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
         covariance = inverse(inverse(aligned.covariance) + information)
-        gain = np.eye(DOF) - covariance @ information
+        gain = IDENTITY - covariance @ information
         pose = sensor.first_at(aligned.pose)
         measurement = PoseMeasurement(sensor.first_gain(gain), sensor.first_covariance(aligned.covariance))
         _propagate(state, pose, sensor.first_prior(prior), interval, measurement)

@@ -93,9 +93,10 @@ def with_common_noise(reference: Features, current: Features) -> Features:
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:
     """Select among the prior and the clusters within the gate around it; `min_score` as for `select_by_density`."""
     p, expected = problem.parameters, prior.transform.as_array()
-    rotations = problem.rotations.near(expected[2], p.prior.gate * prior.rotation_sigma)
+    rotations = problem.rotations.near(prior.transform.theta, p.prior.gate * prior.rotation_sigma)
     motions = problem.translations(rotations).transform
-    motions = motions[within_gate(motions, prior, p.prior)][:p.selection.max_clusters]
+    near = problem.current.backend.step(within_gate)(motions, prior, p.prior)
+    motions = motions[near][:p.selection.max_clusters]
     return select_by_density(problem, Candidates(expected[None], motions), min_score)
 
 

@@ -39,8 +39,9 @@ class Rotations:
 
     def near(self, angle: float, max_difference: float) -> 'Rotations':
         """Return the hypotheses at most `max_difference` [rad] from an `angle` [rad]."""
-        chosen = np.abs(wrap(self.phi - angle)) <= max_difference
-        rank = np.append(np.where(chosen, chosen.cumsum() - 1, NOISE), NOISE)
+        chosen = [k for k, phi in enumerate(self.phi.tolist()) if abs(wrap(phi - angle)) <= max_difference]
+        rank = unlabelled(len(self.phi) + 1)
+        rank[chosen] = range(len(chosen))
         return Rotations(self.phi[chosen], self.weight[chosen], self.difference, rank[self.labels], self.eps)
 
 

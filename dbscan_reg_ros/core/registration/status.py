@@ -36,7 +36,7 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     covariance, observed = current.backend.step(uncertainty)(
         best, fine.best, current.sampled_points, noise, problem.parameters)
     degenerate = observed.weak < p.min_information
-    rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p)
+    rivals = current.backend.step(find_rivals)(fine.candidates, observed.angle if degenerate else None, p)
     evidence, = current.backend.step(collect_evidence)(
         fine.candidates[:1], fine.best, (observed.weak,), reference, current, problem.parameters)
     odds = [log_odds(evidence, problem.prior, best), *fine.odds[1:].tolist()]

@@ -10,11 +10,14 @@ from dbscan_reg_ros import SE2, Parameters, Scan, extract_features, register
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.registration.confidence.evidence import collect_evidence
+from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction
 from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.records import Prior
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.scoring import within_gate
 from dbscan_reg_ros.core.registration.search import Candidates, Problem
 from dbscan_reg_ros.core.registration.selection import polish_best, rank_by_density
+from dbscan_reg_ros.core.registration.status import find_rivals
 from dbscan_reg_ros.core.registration.translation import estimate_translations
 from dbscan_reg_ros.core.registration.uncertainty import Residuals, match_covariance, uncertainty
 
@@ -86,6 +89,27 @@ def test_ranking(both, rng, name):
                     else:
                         both(polish_best, problem, expected)
                     assert_same(expected, found)
+
+
+@pytest.mark.parametrize('name', ['usual', 'any normals'])
+def test_search_along_degenerate_directions(both, rng, name):
+    """Of one hypothesis and of several; also where too few points face the direction."""
+    for p in (SETTINGS[name], changed(SETTINGS[name], degeneracy=changed(P.degeneracy, min_points=1000))):
+        for reference, current in feature_pairs(rng):
+            for count in (1, 5):
+                candidates, angles = rng.normal(0.0, 0.2, (count, 3)), rng.uniform(-3.0, 3.0, count)
+                both(search_degenerate_direction, candidates, angles, Problem(reference, current, p))
+
+
+@pytest.mark.parametrize('size', [1, 2, 40])
+def test_hypotheses_near_one(both, rng, size):
+    """Also of angles that wrap around, and apart along a degenerate direction only."""
+    candidates = rng.normal(0.0, (0.3, 0.3, 3.0), (size, 3))
+    candidates[::2, 2] = np.pi * rng.choice([-1.0, 1.0], len(candidates[::2]))
+    prior = Prior(SE2.from_array(candidates[0]), np.diag((0.04, 0.01, 0.02)))
+    both(within_gate, candidates, prior, P.prior)
+    for direction in (None, 0.0, rng.uniform(-3.0, 3.0)):
+        both(find_rivals, candidates, direction, P.decision)
 
 
 @pytest.mark.parametrize('size', SIZES)

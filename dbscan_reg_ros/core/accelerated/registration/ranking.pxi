@@ -104,9 +104,9 @@ cdef supported(Comparison comparison, candidates, PointViews views, double scale
 
 cdef rank_finely(Comparison comparison, coarse):
     """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways."""
-    problem, p = comparison.problem, comparison.problem.parameters
+    p = comparison.problem.parameters
     top = top_candidates(comparison, coarse)
-    close = with_shifted(problem, top[0], top[4])
+    close = with_shifted(comparison, top[0], top[4])
     scales = np.array(p.refinement.fine_scales())
     if len(close) > 1:
         return improved(comparison, close, comparison.own, scales, True)
@@ -153,10 +153,10 @@ cdef int choose_distinct(const double[:, ::1] poses, Py_ssize_t count, double mo
     return found
 
 
-cdef with_shifted(problem, candidates, equations):
+cdef with_shifted(Comparison comparison, candidates, equations):
     """Return the hypotheses, and for each with a degenerate direction a better one along it, where there is one."""
     cdef double[:, :, ::1] tables = equations
-    cdef double ratio = problem.parameters.degeneracy.information_ratio
+    cdef double ratio = comparison.problem.parameters.degeneracy.information_ratio
     cdef Weakest weakest
     cdef Py_ssize_t h
     flags, angles = np.zeros(len(candidates), dtype=bool), np.empty(len(candidates))
@@ -165,7 +165,7 @@ cdef with_shifted(problem, candidates, equations):
         flags[h], angles[h] = weakest.weak < ratio * weakest.strong, weakest.angle
     if not flags.any():
         return candidates
-    shifted = degeneracy_steps.search_degenerate_direction(candidates[flags], angles[flags], problem)
+    shifted = search_along(comparison, candidates[flags], angles[flags])
     return np.concatenate((candidates, shifted[(np.abs(shifted - candidates[flags]) > TINY).any(axis=1)]))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.se2 import DOF, SE2
+from ...geometry.symmetric_matrix import diagonal
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
@@ -64,7 +65,7 @@ class ConstantVelocityModel:
     """The direction [rad] that has been degenerate since that scan; None if none is."""
     _increment: SE2 | None
     """Predicted increment; None where it is unknown."""
-    _velocities: list[NDArray[np.float64]]
+    _velocities: list[list[float]]
 
     def __init__(self, pose: SE2, sensor: str = ''):
         self.reset_velocity()
@@ -136,10 +137,9 @@ class ConstantVelocityModel:
         change, rotation_change = p.acceleration * interval.length ** 2, p.angular_acceleration * interval.length ** 2
         rotation_change = min(rotation_change, max_sigma)
         sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
-        rotation_sigma = math.hypot(p.min_sigma, rotation_change, p.stamp_jitter * increment.theta)
-        rotation_sigma = min(rotation_sigma, max_sigma)
-        return Prior(increment, np.diag((sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma)),
-                     np.diag((change, change, rotation_change)) ** 2)
+        rotation_sigma = min(math.hypot(p.min_sigma, rotation_change, p.stamp_jitter * increment.theta), max_sigma)
+        return Prior(increment, diagonal(sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma),
+                     diagonal(change, change, rotation_change) ** 2)
 
     def gate_covariance(self, prior: Prior, predicted: SE2, lost_time: float,
                         parameters: Parameters) -> NDArray[np.float64]:
@@ -203,8 +203,7 @@ class ConstantVelocityModel:
         direction = constraints.direction
         if constraints.rotation_unobservable:
             direction = self._degenerate_direction = None
-        middle = pose @ integrate(self.twist, interval.middle_offset)
-        before = self._middles.get(sensor)
+        middle, before = pose @ integrate(self.twist, interval.middle_offset), self._middles.get(sensor)
         if self.position_unknown:
             self.reset_velocity()
             self._increment = None
@@ -216,7 +215,7 @@ class ConstantVelocityModel:
             elif self._degenerate_direction is not None and self._is_unconstrained_since(before):
                 self._catch_up(predicted[:2], middle, self._degenerate_direction)
             self.twist = _limited(self.twist, parameters)
-            self._velocities = [*self._velocities, self.twist[:2]][-parameters.prior.velocity_window:]
+            self._velocities = [*self._velocities, self.twist[:2].tolist()][-parameters.prior.velocity_window:]
             self._increment, self._last_interval = integrate(self._mean_twist(), interval.length), interval.length
             self._regular = not interval.of_others
         if direction is None:
@@ -254,15 +253,17 @@ class ConstantVelocityModel:
         The turn rate needs no mean, as scans constrain the rotation well. They constrain the translation along walls
         poorly: without a mean, a step too long because of noise would be predicted again and confirm itself.
         """
-        vx, vy = sum(self._velocities, np.zeros(2)) / max(len(self._velocities), 1)
-        return np.array((vx, vy, self.twist[2]))
+        count, vx, vy = max(len(self._velocities), 1), 0.0, 0.0
+        for x, y in self._velocities:
+            vx, vy = vx + x, vy + y
+        return np.array((vx / count, vy / count, self.twist[2]))
 
 
 def _limited(twist: NDArray[np.float64], parameters: Parameters) -> NDArray[np.float64]:
     """Return a twist [m/s, m/s, rad/s], clipped to the limits of speed and turn rate."""
-    p, speed = parameters.odometry, math.hypot(twist[0], twist[1])
-    vx, vy = twist[:2] * min(1.0, p.max_speed / max(speed, TINY))
-    return np.array((vx, vy, min(max(twist[2], -p.max_turn_rate), p.max_turn_rate)))
+    p, (vx, vy, turn_rate) = parameters.odometry, twist.tolist()
+    ratio = min(1.0, p.max_speed / max(math.hypot(vx, vy), TINY))
+    return np.array((vx * ratio, vy * ratio, min(max(turn_rate, -p.max_turn_rate), p.max_turn_rate)))
 
 
 def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) -> NDArray[np.float64]:
@@ -270,13 +271,13 @@ def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) ->
     p, time = parameters.prior, interval.elapsed if interval.gap else interval.length
     distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
     sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_sigma, rotation)
-    return np.diag([sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)]) ** 2
+    return diagonal(sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)) ** 2
 
 
 def displacement_covariance(time: float, parameters: Parameters) -> NDArray[np.float64]:
     """Return the covariance ``(3, 3)`` [m, m, rad] of a motion that was not observed for a `time` [s]."""
     distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
-    return np.diag((distance, distance, rotation)) ** 2
+    return diagonal(distance, distance, rotation) ** 2
 
 
 def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, float]:
@@ -287,7 +288,7 @@ def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, flo
 
 def integrate(twist: NDArray[np.float64], time: float) -> SE2:
     """Return the motion of a constant `twist` [m/s, m/s, rad/s] in a `time` [s], to first order."""
-    return SE2.from_array(twist * time)
+    return SE2.from_array([each * time for each in twist.tolist()])
 
 
 _MAX_ROTATION_SIGMA = 1.0

@@ -40,10 +40,11 @@ class ZeroVelocityUpdate:
         SE2
             The mean pose since the sensor came to rest, if it has been at rest for more than 1 s; otherwise `pose`.
         """
-        offset = (self._mean.inverse() @ pose).as_array()
+        offset = (self._mean.inverse() @ pose).as_tuple()
         # A direction that is hardly constrained proves no rest: the pose of a moving sensor stays within its gate.
-        variance, axes = np.linalg.eigh(covariance)
-        covariance = axes * np.minimum(variance, _MAX_SIGMA ** 2) @ axes.T
+        if covariance.trace() > _MAX_SIGMA ** 2:
+            variance, axes = np.linalg.eigh(covariance)
+            covariance = axes * np.minimum(variance, _MAX_SIGMA ** 2) @ axes.T
         if mahalanobis(offset, covariance) > gate ** 2:
             self._mean, self._count, self._rest_time = pose, 1, 0.0
             return pose

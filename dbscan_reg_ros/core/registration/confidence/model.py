@@ -6,12 +6,11 @@
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from ...geometry.array_types import FloatArray
+from ...geometry.se2 import SE2
+from ...geometry.symmetric_matrix import determinant, mahalanobis
 from ...geometry.tolerance import SAME
 from ..records import Evidence, Prior
-from ..scoring import squared_mahalanobis
 
 TERMS: dict[str, Callable[[Evidence], float]] = {
     'conflicts': lambda e: math.sqrt(e.conflicts_current) + math.sqrt(e.conflicts_reference),
@@ -67,8 +66,9 @@ def prior_gain(prior: Prior, candidate: FloatArray) -> float:
     density is a mixture: the normal distribution of the prior and, with a small weight because a prior may be wrong,
     the density of any motion.
     """
-    squared = float(squared_mahalanobis(candidate[None], prior)[0])
-    normaliser = math.sqrt((2.0 * math.pi) ** len(candidate) * float(np.linalg.det(prior.covariance)))
+    off = prior.transform.inverse() @ SE2.from_array(candidate.tolist())
+    squared = mahalanobis(off.as_tuple(), prior.covariance)
+    normaliser = math.sqrt((2.0 * math.pi) ** len(candidate) * determinant(prior.covariance))
     return math.log((1.0 - _WRONG_PRIORS) * _ANY_MOTION / normaliser * math.exp(-0.5 * squared) + _WRONG_PRIORS)
 
 

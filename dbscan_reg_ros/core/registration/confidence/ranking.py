@@ -19,6 +19,8 @@ def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
     is not compared; its evidence is collected when it has been polished.
     """
     d = problem.parameters.decision
+    if len(fine.candidates) == 1:
+        return fine
     kept = fine.select(distinct(fine.candidates, len(fine.candidates), d.rival_distance, d.rival_angle))
     if len(kept.candidates) == 1:
         return kept
