@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from .core.backend import REFERENCE, Backend
+from .core.parameters.tree import Parameters
 
 PURE = 'DBSCAN_REG_PURE'
 """Environment variable that chooses the numpy reference if it is set to anything but 0."""
@@ -38,3 +39,18 @@ def choose() -> Backend:
     """Return the default backend: the compiled one if it can run and `PURE` does not forbid it, else the reference."""
     pure = os.environ.get(PURE, '0') not in ('', '0')
     return REFERENCE if pure else compiled_backend() or REFERENCE
+
+
+def reference_settings(parameters: Parameters) -> list[str]:
+    """Return the names of parameters set to what no compiled step knows: the reference runs the steps of these."""
+    rotation, translation = parameters.rotation, parameters.translation
+    settings = {
+        'advanced.rotation.clustering': rotation.clustering != 'built_in',
+        'rotation.min_samples': rotation.min_samples > 1,
+        'advanced.rotation.median_scale': rotation.median_scale > 0.0,
+        'advanced.translation.form': translation.form != 'signed',
+        'advanced.translation.clustering': translation.clustering != 'built_in',
+        'translation.min_samples': translation.min_samples > 1,
+        'advanced.selection.method': parameters.selection.method == 'divergence',
+    }
+    return [name for name, is_set in settings.items() if is_set]

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..backend_choice import reference_settings
 from ..command_lines import command_line
 from ..requirements import missing_line
 from .command_line import (
@@ -34,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
                          'parameters used. Exit status 0: all results are written; 3: some are not, for example '
                          'because the disk is full, and standard error names them; 2: an argument or a recording '
-                         'cannot be used; 130: interrupted; 1: any other failure.')
+                         'cannot be used; 130: interrupted; 1: any other failure. With -v the summary also '
+                         'names parameters whose steps are not compiled: the slower numpy reference runs these.')
     add_recordings(parser, SEVERAL)
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
@@ -195,10 +197,11 @@ def replay_one(job) -> Replayed:
         raise broken or _too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
-    prefix = f'{recording.topic}: ' if others else ''
+    prefix, names = f'{recording.topic}: ' if others else '', reference_settings(job.parameters)
     lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
+             *([f'reference   runs the steps of {", ".join(names)}'] if job.verbose and names else []),
              *(f'{name:11} {value}' for name, value in summary)]
     return _replayed(results, lines, broken)
 

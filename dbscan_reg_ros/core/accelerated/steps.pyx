@@ -26,7 +26,7 @@ from ..features.free_space import FreeSpaceProfile
 from ..features.likelihood_field import LikelihoodField
 from ..features.oriented_points import OrientedPoints
 from ..features.point_sequence import PointSequence
-from ..features.records import Features, Segments
+from ..features.records import EndKind, Features, Segments
 from ..features.small_objects import SmallObjects
 from ..geometry import tolerance
 from ..geometry.se2 import SE2

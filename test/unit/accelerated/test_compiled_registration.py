@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled steps of the registration against the reference."""
+import copy
 import dataclasses
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from accelerated_inputs import SIZES, assert_same, oriented_points, ranges, segments
 
 from dbscan_reg_ros import SE2, Parameters, Scan, extract_features, register
+from dbscan_reg_ros.backend_choice import reference_settings
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.registration.confidence.evidence import collect_evidence
@@ -134,6 +136,19 @@ def test_registrations(compiled, rng):
     found, other = (register(one, two, backend=backend) for backend in (REFERENCE, compiled))
     assert_same(found.hypotheses, other.hypotheses)
     assert_same((found.status, found.covariance, found.reason), (other.status, other.covariance, other.reason))
+
+
+def test_scans_that_were_registered_can_be_copied(compiled, rng):
+    """What the compiled steps keep with points and tables is no part of them."""
+    one, two = (extract_features(scan(rng, 360), backend=compiled) for _ in range(2))
+    found = register(one, two)
+    assert_same(found.hypotheses, register(copy.deepcopy(one), copy.deepcopy(two)).hypotheses)
+
+
+def test_settings_without_compiled_steps_are_named():
+    assert reference_settings(P) == []
+    names = reference_settings(P.replace({'rotation.min_samples': 2, 'advanced.translation.form': 'squared'}))
+    assert names == ['rotation.min_samples', 'advanced.translation.form']
 
 
 def test_evidence(compiled, rng):

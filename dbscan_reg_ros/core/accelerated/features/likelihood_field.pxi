@@ -67,6 +67,7 @@ cdef int write_nearest(Index[::1] table, const double complex[::1] points, doubl
     cdef Py_ssize_t[::1] order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
     cdef Py_ssize_t[::1] cell_of = np.empty(size, np.intp), quarter_of = np.empty(size, np.intp)
     cdef double[::1] closeness = np.empty(size)
+    cdef Py_ssize_t[4] shift
     cdef double x, y
     with nogil:
         for k in range(size):
@@ -84,6 +85,8 @@ cdef int write_nearest(Index[::1] table, const double complex[::1] points, doubl
         for k in range(winners):
             cell_of[k], quarter_of[k] = home[order[k]], quarter[order[k]]
         for disc in range(offsets.shape[0]):
+            for k in range(4):
+                shift[k] = offsets[disc, k]
             for k in range(winners):
-                table[cell_of[k] + offsets[disc, quarter_of[k]]] = <Index> order[k]
+                table[cell_of[k] + shift[quarter_of[k] & 3]] = <Index> order[k]
     return 0

@@ -35,6 +35,11 @@ cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[:
         while start < size:
             middle, end = min(start + width, size), min(start + 2 * width, size)
             i, j = start, middle
+            if middle == end or keys[order[middle - 1]] <= keys[order[middle]]:
+                for k in range(start, end):
+                    scratch[k] = order[k]
+                start += 2 * width
+                continue
             for k in range(start, end):
                 if i < middle and (j >= end or keys[order[i]] <= keys[order[j]]):
                     scratch[k] = order[i]
@@ -43,7 +48,8 @@ cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[:
                     scratch[k] = order[j]
                     j += 1
             start += 2 * width
-        order[:size] = scratch[:size]
+        for k in range(size):
+            order[k] = scratch[k]
         width *= 2
     return 0
 

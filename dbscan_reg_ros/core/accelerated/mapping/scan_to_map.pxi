@@ -120,7 +120,7 @@ def alignment_uncertainty(features, pose, correspondences, initial, p):
         Directions in the odometry frame.
     """
     rows, start = correspondences.rows, correspondences.pose
-    cdef PointViews views = PointViews(features.oriented_points)
+    cdef PointViews views = views_of(features.oriented_points)
     cdef const double complex[::1] rotated_point = correspondences.rotated_points
     cdef const Py_ssize_t[::1] index = correspondences.index
     cdef Py_ssize_t size = index.shape[0], k

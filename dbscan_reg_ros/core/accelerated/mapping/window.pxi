@@ -144,8 +144,8 @@ def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::
     chosen = np.empty((frame_count, always + most), np.intp)
     cdef Py_ssize_t[:, ::1] row = chosen
     cdef bint any_point
-    for k in range(frame_count):
-        subset, j = k % subsets, 0
+    for k in range(min(frame_count, subsets)):
+        subset, j = k, 0
         for i in range(size):
             if in_every_frame[i]:
                 row[k, j] = i
@@ -157,4 +157,7 @@ def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::
                 j += 1
         for i in range(j, always + most):
             row[k, i] = row[k, i - count[subset]]
+    # Each subset is looked up in several key frames.
+    for k in range(subsets, frame_count):
+        row[k, :] = row[k - subsets, :]
     return chosen

@@ -11,11 +11,11 @@ cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::
     cdef Py_ssize_t size = samples.shape[0], level, k, label, count, offset = 0
     cdef double low = samples[0].real, high = samples[0].real, squared = max_width * max_width
     found = np.empty(size, np.intp)
-    cdef Py_ssize_t[::1] labels = found, order = np.empty(size, np.intp), parent = np.empty(size, np.intp)
-    cdef Py_ssize_t[::1] rank = np.empty(size, np.intp)
+    cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
+    cdef Py_ssize_t[::1] labels = found, order = work[0], parent = work[1], rank = work[2]
     cdef unsigned char[::1] chosen = np.ones(size, np.uint8)
-    cdef double[::1] x = np.empty(size)
-    cdef double[:, ::1] sums = np.empty((3, size))
+    cdef double[:, ::1] sums = np.empty((4, size))
+    cdef double[::1] x = sums[3]
     with nogil:
         for k in range(1, size):
             low, high = min(low, samples[k].real), max(high, samples[k].real)
@@ -99,25 +99,33 @@ cdef int flag_chains(const double complex[::1] samples, const Py_ssize_t[::1] la
 cdef rank_translations(const double complex[::1] samples, const double[::1] sample_weight,
                        const Py_ssize_t[::1] rotation, const Py_ssize_t[::1] labels, const double[::1] phi):
     """Return weighted mean and weight of each cluster, heaviest first, and the rank of each sample's cluster."""
-    cdef Py_ssize_t size = samples.shape[0], clusters = 0, k, at
+    cdef Py_ssize_t size = samples.shape[0], clusters = 0, count = 0, k, at
     for k in range(size):
         clusters = max(clusters, labels[k] + 1)
-    sums, angles, members = np.zeros((3, clusters)), np.zeros(clusters), np.zeros(clusters, np.intp)
-    cdef double[:, ::1] total = sums
-    cdef double[::1] angle = angles
-    cdef Py_ssize_t[::1] used = members
-    for k in range(size):
-        at = labels[k]
-        used[at] = 1
-        total[0, at] += sample_weight[k]
-        total[1, at] += sample_weight[k] * samples[k].real
-        total[2, at] += sample_weight[k] * samples[k].imag
-        angle[at] = phi[rotation[k]]
-    # Numbers of clusters that were clustered again are unused.
-    index = members.nonzero()[0]
-    order = index[(-sums[0, index]).argsort(kind='stable')]
-    rank = np.empty(clusters, np.intp)
-    rank[order] = np.arange(len(order))
-    weight = sums[0, order]
-    transform = np.stack((sums[1, order] / weight, sums[2, order] / weight, angles[order]), axis=1)
-    return transform, weight, rank[np.asarray(labels)]
+    table, ranked = np.zeros((4, clusters)), np.empty(size, np.intp)
+    transform, weights = np.empty((clusters, 3)), np.empty(clusters)
+    cdef double[:, ::1] total = table, motion = transform
+    cdef double[::1] weight = weights
+    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
+    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3], label = ranked
+    with nogil:
+        for k in range(size):
+            at = labels[k]
+            used[at] = 1
+            # Negative: the heaviest come first.
+            total[0, at] -= sample_weight[k]
+            total[1, at] += sample_weight[k] * samples[k].real
+            total[2, at] += sample_weight[k] * samples[k].imag
+            total[3, at] = phi[rotation[k]]
+        sort_stably(total[0], order, work[2])
+        for k in range(clusters):
+            at = order[k]
+            # Numbers of clusters that were clustered again are unused.
+            if used[at]:
+                weight[count], rank[at] = -total[0, at], count
+                motion[count, 0], motion[count, 1] = total[1, at] / weight[count], total[2, at] / weight[count]
+                motion[count, 2] = total[3, at]
+                count += 1
+        for k in range(size):
+            label[k] = rank[labels[k]]
+    return transform[:count], weights[:count], ranked

@@ -22,9 +22,32 @@ cdef inline double nearest_of(double complex place, const double complex[::1] ot
     return nearest
 
 
+cdef const double complex[::1] fixed_ends(segments):
+    """Return the corners and free ends of the segments, as `Segments.fixed_ends`, and keep them there."""
+    cdef dict kept = segments.__dict__
+    cdef const Py_ssize_t[:, :] kinds
+    cdef const double[:, :] start, end
+    cdef double complex[::1] place
+    cdef Py_ssize_t free_end = EndKind.FREE, occlusion = EndKind.OCCLUSION, k, count = 0
+    if 'fixed_ends' not in kept:
+        kinds, start, end = segments.kinds, segments.start, segments.end
+        place = places = np.empty(2 * kinds.shape[0], complex)
+        for k in range(kinds.shape[0]):
+            if kinds[k, 0] != occlusion:
+                place[count] = start[k, 0] + 1j * start[k, 1]
+                count += 1
+        for k in range(kinds.shape[0]):
+            if kinds[k, 1] == free_end:
+                place[count] = end[k, 0] + 1j * end[k, 1]
+                count += 1
+        kept['fixed_ends'] = places[:count]
+    return kept['fixed_ends']
+
+
 cdef double crossing_of(reference, current, const double[:] candidate):
     """Return the length [m] of the matched segments across their main direction."""
-    cdef const double[:, ::1] middle_r = reference.midpoint, middle_o = current.midpoint
+    cdef const double[:, :] start_r = reference.start, end_r = reference.end
+    cdef const double[:, :] start_o = current.start, end_o = current.end
     cdef const double[:] direction_r = reference.direction, direction_o = current.direction
     cdef const double[:] length_r = reference.length, length_o = current.length
     cdef double same_place = evidence_steps._SAME_PLACE, parallel = evidence_steps._PARALLEL
@@ -32,14 +55,15 @@ cdef double crossing_of(reference, current, const double[:] candidate):
     cdef double total = 0.0, double_c = 0.0, double_s = 0.0, step_x, step_y
     cdef Py_ssize_t r, o
     with nogil:
-        for o in range(middle_o.shape[0]):
-            x = c * middle_o[o, 0] - s * middle_o[o, 1] + candidate[0]
-            y = s * middle_o[o, 0] + c * middle_o[o, 1] + candidate[1]
+        for o in range(direction_o.shape[0]):
+            step_x, step_y = 0.5 * (start_o[o, 0] + end_o[o, 0]), 0.5 * (start_o[o, 1] + end_o[o, 1])
+            x, y = c * step_x - s * step_y + candidate[0], s * step_x + c * step_y + candidate[1]
             angle, length = direction_o[o] + candidate[2], 0.0
-            for r in range(middle_r.shape[0]):
+            for r in range(direction_r.shape[0]):
                 if cos(angle - direction_r[r]) <= parallel:
                     continue
-                step_x, step_y = x - middle_r[r, 0], y - middle_r[r, 1]
+                step_x = x - 0.5 * (start_r[r, 0] + end_r[r, 0])
+                step_y = y - 0.5 * (start_r[r, 1] + end_r[r, 1])
                 along = step_x * cos(direction_r[r]) + step_y * sin(direction_r[r])
                 across = step_y * cos(direction_r[r]) - step_x * sin(direction_r[r])
                 if fabs(across) >= same_place:
@@ -69,7 +93,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     cdef const unsigned char[:, ::1] alike = fits.alike
     cdef const double complex[:, ::1] place = fits.places
     cdef const double complex[::1] own = reference.sampled_points.points
-    cdef const double complex[::1] ends_r = reference.segments.fixed_ends, ends_o = current.segments.fixed_ends
+    cdef const double complex[::1] ends_r = fixed_ends(reference.segments), ends_o = fixed_ends(current.segments)
     cdef const double[::1] near_r = reference.free_space.near, far_r = reference.free_space.far
     cdef const double[::1] near_o = current.free_space.near, far_o = current.free_space.far
     cdef Py_ssize_t size = error.shape[1], count = own.shape[0], h, k, on_outline, matched, unmatched

@@ -54,6 +54,10 @@ cdef class Lines:
         self.table, self.normals, self.offsets = field.index.view(np.uint8), field.normals, field.offsets
         self.grid, self.no_point = grid_of(field), self.normals.shape[0] - 1
 
+    def __reduce__(self):
+        """Copies of the field make views of their own."""
+        return type(None), ()
+
 
 cdef class PointViews:
     """Views of `OrientedPoints`."""
@@ -67,6 +71,28 @@ cdef class PointViews:
         self.size = self.points.shape[0]
         self.weights = given_or_ones(oriented.weights, self.size)
         self.inverse_noise = given_or_ones(oriented.inverse_noise, self.size)
+
+    def __reduce__(self):
+        """Copies of the points make views of their own."""
+        return type(None), ()
+
+
+cdef Lines lines_of(field):
+    """Return the views of a `LikelihoodField`, which are kept with it."""
+    cdef dict kept = field.__dict__
+    views = kept.get('compiled_views')
+    if views is None:
+        views = kept['compiled_views'] = Lines(field)
+    return <Lines> views
+
+
+cdef PointViews views_of(oriented):
+    """Return the views of `OrientedPoints`, which are kept with them."""
+    cdef dict kept = oriented.__dict__
+    views = kept.get('compiled_views')
+    if views is None:
+        views = kept['compiled_views'] = PointViews(oriented)
+    return <PointViews> views
 
 
 cdef const double[::1] ones = np.ones(4096)

@@ -51,8 +51,8 @@ def fit(candidates, points, field, double min_normal_cosine):
         Minimum cosine of the angle between corresponding normals.
     """
     cdef const double[:, ::1] poses = np.ascontiguousarray(candidates)
-    cdef PointViews views = PointViews(points)
-    cdef Lines lines = Lines(field)
+    cdef PointViews views = views_of(points)
+    cdef Lines lines = lines_of(field)
     cdef Py_ssize_t h, k
     cdef Match found
     cdef Pose pose

@@ -13,8 +13,8 @@ cdef class Comparison:
 
     def __cinit__(self, problem):
         p, current = problem.parameters, problem.current
-        self.problem, self.field = problem, Lines(problem.reference.likelihood_field)
-        self.own, self.share = PointViews(current.sampled_points), current.leverage
+        self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
+        self.own, self.share = views_of(current.sampled_points), current.leverage
         self.near = problem.reference.free_space.near
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
         self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
@@ -67,7 +67,7 @@ cdef rank_coarsely(Comparison comparison, candidates, points):
         if len(others) > p.selection.preselected:
             others = scoring_steps.preselect(others, points, problem.reference.free_space, p.selection, p.density)
         return improved(comparison, np.concatenate((candidates.exempt, others)), comparison.own, scales, False)
-    cdef PointViews some = PointViews(oriented_steps.sample(points, p.selection.preselection_points))
+    cdef PointViews some = views_of(oriented_steps.sample(points, p.selection.preselection_points))
     start = supported(comparison, candidates.joined(), some, p.refinement.coarse_scale, p.selection.min_support_ratio)
     coarse = improved(comparison, start, some, scales, False)
     # One more step by all points: where the best has not converged, all are refined once more.
@@ -209,7 +209,7 @@ cdef int add_scores(Comparison comparison, PointViews views, const double[:, ::1
 cdef reverse_conflicts(Comparison comparison, const double[:, ::1] poses):
     """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
     reference = comparison.problem.reference
-    cdef PointViews views = PointViews(reference.sampled_points)
+    cdef PointViews views = views_of(reference.sampled_points)
     cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
     cdef Py_ssize_t h, k
     cdef double x, y

@@ -42,11 +42,12 @@ def estimate_rotations(reference, current, weights, parameters):
     cdef Py_ssize_t n = ours.shape[0], m = theirs.shape[0], size = n * m, i, j
     differences = np.empty((n, m))
     cdef double[::1] samples = differences.reshape(-1)
-    cdef Py_ssize_t[::1] order = np.empty(size, np.intp), labels = np.zeros(size, np.intp)
+    cdef Py_ssize_t[:, ::1] work = np.zeros((3, size), np.intp)
+    cdef Py_ssize_t[::1] order = work[0], labels = work[1]
     for i in range(n):
         for j in range(m):
             samples[i * m + j] = wrapped(ours[i] - theirs[j], period)
-    sort_stably(samples, order, np.empty(size, np.intp))
+    sort_stably(samples, order, work[2])
     if eps == 0.0 and size:
         eps = min(max(nearest_knee(samples, order), <double> parameters.eps_min), <double> parameters.eps_max)
     cdef double max_width = parameters.max_width
@@ -84,9 +85,11 @@ cdef int cluster_angles(const double[::1] samples, const Py_ssize_t[::1] order, 
                         double eps, double max_width) except -1:
     """Cut the sorted angles at the gaps, and clusters wider than `max_width` again with half the neighbourhood."""
     cdef Py_ssize_t size = samples.shape[0], level, k, at, count, chains, offset = 0, last, number
-    cdef Py_ssize_t[::1] chain = np.empty(size, np.intp), rank = np.empty(size, np.intp)
+    cdef Py_ssize_t[:, ::1] work = np.empty((2, size), np.intp)
+    cdef Py_ssize_t[::1] chain = work[0], rank = work[1]
     cdef unsigned char[::1] chosen = np.ones(size, np.uint8)
-    cdef double[::1] first = np.empty(size), low = np.empty(size), high = np.empty(size)
+    cdef double[:, ::1] limits = np.empty((3, size))
+    cdef double[::1] first = limits[0], low = limits[1], high = limits[2]
     cdef double value
     with nogil:
         for level in range(2):
@@ -140,27 +143,32 @@ cdef Py_ssize_t cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] ord
 cdef rank_rotations(const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
                     double period, Py_ssize_t most):
     """Return the weighted mean and the weight of the heaviest clusters, and the rank of each sample's cluster."""
-    cdef Py_ssize_t size = samples.shape[0], k, clusters = 0
+    cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
     for k in range(size):
         clusters = max(clusters, labels[k] + 1)
-    sums = np.zeros((2, clusters))
-    cdef double[:, ::1] total = sums
-    cdef double[::1] first = np.zeros(clusters)
-    cdef Py_ssize_t[::1] used = np.zeros(clusters, np.intp)
-    for k in range(size):
-        first[labels[k]] = samples[k]
-        used[labels[k]] = 1
-        total[0, labels[k]] += sample_weight[k]
-    for k in range(size):
-        total[1, labels[k]] += sample_weight[k] * wrapped(samples[k] - first[labels[k]], period)
-    # Numbers of clusters that were clustered again are unused.
-    index = np.flatnonzero(used)
-    order = index[(-sums[0, index]).argsort(kind='stable')[:most]]
-    ranks = np.full(clusters, -1, np.intp)
-    ranks[order] = np.arange(len(order))
-    phi = np.empty(len(order))
-    cdef double[::1] mean = phi
-    cdef Py_ssize_t[::1] chosen = order
-    for k in range(chosen.shape[0]):
-        mean[k] = wrap(first[chosen[k]] + total[1, chosen[k]] / total[0, chosen[k]])
-    return phi, sums[0, order], ranks[np.asarray(labels)]
+    kept = min(clusters, most)
+    phi, weights, ranked = np.empty(kept), np.empty(kept), np.empty(size, np.intp)
+    cdef double[:, ::1] total = np.zeros((3, clusters))
+    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
+    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3], label = ranked
+    cdef double[::1] mean = phi, weight = weights
+    with nogil:
+        for k in range(size):
+            # Negative: the heaviest come first.
+            total[0, labels[k]] -= sample_weight[k]
+            total[2, labels[k]], used[labels[k]] = samples[k], 1
+        for k in range(size):
+            at = labels[k]
+            total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
+        sort_stably(total[0], order, work[2])
+        rank[:] = -1
+        for k in range(clusters):
+            at = order[k]
+            # Numbers of clusters that were clustered again are unused.
+            if used[at] and count < most:
+                weight[count], rank[at] = -total[0, at], count
+                mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
+                count += 1
+        for k in range(size):
+            label[k] = rank[labels[k]]
+    return phi[:count], weights[:count], ranked

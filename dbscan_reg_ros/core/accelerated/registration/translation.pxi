@@ -22,10 +22,7 @@ def estimate_translations(reference, current, rotations, weights, parameters):
     pairs, offs = match_lines(rotations.difference, rotations.phi, np.ascontiguousarray(weights), p.parallel_sigma,
                               p.max_pairs)
     equations = signed_equations(reference, current, rotations.phi, pairs, offs)
-    samples = line_samples(pairs, equations, p.min_crossing_sine)
-    samples = end_samples(reference, current, rotations.phi, pairs, p.end_weight * translation_steps._END_WEIGHT,
-                          samples)
-    translation, weight, rotation = samples
+    translation, weight, rotation = translation_samples(reference, current, rotations.phi, pairs, equations, p)
     find_shortest = partial(shortest_translations, pairs, equations, rotations.phi[:p.shortest_rotations])
     if not len(translation):
         return Translations(np.empty((0, 3)), np.empty(0), np.empty((0, 2)), weight, rotation, np.empty(0, int), 0.0,
@@ -44,9 +41,10 @@ cdef match_lines(const double[:, ::1] difference, const double[::1] phi, const d
     indices, numbers = np.empty((3, most), np.intp), np.empty((2, most))
     cdef Py_ssize_t[:, ::1] index = indices
     cdef double[:, ::1] number = numbers
-    cdef double[::1] heavy = np.empty(size), off = np.empty(size)
-    cdef Py_ssize_t[::1] pair = np.empty(size, np.intp), order = np.empty(size, np.intp)
-    cdef Py_ssize_t[::1] scratch = np.empty(size, np.intp)
+    cdef double[:, ::1] found = np.empty((2, size))
+    cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
+    cdef double[::1] heavy = found[0], off = found[1]
+    cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
     cdef double angle
     with nogil:
         for k in range(phi.shape[0]):
@@ -70,9 +68,10 @@ cdef match_lines(const double[:, ::1] difference, const double[::1] phi, const d
 cdef signed_equations(reference, current, const double[::1] phi, pairs, const double[::1] off):
     """Return the equation ``n . t = n . (m_R - Rot(phi) m_O)`` of each pair of lines (Eq. 13)."""
     cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
-    cdef const double[:, :] a = reference.midpoint, b = current.midpoint
+    cdef const double[:, :] start_r = reference.start, end_r = reference.end
+    cdef const double[:, :] start_o = current.start, end_o = current.end
     cdef const double[:] direction = reference.direction
-    cdef Py_ssize_t size = rotation.shape[0], k
+    cdef Py_ssize_t size = rotation.shape[0], k, i, j
     alongs, distances = np.empty(size, complex), np.empty(size)
     cdef double complex[::1] along = alongs
     cdef double[::1] distance = distances
@@ -82,25 +81,33 @@ cdef signed_equations(reference, current, const double[::1] phi, pairs, const do
             angle = direction[ours[k]] - 0.5 * off[k]
             along[k] = cos(angle) + 1j * sin(angle)
             c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
-            x = a[ours[k], 0] - (c * b[theirs[k], 0] - s * b[theirs[k], 1])
-            y = a[ours[k], 1] - (s * b[theirs[k], 0] + c * b[theirs[k], 1])
-            distance[k] = cross(along[k], x + 1j * y)
+            i, j = ours[k], theirs[k]
+            x, y = 0.5 * (start_o[j, 0] + end_o[j, 0]), 0.5 * (start_o[j, 1] + end_o[j, 1])
+            distance[k] = cross(along[k], 0.5 * (start_r[i, 0] + end_r[i, 0]) - (c * x - s * y)
+                                + 1j * (0.5 * (start_r[i, 1] + end_r[i, 1]) - (s * x + c * y)))
     return translation_steps.LineEquations(alongs, distances)
 
 
-cdef line_samples(pairs, equations, double min_crossing_sine):
-    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15)."""
+cdef translation_samples(reference, current, const double[::1] phi, pairs, equations, p):
+    """Return the translations of `add_line_samples` and of `add_end_samples`, their weights and rotations."""
+    cdef const Py_ssize_t[::1] rotation = pairs.rotation
+    cdef Py_ssize_t size = rotation.shape[0], most = 2 * size, run = 0, k, count
+    for k in range(size):
+        run = run + 1 if k and rotation[k] == rotation[k - 1] else 0
+        most += run
+    found, sums, groups = np.empty(most, complex), np.empty(most), np.empty(most, np.intp)
+    count = add_line_samples(pairs, equations, p.min_crossing_sine, found, sums, groups)
+    count = add_end_samples(reference, current, phi, pairs, p.end_weight, count, found, sums, groups)
+    return found[:count], sums[:count], groups[:count]
+
+
+cdef Py_ssize_t add_line_samples(pairs, equations, double min_crossing_sine, double complex[::1] translation,
+                                 double[::1] sample_weight, Py_ssize_t[::1] group) except -1:
+    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15); return the number of samples."""
     cdef const Py_ssize_t[::1] rotation = pairs.rotation
     cdef const double[::1] weight = pairs.weight, distance = equations.distance
     cdef const double complex[::1] along = equations.along
-    cdef Py_ssize_t size = rotation.shape[0], first, second, count = 0, most = 0, run = 0
-    for first in range(size):
-        run = run + 1 if first and rotation[first] == rotation[first - 1] else 0
-        most += run
-    found, sums, groups = np.empty(most, complex), np.empty(most), np.empty(most, np.intp)
-    cdef double complex[::1] translation = found
-    cdef double[::1] sample_weight = sums
-    cdef Py_ssize_t[::1] group = groups
+    cdef Py_ssize_t size = rotation.shape[0], first, second, count = 0
     cdef double determinant
     with nogil:
         for first in range(size):
@@ -114,25 +121,26 @@ cdef line_samples(pairs, equations, double min_crossing_sine):
                     sample_weight[count] = min(weight[first], weight[second]) * fabs(determinant)
                     group[count] = rotation[first]
                     count += 1
-    return found[:count], sums[:count], groups[:count]
+    return count
 
 
-cdef end_samples(reference, current, const double[::1] phi, pairs, const double[:, ::1] end_weight, samples):
-    """Append translations that match start points with start points and end points with end points to the `samples`."""
+cdef const double[:, ::1] END_WEIGHT = translation_steps._END_WEIGHT
+
+
+cdef Py_ssize_t add_end_samples(reference, current, const double[::1] phi, pairs, double end_weight, Py_ssize_t count,
+                                double complex[::1] translation, double[::1] sample_weight,
+                                Py_ssize_t[::1] group) except -1:
+    """Append translations that match start points with start points and end points with end points; count them all."""
     cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
     cdef const double[::1] weight = pairs.weight
     cdef const Py_ssize_t[:, :] kind_r = reference.kinds, kind_o = current.kinds
     cdef const double[:, :] a, b
-    cdef Py_ssize_t size = rotation.shape[0], side, k, count = 0
-    found, sums, groups = np.empty(2 * size, complex), np.empty(2 * size), np.empty(2 * size, np.intp)
-    cdef double complex[::1] translation = found
-    cdef double[::1] sample_weight = sums
-    cdef Py_ssize_t[::1] group = groups
+    cdef Py_ssize_t side, k
     cdef double c, s, x, y, share
     for side in range(2):
         a, b = (reference.end, current.end) if side else (reference.start, current.start)
-        for k in range(size):
-            share = end_weight[kind_r[ours[k], side], kind_o[theirs[k], side]]
+        for k in range(rotation.shape[0]):
+            share = end_weight * END_WEIGHT[kind_r[ours[k], side], kind_o[theirs[k], side]]
             if share == 0.0:
                 continue
             c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
@@ -140,7 +148,7 @@ cdef end_samples(reference, current, const double[::1] phi, pairs, const double[
             y = a[ours[k], 1] - (s * b[theirs[k], 0] + c * b[theirs[k], 1])
             translation[count], sample_weight[count], group[count] = x + 1j * y, weight[k] * share, rotation[k]
             count += 1
-    return tuple([np.concatenate((one, other[:count])) for one, other in zip(samples, (found, sums, groups))])
+    return count
 
 
 def shortest_translations(pairs, equations, const double[::1] phi):

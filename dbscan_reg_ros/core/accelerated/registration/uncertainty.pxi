@@ -19,7 +19,7 @@ def uncertainty(candidate, found, points, double noise, p):
     cdef const double[:, ::1] error = found.error
     cdef const unsigned char[:, ::1] alike = found.alike
     cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef PointViews views = PointViews(points)
+    cdef PointViews views = views_of(points)
     cdef double theta = candidate[2], c = cos(theta), s = sin(theta), x, y, nx, ny, scale = p.refinement.score_scale
     cdef double factor = -0.5 / (scale * scale)
     cdef double[:, ::1] rows = np.empty((3, views.size)), own = np.empty((3, views.size))
