@@ -87,7 +87,7 @@ class Results:
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*describe_recordings(recordings, counts), *summarise(measures)]
+        summary = [*describe_recordings(recordings, counts), *summarise(measures), *_without_truth(known, stamps)]
         if density and self.animation:
             self.faults.attempt('animation.gif', self._animate, density, closed_map)
         if density:
@@ -151,8 +151,17 @@ def _lines(poses, truth):
 
 
 def _aligned(truth, poses):
-    """Return the true poses, rigidly aligned to the `poses`; None if fewer than two true poses are known."""
+    """Return the true poses, rigidly aligned to the `poses`, NaN where unknown; None if fewer than two are known."""
     if truth is None:
         return None
-    there = np.isfinite(truth).all(axis=1)
-    return align(truth[there], poses[there]) if there.sum() > 1 else None
+    there, aligned = np.isfinite(truth).all(axis=1), np.full(truth.shape, np.nan)
+    if there.sum() <= 1:
+        return None
+    aligned[there] = align(truth[there], poses[there])
+    return aligned
+
+
+def _without_truth(known, stamps):
+    """Return a line of the summary on scans without a true pose; no line if all have one or none can have one."""
+    poses, explanation = known.true_poses(stamps)
+    return [('true poses', explanation)] if known.truth and np.isnan(poses).any() else []

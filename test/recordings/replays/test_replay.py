@@ -282,6 +282,21 @@ def test_several_recordings_in_several_processes_give_what_one_gives(data, repla
             assert (folder / 'trajectory.tum').read_bytes() == trajectory and names(folder) == FILES
 
 
+def test_a_hole_in_the_truth_is_named_and_not_bridged_on_the_page(data, tmp_path, capsys):
+    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
+        (tmp_path / 'a.log').write_text(''.join(itertools.islice(whole, 60)))
+    stamps = np.unique(open_recording(tmp_path / 'a.log').stamps())
+    known = np.ones(len(stamps), dtype=bool)
+    known[20:40] = False
+    write_tum(tmp_path / 'truth.tum', stamps[known], np.zeros((known.sum(), 3)))
+    assert main([str(tmp_path / 'a.log'), '--out', str(tmp_path), '--processes', '1']) == 0
+    line, = re.findall(r'^true poses .*', capsys.readouterr().out, re.MULTILINE)
+    missing = int(re.search(r'; (\d+) have no pose: \1 where successive poses are more than [\d.]+ s apart$', line)[1])
+    written, _ = read_tum(tmp_path / 'a' / 'latest' / 'truth.tum')
+    assert missing >= 20 and len(written) + missing == open_recording(tmp_path / 'a.log').count
+    assert line.partition('  ')[2].strip() in (tmp_path / 'a' / 'latest' / 'report.html').read_text()
+
+
 def test_a_reader_that_goes_away_is_no_failed_recording(data, root, tmp_path):
     words = ['replay', str(data / 'lms511' / 'static'), '--processes', '1']
     with subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path, stdout=subprocess.PIPE,
