@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of maps and comparisons, legible without colour; maps have the same scale on both axes."""
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,7 +71,9 @@ def density_map(scans, poses) -> DensityMap:
 
 def save(figure, path, dpi, **options):
     """Write a matplotlib `figure` completely or not at all; the ending of `path` selects the format."""
-    with replacing(path, binary=True) as file:
+    with replacing(path, binary=True) as file, warnings.catch_warnings():
+        # A title may be the name of a file in any script; the font draws a box for a character that it lacks.
+        warnings.filterwarnings('ignore', 'Glyph .* missing from')
         figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
 
 

@@ -381,3 +381,8 @@ def test_a_map_of_hardly_anything_is_drawn(tmp_path, data):
     scan = next(open_recording(data / 'lms511' / 'static').scans())
     plot_map(tmp_path / 'one.png', [scan], [[0.0, 0.0, 0.0]], truth=np.zeros((1, 3)))
     assert picture(tmp_path / 'none.png').mean() < picture(tmp_path / 'one.png').mean()
+
+
+def test_a_map_of_a_file_whose_name_the_font_cannot_write_is_drawn_without_a_warning(tmp_path):
+    plot_map(tmp_path / 'map.png', [], np.empty((0, 3)), '\u65e5\u672c')
+    assert (tmp_path / 'map.png').stat().st_size > 1000
