@@ -23,8 +23,6 @@ TURNED = 0.35
 """A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
 """Largest number of earlier key frames, nearest first, to which each key frame is registered."""
-CONFIDENCE = 0.95
-"""Lowest confidence at which the registration of a loop is accepted."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
 """Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
 UNKNOWN_SPREAD = np.array((1.0, 1.0, 1.0))
@@ -128,7 +126,7 @@ class Loops:
                 if not np.isfinite(apart[early]):
                     break
                 found = register(self._frames[early].features, frame.features, parameters)
-                if found.status is not Status.OK or found.confidence < CONFIDENCE:
+                if found.status is not Status.OK:
                     continue
                 motion = (turn.inverse() @ found.transform @ turn).as_array()
                 off = relative(relative(places[early][None], places[late][None]), motion[None])[0]

@@ -346,8 +346,9 @@ class DecisionParameters(ParameterGroup):
         help='Hypotheses whose rotation differs from the best one by more than this are rivals. Larger values report '
              'AMBIGUOUS less often; smaller values count near solutions as rivals.')
     min_confidence: float = parameter(
-        0.9, bounds=(0.0, 1.0),
+        0.95, bounds=(0.0, 1.0),
         help='The status is AMBIGUOUS when the confidence, the probability that the motion is right, is below this. '
+             'The odometry, whose gate checks each result as well, allows twice the probability of an error. '
              'Larger values report AMBIGUOUS more often; smaller values report OK for more wrong results.')
     min_score: float = parameter(
         0.35, bounds=(-1.0, 1.0),

@@ -115,7 +115,7 @@ def judge(score: float, evidence: Evidence, observed: Observability, certainty: 
     if too_low:
         return Status.AMBIGUOUS, too_low
     if certainty < parameters.min_confidence:
-        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence}'
+        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence:.3g}'
     return Status.OK, ''
 
 

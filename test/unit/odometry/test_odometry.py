@@ -14,6 +14,7 @@ from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.models.deskew import deskew
+from dbscan_reg_ros.core.odometry.pipeline import search_parameters
 from dbscan_reg_ros.simulation import LIDARS, World, follow, measure, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -506,3 +507,10 @@ def test_a_parameter_may_have_its_least_value(name):
                 assert np.isfinite(update.pose.as_array()).all()
                 for covariance in (update.covariance, update.twist_covariance):
                     assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+@pytest.mark.parametrize('reference', ['window', 'keyframe', 'previous'])
+@pytest.mark.parametrize(('single', 'gated'), [(0.0, 0.0), (0.4, 0.0), (0.9, 0.8), (0.95, 0.9), (1.0, 1.0)])
+def test_the_gate_allows_twice_the_probability_of_an_error(reference, single, gated):
+    asked = Parameters().replace({'odometry.reference': reference, 'decision.min_confidence': single})
+    assert search_parameters(asked).decision.min_confidence == pytest.approx(gated)
