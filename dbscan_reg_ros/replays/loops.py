@@ -12,6 +12,7 @@ from ..core.features.records import Features
 from ..core.geometry.se2 import SE2, turned, wrap
 from ..core.registration.pipeline import register
 from ..core.registration.records import Status
+from ..core.registration.status import demoted_if_poor
 from ..evaluation.metrics import path_lengths
 from ..recordings.poses import compose, relative
 
@@ -125,7 +126,8 @@ class Loops:
             for early in np.argsort(apart, kind='stable')[:TRIED]:
                 if not np.isfinite(apart[early]):
                     break
-                found = register(self._frames[early].features, frame.features, parameters)
+                found = demoted_if_poor(register(self._frames[early].features, frame.features, parameters),
+                                        parameters.decision)
                 if found.status is not Status.OK:
                     continue
                 motion = (turn.inverse() @ found.transform @ turn).as_array()

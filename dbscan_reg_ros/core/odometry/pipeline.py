@@ -219,7 +219,7 @@ class Odometry:
 def search_parameters(parameters: Parameters) -> Parameters:
     """Return the parameters of registrations to single references.
 
-    The gate checks their results as well: they may be wrong with more probability than `decision.min_confidence` allows.
+    The gate checks their results as well, so that more errors are allowed than by `decision.min_confidence` alone.
     If the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
     near-parallel walls count as parallel with the same tolerance as in the window.
     """

@@ -8,6 +8,7 @@ from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
+from ..registration.status import demoted_if_poor
 from .gate import Gate
 from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
@@ -87,7 +88,7 @@ class ReferenceSearch:
         reference, current = (
             features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
             for features in (frame.features, self._features))
-        registration = register(reference, current, self._search_parameters, None)
+        registration = demoted_if_poor(register(reference, current, self._search_parameters), self._parameters.decision)
         pose = frame.pose @ registration.transform
         alternative = None if tentative is None else tentative.registration
         verdict = self._gate.check_scan_before(frame.pose, pose, registration, alternative)

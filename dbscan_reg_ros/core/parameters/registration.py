@@ -352,8 +352,9 @@ class DecisionParameters(ParameterGroup):
              'Larger values report AMBIGUOUS more often; smaller values report OK for more wrong results.')
     min_score: float = parameter(
         0.35, bounds=(-1.0, 1.0),
-        help='A result with a lower score is never OK. It is FAILED if the evidence says that the motion is more '
-             'likely wrong than right. Larger values reject more matches; smaller values accept poorer ones.')
+        help='With a prior, in the odometry and for loops, a result with a lower score is never OK. A result with a '
+             'lower score is FAILED if the evidence says that the motion is more likely wrong than right. Larger '
+             'values reject more matches; smaller values accept poorer ones.')
     min_information: float = parameter(
         1.5, bounds=(0.01, 100000.0),
         help='The status is DEGENERATE when fewer effective points than this constrain some direction or the rotation. '

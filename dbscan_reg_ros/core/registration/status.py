@@ -47,7 +47,7 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     transform = hypotheses[0].transform
     if certainty < p.min_confidence:
         covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
-    return Registration(
+    found = Registration(
         transform, covariance, status,
         overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
@@ -55,6 +55,7 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information,
         confidence=certainty, evidence=evidence,
         rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
+    return found if problem.prior is None else demoted_if_poor(found, p)
 
 
 def find_rivals(candidates: FloatArray, direction: float | None, parameters: DecisionParameters) -> BoolArray:
@@ -104,19 +105,21 @@ def failed(reason: str) -> Registration:
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
           parameters: DecisionParameters) -> tuple[Status, str]:
     """Return the status of a result from its score, evidence and confidence, and the reason ('' for ``OK``)."""
-    too_low = f'score {score:.2f}; expected at least {parameters.min_score}' if score < parameters.min_score else ''
-    if too_low and probability(log_odds(evidence)) < LIKELY:
-        return Status.FAILED, too_low
+    if score < parameters.min_score and probability(log_odds(evidence)) < LIKELY:
+        return Status.FAILED, low_score_reason(score, parameters.min_score)
     if observed.weak < parameters.min_information:
         return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
     if observed.rotation < parameters.min_information:
         return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m); '
                                    f'expected at least {parameters.min_information}')
-    if too_low:
-        return Status.AMBIGUOUS, too_low
     if certainty < parameters.min_confidence:
         return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence:.3g}'
     return Status.OK, ''
+
+
+def low_score_reason(score: float, minimum: float) -> str:
+    """Return the reason for ``FAILED`` or ``AMBIGUOUS`` where the `score` is too low."""
+    return f'score {score:.2f}; expected at least {minimum}'
 
 
 def few_points_reason(weak: float, minimum: float) -> str:
@@ -128,6 +131,19 @@ def observability_ratio(registration: Registration, parameters: DecisionParamete
     """Return how well a scan constrains the motion, 0..1: its effective points / `decision.weak_prior_information`."""
     weak, asked = registration.weakest_information, parameters.weak_prior_information
     return 1.0 if weak is None or weak >= asked else weak / asked
+
+
+def demoted_if_poor(registration: Registration, parameters: DecisionParameters) -> Registration:
+    """Return the registration, ``AMBIGUOUS`` instead of ``OK`` where the score is below `decision.min_score`.
+
+    The confidence owes much to a prior, so that after one the scans have to fit each other as well. A result without
+    evidence, that of the method `divergence`, is returned unchanged.
+    """
+    poor = registration.score < parameters.min_score and registration.evidence is not None
+    if registration.status is not Status.OK or not poor:
+        return registration
+    reason = low_score_reason(registration.score, parameters.min_score)
+    return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason)
 
 
 def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters) -> Registration:

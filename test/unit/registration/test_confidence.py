@@ -124,6 +124,14 @@ def test_the_least_confidence_decides_on_ok():
     assert register(*pair, asked).status is Status.AMBIGUOUS
 
 
+def test_a_prior_does_not_replace_the_score_and_the_evidence_does():
+    pair = features(START), features(END, seed=1)
+    found = register(*pair)
+    asked = Parameters().replace({'decision.min_score': found.score + 0.01})
+    assert register(*pair, asked).status is Status.OK
+    assert register(*pair, asked, Prior(found.transform, 0.01 * np.eye(3))).status is Status.AMBIGUOUS
+
+
 @pytest.mark.parametrize('seed', [11, 12, 13])
 def test_the_confidence_is_calibrated_on_worlds_that_it_was_not_fitted_to(seed):
     """The sum of the confidences is the number of right results, within three standard deviations."""
