@@ -123,6 +123,18 @@ def test_damage_within_a_bag_is_named_without_the_words_of_a_library(tmp_path):
     assert refusal(file).endswith('messages from number 1 of /scan cannot be read, the bag is damaged')
 
 
+def test_messages_that_damage_has_hidden_are_counted(tmp_path):
+    folder = write_bag(tmp_path / 'bag', [('/scan', stamp, laser_scan(stamp)) for stamp in range(1, 31)])
+    (file,) = folder.glob('*.mcap')
+    content = file.read_bytes()
+    record = content.index((11).to_bytes(8, 'little') * 2) - 15
+    file.write_bytes(content[:record] + bytes(9) + content[record + 9:])
+    recording = open_recording(file)
+    read = len(recording.stamps())
+    assert 0 < read < 30
+    assert recording.problems[-1] == f'bag.mcap: {read} of 30 messages of /scan can be read, the bag is damaged'
+
+
 @pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'),
                                                 (b'PK\x03\x04', 'unzip'),
                                                 (b'\x04\x22\x4d\x18', 'lz4 -d'), (b'7z\xbc\xaf\x27\x1c', '7z x')])

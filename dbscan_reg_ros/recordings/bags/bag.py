@@ -168,18 +168,22 @@ def open_reader(path):
 def safely(reader, connections, report, **window):
     """Yield the reader's messages (connection, record time [ns], bytes) until the bag is damaged; report the damage."""
     messages = reader.messages(connections=connections, **window)
+    topics = ', '.join(sorted({connection.topic for connection in connections}))
+    counted = sum(connection.msgcount for connection in connections)
     number = 0
     while True:
-        number += 1
         try:
             message = next(messages)
         except StopIteration:
+            if number < counted and not window:
+                report(f'{reader.path.name}: {number} of {counted} messages of {topics} can be read, the bag is '
+                       'damaged')
             return
         except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
-            topics = ', '.join(sorted({connection.topic for connection in connections}))
-            report(f'{reader.path.name}: messages from number {number} of {topics} cannot be read, the bag is damaged'
-                   f'{own(error)}')
+            report(f'{reader.path.name}: messages from number {number + 1} of {topics} cannot be read, the bag is '
+                   f'damaged{own(error)}')
             return
+        number += 1
         yield message
 
 
