@@ -98,13 +98,14 @@ def apart(reference, metres):
 
     No scan lies between the two whose pose in the reference is unknown (NaN).
     """
-    known = np.flatnonzero(np.isfinite(reference).all(axis=1))
+    is_known = np.isfinite(reference).all(axis=1)
+    known = np.flatnonzero(is_known)
     path = path_lengths(reference[known])
     later = np.searchsorted(path, path + metres)
     first = np.flatnonzero(later < len(path))
     scans, later = known[first], known[later[first]]
-    without = np.cumsum(~np.isfinite(reference).all(axis=1))
-    within = without[scans] == without[later]
+    unknown = np.cumsum(~is_known)
+    within = unknown[scans] == unknown[later]
     return scans[within], later[within]
 
 
