@@ -71,6 +71,11 @@ def density_map(scans, poses) -> DensityMap:
 
 def save(figure, path, dpi, **options):
     """Write a matplotlib `figure` completely or not at all; the ending of `path` selects the format."""
+    if (layout := figure.get_layout_engine()) is not None:
+        # matplotlib lays a figure with an engine out twice, and draws it twice.
+        figure.set_dpi(dpi)
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     with replacing(path, binary=True) as file, warnings.catch_warnings():
         # A title may be the name of a file in any script; the font draws a box for a character that it lacks.
         warnings.filterwarnings('ignore', 'Glyph .* missing from')
