@@ -7,7 +7,6 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
-from sensor_msgs.msg import LaserScan
 
 from ..core.errors import DbscanRegError
 from ..core.geometry.mounting import Mounting
@@ -26,6 +25,7 @@ from .interfaces.lidar import Lidar, OdometryTrigger
 from .interfaces.live_parameters import LiveParameters
 from .interfaces.messages import stamp_from_message
 from .interfaces.outputs import Outputs
+from .interfaces.scan_reader import ScanMessage
 from .interfaces.services import Services
 from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
@@ -108,7 +108,7 @@ class NodeCore:
             lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
-    def _is_ready(self, message: LaserScan) -> bool:
+    def _is_ready(self, message: ScanMessage) -> bool:
         """Whether a scan need not wait: its mounting and external prior are known, or will stay unknown."""
         frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
         return self._mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
@@ -117,7 +117,7 @@ class NodeCore:
         """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""
         return frame if len(self._lidars) == 1 else self._live.value.base_frame
 
-    def _on_scan(self, lidar: Lidar, message: LaserScan) -> None:
+    def _on_scan(self, lidar: Lidar, message: ScanMessage) -> None:
         if self._services.paused:
             return
         lidar.counters.add_warnings(lidar.reader.check(message))
@@ -132,12 +132,10 @@ class NodeCore:
         lidar.log.warn(f'scan skipped: {reason}')
         lidar.counters.skip(reason)
 
-    def _process(self, lidar: Lidar, message: LaserScan) -> None:
+    def _process(self, lidar: Lidar, message: ScanMessage) -> None:
         began = time.perf_counter()
         try:
-            mounting = self._mountings.find(message.header.frame_id, stamp_from_message(message.header.stamp),
-                                            lidar.log)
-            scan = lidar.reader.read(message, mounting, lidar.input)
+            scan, mounting = lidar.reader.read(message, self._mountings, lidar.input)
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
                 self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
             followed = mounting if len(self._lidars) == 1 else Mounting()
@@ -191,6 +189,9 @@ class NodeCore:
             self._listener.on_timer()
         self._sender.on_timer()
         self._outputs.publish_pictures()
+        adopted = [lidar.adopt_type() for lidar in self._lidars]
+        if any(adopted):
+            self._diagnostics.restart()
         self._diagnostics.publish()
 
     def _has_pending(self) -> bool:

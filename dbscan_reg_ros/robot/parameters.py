@@ -14,10 +14,12 @@ from ..core.parameters.tree import Parameters
 MOUNTINGS = ('none', 'laser_pose', 'tf')
 SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
 SECTORS = 4
+LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
 METHOD = frozenset(each.name for each in Parameters.describe())
 """Full names of the parameters of the method."""
 REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
-                     'input.mask_range', 'input.time_offset'}
+                     'input.mask_range', 'input.time_offset', 'input.type', 'input.height_min', 'input.height_max',
+                     'input.bearing_step'}
 """Full names of the parameters that a replay uses."""
 OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 """Names and values of parameters that have no effect on a replay, and so need no warning."""
@@ -27,7 +29,8 @@ OFFLINE = ('prior.source', 'none'), ('mounting', 'none')
 class InputParameters(ParameterGroup):
     """Selection of the scans that are processed, and of the beams that are used."""
 
-    BASIC = 'every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range', 'time_offset'
+    BASIC = ('every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range', 'time_offset', 'type', 'height_min',
+             'height_max', 'bearing_step')
 
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
@@ -55,6 +58,28 @@ class InputParameters(ParameterGroup):
         help='Added to the stamps of the scans when they arrive, except to stamps of 0. A driver that stamps its scans '
              'too late needs a negative value. One number applies to every lidar; with several lidars there may be one '
              'for each, in the order of scan_topics.')
+    type: str = parameter(
+        'auto', choices=('auto', LASER_SCAN, POINT_CLOUD), read_only=True,
+        help='Type of the messages of the lidar; with auto it is the type that is published on the topic. Of a '
+             'sensor_msgs/PointCloud2 the points between input.height_min and input.height_max are used.')
+    height_min: float = parameter(
+        0.2, unit='m', bounds=(-1000.0, 1000.0),
+        help='Points of a point cloud below this height in base_frame are ignored. Larger values also ignore low '
+             'objects; values near the floor take the floor of a slope for a wall.')
+    height_max: float = parameter(
+        1.5, unit='m', bounds=(-1000.0, 1000.0),
+        help='Points of a point cloud above this height in base_frame are ignored. Larger values see walls above '
+             'furniture and people, and whatever hangs from the ceiling; smaller values use fewer points.')
+    bearing_step: float = parameter(
+        0.0087, unit='rad', bounds=(0.0005, 0.1),
+        help='Angle between two beams of the scan that is made of a point cloud; each beam has the nearest point of '
+             'this angle. Larger values save computing time; values below the step of the lidar give empty beams.')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.height_min >= self.height_max:
+            raise ParameterError(f'input.height_min = {self.height_min}: expected less than input.height_max = '
+                                 f'{self.height_max}')
 
     def of_lidar(self, number: int) -> 'InputParameters':
         """Return the parameters of the lidar `number`, from 0: its own mask and time offset only."""

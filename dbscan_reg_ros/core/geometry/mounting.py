@@ -41,6 +41,13 @@ class Mounting:
         """Pose in the base frame of a sensor at the lidar's position, with its axes parallel to those of the base."""
         return SE2(self.pose.x, self.pose.y)
 
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Matrix ``(4, 4)`` that transforms points from the lidar's frame, at the height of the base, to the base."""
+        c, s, up = math.cos(self.pose.theta), math.sin(self.pose.theta), -1.0 if self.upside_down else 1.0
+        return np.array(((c, -up * s, 0.0, self.pose.x), (s, up * c, 0.0, self.pose.y), (0.0, 0.0, up, 0.0),
+                         (0.0, 0.0, 0.0, 1.0)))
+
     @classmethod
     def from_matrix(cls, matrix: NDArray[np.float64]) -> 'Mounting':
         """Make the mounting of a lidar from a transform in space.

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mounting of the lidar at the time of each scan."""
+import numpy as np
+from numpy.typing import NDArray
+
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...robot.mounting import mounting_from_parameters
@@ -60,10 +63,18 @@ class Mountings:
         MountingError
             When the mounting is not known yet, or the lidar is tilted.
         """
-        if self._fixed:
-            return self._fixed
-        if frame == self._base_frame:
-            return Mounting()
+        return self._fixed or Mounting.from_matrix(self.matrix(frame, stamp, log))
+
+    def matrix(self, frame: str, stamp: int, log: ThrottledLog) -> NDArray[np.float64]:
+        """Return the matrix ``(4, 4)`` from the lidar `frame` to the base frame, as `find`, for any tilt of the lidar.
+
+        Raises
+        ------
+        MountingError
+            When it is not known yet.
+        """
+        if self._fixed or frame == self._base_frame:
+            return (self._fixed or Mounting()).matrix
         assert self._transforms
         try:
             matrix, known = self._transforms.lookup(self._base_frame, frame, stamp)
@@ -75,4 +86,4 @@ class Mountings:
         if not known:
             log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '
                      'scan; using the transform of another time')
-        return Mounting.from_matrix(matrix)
+        return matrix

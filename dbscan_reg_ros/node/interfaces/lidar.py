@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lidars that the node subscribes to, and the choice of the lidar whose scans trigger the published odometry."""
+import dataclasses
 import itertools
 from collections import deque
 from collections.abc import Callable
 from statistics import median
 
 from rclpy.node import Node
-from sensor_msgs.msg import LaserScan
 
 from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
-from ...robot.parameters import InputParameters, NodeParameters
+from ...robot.parameters import LASER_SCAN, InputParameters, NodeParameters
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
-from .scan_input import ScanInbox, StampFilter
-from .scan_reader import ScanReader
+from .scan_input import TYPES, ScanInbox, StampFilter
+from .scan_reader import ScanMessage, ScanReader
 
 
 class Lidar:
@@ -40,7 +40,7 @@ class Lidar:
     reader : ScanReader
     stamps : StampFilter
     input : InputParameters
-        Selection of its scans, with the mask and the time offset of this lidar.
+        Selection of its scans, with the mask and the time offset of this lidar, and the type of its messages.
     inbox : ScanInbox or None
         Pending scans; None while the node is not subscribed to the topic.
     """
@@ -51,18 +51,24 @@ class Lidar:
         self.log = ThrottledLog(node.get_logger(), self.label)
         self.counters = Counters()
         self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
+        self._type = LASER_SCAN
         self.input = InputParameters()
         self.inbox: ScanInbox | None = None
 
     def reconfigure(self, parameters: NodeParameters) -> None:
         """Apply the parameters of the node."""
-        self.input = parameters.input_of(self.topic)
+        given = parameters.input_of(self.topic)
+        self._is_auto = given.type not in TYPES
+        if not self._is_auto:
+            self._type = given.type
+        self.input = dataclasses.replace(given, type=self._type)
         if self.inbox:
             self.inbox.parameters = self.input
 
-    def subscribe(self, is_ready: Callable[[LaserScan], bool],
-                  handle: Callable[['Lidar', LaserScan], None]) -> ScanInbox:
+    def subscribe(self, is_ready: Callable[[ScanMessage], bool],
+                  handle: Callable[['Lidar', ScanMessage], None]) -> ScanInbox:
         """Subscribe to the scans; call `handle` with this lidar and each scan; see `ScanInbox` for `is_ready`."""
+        self._callbacks = is_ready, handle
         self.inbox = ScanInbox(self._node, self.input, is_ready, lambda message: handle(self, message), self.topic)
         return self.inbox
 
@@ -71,6 +77,22 @@ class Lidar:
         if self.inbox:
             self.inbox.close()
         self.inbox = None
+
+    def adopt_type(self) -> bool:
+        """Subscribe again if ``input.type`` is auto and the topic has publishers of another type only; return if so."""
+        if not self.inbox or not self._is_auto:
+            return False
+        published = {each.topic_type.replace('/msg/', '/')
+                     for each in self._node.get_publishers_info_by_topic(self.inbox.topic)}
+        found = [kind for kind in TYPES if kind in published]
+        if not found or self._type in found:
+            return False
+        self._type = found[0]
+        self._node.get_logger().info(f'{self.inbox.topic}: subscribed to {self._type}')
+        self.input = dataclasses.replace(self.input, type=self._type)
+        self.unsubscribe()
+        self.subscribe(*self._callbacks)
+        return True
 
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""

@@ -7,18 +7,22 @@ from collections.abc import Callable
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 
 from ...core.scan import SECOND
 from ...robot.mask import corrected_stamp
-from ...robot.parameters import InputParameters
+from ...robot.parameters import LASER_SCAN, POINT_CLOUD, InputParameters
 from .endpoints import subscription
 from .graph_checks import incompatibilities
 from .messages import stamp_from_message, stamp_to_message
+from .scan_reader import ScanMessage
 from .subscriptions import WakingCallbackGroup, taken
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Quality of service of the subscription; its depth suffices to count the scans that arrive while one is processed."""
+
+TYPES = {LASER_SCAN: LaserScan, POINT_CLOUD: PointCloud2}
+"""Values of ``input.type`` -> type of the messages."""
 
 
 class ScanInbox:
@@ -31,7 +35,7 @@ class ScanInbox:
     node : rclpy.node.Node
         The node that subscribes.
     parameters : InputParameters
-        Parameters of this lidar; may be replaced at any time.
+        Parameters of this lidar, with the type of its messages in `TYPES`; may be replaced at any time.
     is_ready : callable
         Function that returns whether a scan can be processed now; otherwise it waits for its mounting or prior.
     handle : callable
@@ -49,15 +53,15 @@ class ScanInbox:
         When the quality of service that the parameters set is invalid.
     """
 
-    def __init__(self, node: Node, parameters: InputParameters, is_ready: Callable[[LaserScan], bool],
-                 handle: Callable[[LaserScan], None], topic: str = 'scan') -> None:
+    def __init__(self, node: Node, parameters: InputParameters, is_ready: Callable[[ScanMessage], bool],
+                 handle: Callable[[ScanMessage], None], topic: str = 'scan') -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
         self._node = node
         self._is_ready = is_ready
         self._handle = handle
-        self._pending: deque[tuple[LaserScan, float]] = deque()
-        self._subscription = subscription(node, LaserScan, topic, self._on_message, QUALITY)
+        self._pending: deque[tuple[ScanMessage, float]] = deque()
+        self._subscription = subscription(node, TYPES[parameters.type], topic, self._on_message, QUALITY)
         self._timer = node.create_timer(1.0, self._process_next, callback_group=WakingCallbackGroup(self.has_pending),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
 
@@ -85,7 +89,7 @@ class ScanInbox:
         self._node.destroy_timer(self._timer)
         self._pending.clear()
 
-    def _on_message(self, message: LaserScan) -> None:
+    def _on_message(self, message: ScanMessage) -> None:
         self._queue(message)
         self._process_next()
 
@@ -110,7 +114,7 @@ class ScanInbox:
         self._timer.timer_period_ns = int(delay * SECOND) + 1
         self._timer.reset()
 
-    def _queue(self, message: LaserScan) -> None:
+    def _queue(self, message: ScanMessage) -> None:
         self.received += 1
         if (self.received - 1) % self.parameters.every_nth:
             return
@@ -120,7 +124,7 @@ class ScanInbox:
             self._pending.popleft()
             self.dropped += 1
 
-    def _correct_stamp(self, message: LaserScan) -> None:
+    def _correct_stamp(self, message: ScanMessage) -> None:
         """Add ``input.time_offset`` to the stamp of a message, unless the message has none."""
         offset, = self.parameters.time_offset
         if offset:
@@ -132,33 +136,33 @@ class StampFilter:
 
     Attributes
     ----------
-    held : LaserScan or None
+    held : ScanMessage or None
         Scan whose stamp is far before those of the last scans; the next scan shows whether the recording starts again.
     """
 
     def __init__(self) -> None:
         self._used: deque[int] = deque(maxlen=2)
-        self.held: LaserScan | None = None
+        self.held: ScanMessage | None = None
 
     def used(self, stamp: int) -> None:
         """Store the stamp [ns] of a scan that was processed."""
         self._used.append(stamp)
 
-    def update(self, message: LaserScan, max_jump: float) -> tuple[list[LaserScan], LaserScan | None]:
+    def update(self, message: ScanMessage, max_jump: float) -> tuple[list[ScanMessage], ScanMessage | None]:
         """Decide which scans to process when `message` has arrived.
 
         Parameters
         ----------
-        message : LaserScan
+        message : ScanMessage
             The latest scan.
         max_jump : float
             Largest step back of the stamps [s] that counts as jitter.
 
         Returns
         -------
-        list of LaserScan
+        list of ScanMessage
             Scans to process now, in order.
-        LaserScan or None
+        ScanMessage or None
             Scan to skip, because its stamp is wrong.
         """
         back = self.has_restarted(stamp_from_message(message.header.stamp), max_jump)

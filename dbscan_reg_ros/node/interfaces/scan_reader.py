@@ -1,19 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of LaserScan messages to scans without masked beams, and warnings about the messages."""
+"""Conversion of messages of a lidar to scans without masked beams, and warnings about the messages."""
+import math
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.clock import Clock
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 
 from ...core.geometry.mounting import Mounting
+from ...core.geometry.se2 import SE2
 from ...core.scan import Scan
 from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
 from ...robot.parameters import InputParameters
+from ...robot.point_cloud import scan_from_cloud
 from ..throttled_log import ThrottledLog
+from .messages import stamp_from_message
+
+ScanMessage: TypeAlias = LaserScan | PointCloud2
+"""Types of the messages of a lidar."""
+
+
+class MountingSource(Protocol):
+    """Where the mounting of a lidar is found: `Mountings`."""
+
+    def find(self, frame: str, stamp: int, log: ThrottledLog) -> Mounting:
+        """Return the mounting of the lidar `frame` at `stamp` [ns]."""
+
+    def matrix(self, frame: str, stamp: int, log: ThrottledLog) -> NDArray[np.float64]:
+        """Return the matrix ``(4, 4)`` from the lidar `frame` to the base frame at `stamp` [ns]."""
 
 
 class ScanReader:
-    """Converts LaserScan messages to `Scan`, and logs warnings about the messages.
+    """Converts messages of a lidar to `Scan`, and logs warnings about the messages.
 
     Parameters
     ----------
@@ -31,9 +52,11 @@ class ScanReader:
         self._geometry: ScanGeometry | None = None
         self._mask = Mask()
 
-    def check(self, message: LaserScan) -> list[ScanWarning]:
+    def check(self, message: ScanMessage) -> list[ScanWarning]:
         """Return the warnings about a scan; log each warning once while its cause lasts."""
-        found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
+        fields = (_without_beams(message) if isinstance(message, PointCloud2)
+                  else ScanFields.from_message(message))
+        found: list[ScanWarning] = self._checks.look(fields, self._clock.now().nanoseconds)
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
                 self._log.warn(warning.text)
@@ -44,14 +67,35 @@ class ScanReader:
         """Accept any stamp of the next scan: the clock was reset."""
         self._checks.restart()
 
-    def read(self, message: LaserScan, mounting: Mounting, parameters: InputParameters) -> Scan:
-        """Convert a LaserScan message to the scan of a sensor at `mounting.aligned_pose`, without masked returns.
+    def read(self, message: ScanMessage, mountings: MountingSource,
+             parameters: InputParameters) -> tuple[Scan, Mounting]:
+        """Convert a message to the scan, without masked returns, of a sensor at the `aligned_pose` of a mounting.
+
+        Returns
+        -------
+        Scan
+        Mounting
+            Mounting of the lidar; that of a 3D lidar has no yaw, as its scans have the axes of the base.
 
         Raises
         ------
         ScanError
             When the message is not a valid scan.
+        MountingError
+            When the mounting is not known yet, or the lidar is tilted.
         """
+        frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
+        if isinstance(message, PointCloud2):
+            matrix = mountings.matrix(frame, stamp, self._log)
+            mounting = Mounting(SE2(float(matrix[0, 3]), float(matrix[1, 3])))
+            return self._mask.apply(scan_from_cloud(message, matrix, parameters), mounting, parameters), mounting
+        mounting = mountings.find(frame, stamp, self._log)
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         self._geometry = scan.geometry
-        return self._mask.apply(scan, mounting, parameters)
+        return self._mask.apply(scan, mounting, parameters), mounting
+
+
+def _without_beams(message: PointCloud2) -> ScanFields:
+    """Return the fields of a point cloud that are checked: its stamp and its frame."""
+    header = message.header
+    return ScanFields(stamp_from_message(header.stamp), header.frame_id, 0.0, 0.0, 1.0, 0.0, 0.0, math.inf, (math.inf,))
