@@ -166,9 +166,10 @@ def _report(recording, answers, mounting, out, faults):
     import numpy as np
 
     from ..core.geometry.se2 import SE2
+    from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
+    from ..evaluation.metrics import begun_like
     from ..figures.plots import plot_map
     from ..recordings import write_tum
-    from ..recordings.poses import relative
     from ..replays.sensor_mounting import turned
 
     poses = answers.poses()
@@ -181,27 +182,25 @@ def _report(recording, answers, mounting, out, faults):
         poses = np.array([(SE2.from_array(pose) @ mounting.pose).as_array() for pose in poses]).reshape(-1, 3)
     write_tum(out / 'trajectory.tum', stamps, poses)
     print(f'trajectory   {out / "trajectory.tum"}')
+    known = faults.attempt('errors against the truth', KnownMotion.of, recording) or NOTHING_KNOWN
     with faults.noted('map.png'):
-        truth = recording.truth()
-        plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans',
-                 relative(truth[1][:1], truth[1]) if truth else None)
+        truth = known.true_poses(stamps).poses
+        plot_map(out / 'map.png', scans, poses, f'{recording.name}: {len(poses)} scans', begun_like(truth, poses))
         print(f'map          {out / "map.png"}')
     for line in [*recording.notes, *shortened(recording.problems), *recording.watch.lines()]:
         print(line)
     if unexpected:
         print(f'{unexpected} odometry messages do not match the stamp of any scan')
-    errors = faults.attempt('errors against the truth', _errors, recording, stamps, poses) or []
+    errors = faults.attempt('errors against the truth', _errors, known, stamps, poses) or []
     for fault in faults.lines:
         print(f'demo: {fault}', file=sys.stderr)
     print(' '.join([f'scans {len(answered)} skipped {answers.lost}', *errors]))
     return FAILED if answers.lost or unexpected else 0
 
 
-def _errors(recording, stamps, poses) -> list:
+def _errors(known, stamps, poses) -> list:
     """Return a line with the errors against the relations or the true poses; an empty list if both are unknown."""
-    from ..evaluation.known_motion import errors_of
-
-    errors = errors_of(recording, stamps, poses)
+    errors = known.measures(stamps, poses)
     if 'relations_neighbour_mean_m' in errors:
         return [f'neighbours {errors["relations_neighbour_mean_m"]:.3f} m '
                 f'{errors["relations_neighbour_mean_deg"]:.2f} deg']

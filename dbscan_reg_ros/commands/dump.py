@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """``dump``: the parameters of a running node as a file."""
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..node.lifecycle.ros_arguments import split_arguments
+from ..signals import interruptible
 from .command_line import make_parser, run
 
 
@@ -26,7 +28,8 @@ def dump(args, ros_arguments):
     from ..node.interfaces.remote_parameters import read_remote
     from ..robot.parameter_files import format_parameters
 
-    values = read_remote(args.node, args.wait, ros_arguments)
+    with interruptible(signal.SIGINT):
+        values = read_remote(args.node, args.wait, ros_arguments)
     text = format_parameters(values, f'The parameters of {args.node}.')
     if args.out:
         args.out.write_text(text, encoding='utf-8')

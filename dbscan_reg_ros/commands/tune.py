@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``tune FILE...``: search for parameter values that minimise the odometry error on recordings."""
+import signal
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from ..core.errors import ParameterError
+from ..signals import interruptible
 from .command_line import (
     CommandError,
     add_parameters,
@@ -117,7 +119,8 @@ def _set_live(node, values):
     """Set the parameters, name -> value, on the running `node`."""
     from ..node.interfaces.remote_parameters import write_remote
 
-    write_remote(node, values, 10.0)
+    with interruptible(signal.SIGINT):
+        write_remote(node, values, 10.0)
     print(f'live        set on {node}')
 
 

@@ -84,6 +84,9 @@ class KnownMotion(NamedTuple):
         return measures
 
 
+NOTHING_KNOWN = KnownMotion(None, None, None)
+
+
 def errors_of(recording, stamps, poses) -> dict:
     """Compute the error measures of estimated `poses` with the known motion of a recording."""
     return KnownMotion.of(recording).measures(stamps, poses)

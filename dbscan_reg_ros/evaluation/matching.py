@@ -69,6 +69,22 @@ def match(own, poses, stamps, sparse=False) -> Matched:
     return Matched(found, '; '.join(words) + _other_clock(first, last, stamps))
 
 
+def without_holes(known) -> list:
+    """Split the rows of known poses at the holes, of at least `LONGEST_GAP` successive rows without a pose.
+
+    Parameters
+    ----------
+    known : (N,) bool
+
+    Returns
+    -------
+    list of (K,) int
+        Rows of each part with known poses.
+    """
+    rows = np.flatnonzero(known)
+    return np.split(rows, np.flatnonzero(np.diff(rows) > LONGEST_GAP) + 1)
+
+
 def _interval(stamps) -> float:
     """Return the median interval of `stamps` [ns]; 0 for a single one."""
     return float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0

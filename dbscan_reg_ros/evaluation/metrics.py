@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..core.geometry.se2 import wrap
-from ..recordings.poses import relative
+from ..recordings.poses import compose, relative
 
 NEIGHBOURS_WITHIN = 30_000_000_000
 """Relations over less time than this [ns] connect neighbouring scans; all other relations close loops."""
@@ -137,6 +137,15 @@ def align(poses, reference):
     c, s = math.cos(angle), math.sin(angle)
     return np.column_stack((c * a[:, 0] - s * a[:, 1] + true_centre[0], s * a[:, 0] + c * a[:, 1] + true_centre[1],
                             wrap(poses[:, 2] + angle)))
+
+
+def begun_like(poses, reference):
+    """Move `poses` by the rigid motion that brings the first known one onto the `reference`; NaN stands for unknown."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    if not len(known):
+        return poses
+    start, there = (np.broadcast_to(rows[known[0]], poses.shape) for rows in (poses, reference))
+    return compose(there, relative(start, poses))
 
 
 def absolute_error(poses, reference) -> float:

@@ -94,7 +94,7 @@ def plot_map(path, scans, poses, title='', truth=None):
     poses : (N, 3)
         Poses of the sensor: x, y [m], theta [rad].
     truth : (M, 3), optional
-        The true trajectory in the same frame.
+        The true trajectory in the same frame; NaN interrupts its line.
     """
     draw_map(path, density_map(scans, poses), poses, title, truth)
 
@@ -117,7 +117,7 @@ def draw_map(path, density, poses, title='', truth=None):
     axes.imshow(density.ink, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0,
                 interpolation='antialiased')
     axes.plot(poses[:, 0], poses[:, 1], '-', color='tab:blue', linewidth=0.8, alpha=0.9, label='trajectory')
-    if truth is not None:
+    if truth is not None and np.isfinite(truth).any():
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
     if len(poses):
         _ends(axes, poses)

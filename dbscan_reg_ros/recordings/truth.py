@@ -32,17 +32,26 @@ def data_folder(argument=None) -> Path:
 
 
 def find_recording(path, data=None) -> Path:
-    """Return `path` if it exists, else `path` below the data folder if it exists there."""
+    """Return `path` if it exists or is absolute, else `path` below the data folder.
+
+    Raises
+    ------
+    RecordingError
+        When a relative `path` exists in neither, or the data folder that was named does not exist.
+    """
     path = Path(path)
     if path.exists() or path.is_absolute():
         return path
     try:
-        below = data_folder(data) / path
+        folder = data_folder(data)
     except RecordingError:
         if data or os.environ.get(DATA_VARIABLE):
             raise
-        return path
-    return below if below.exists() else path
+        raise RecordingError(f'{path}: no such file here; name the folder of recordings that it is in with --data or '
+                             f'${DATA_VARIABLE}') from None
+    if not (folder / path).exists():
+        raise RecordingError(f'{path}: no such file here or in the folder of recordings {folder}')
+    return folder / path
 
 
 class Relations(NamedTuple):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..evaluation.known_motion import KnownMotion
+from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import MapPoints, draw_map
 from ..recordings import write_tum
@@ -23,8 +23,6 @@ from .pairs_to_review import PairsToReview
 from .sensor_mounting import received
 from .summary import describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
-
-NOTHING_KNOWN = KnownMotion(None, None, None)
 
 
 @dataclass(eq=False)

@@ -29,9 +29,11 @@ def measures(replayed, known):
 
 @pytest.fixture
 def index(replayed, simulation, measures, tmp_path):
-    """Path of the index of three replays, of which the names try to leave their elements."""
+    """Path of the index of three replays, whose names try to leave their elements, and whose truth has holes."""
     poses = replayed.trajectory.pose_array()
-    lines = [('trajectory', 'trajectory', poses[:, :2]), ('truth', 'truth', poses[:, :2] + 0.1)]
+    truth = poses[:, :2] + 0.1
+    truth[[10, 11, *range(50, 53)]] = np.nan
+    lines = [('trajectory', 'trajectory', poses[:, :2]), ('truth', 'truth', truth)]
     density = density_map(simulation.scans[20:120], poses)
     entries = [replay_entry(name, tmp_path / name / 'today', measures, density, lines)
                for name in ('a', 'b & <b>', 'c "x"')]
@@ -52,8 +54,10 @@ def test_the_index_lists_every_drive_with_its_map_and_links_its_page(browser, in
     links = browser.value('[...document.querySelectorAll("tbody a")].map(a => a.getAttribute("href"))')
     assert [unquote(link) for link in links] == [f'{row[0]}/today/report.html' for row in rows]
     maps = browser.value('[...document.querySelectorAll("#drives > li > svg")].map('
-                         'x => [x.querySelectorAll("polyline").length, x.getBoundingClientRect().width])')
-    assert len(maps) == 3 and all(lines == 2 and shown > 300 for lines, shown in maps)
+                         'x => [x.getBoundingClientRect().width, '
+                         '[...x.querySelectorAll("polyline")].map(line => line.points.length)])')
+    assert len(maps) == 3 and all(shown > 300 for shown, _ in maps)
+    assert all(lines == [100, 48, 47] for _, lines in maps), 'the truth is interrupted in the longer hole'
 
 
 class Recorded(SimulatedRecording):

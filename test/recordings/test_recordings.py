@@ -334,7 +334,9 @@ def test_the_data_folder_is_the_argument_then_the_variable(tmp_path, monkeypatch
 
 def test_a_recording_is_found_below_the_data_folder(data):
     assert find_recording('intel/intel.log.gz', data) == data / 'intel' / 'intel.log.gz'
-    assert str(find_recording('nowhere.log', data)) == 'nowhere.log'
+    with pytest.raises(RecordingError) as error:
+        find_recording('nowhere.log', data)
+    assert str(error.value) == f'nowhere.log: no such file here or in the folder of recordings {data}'
 
 
 def test_a_data_folder_that_was_named_has_to_exist(tmp_path, monkeypatch):

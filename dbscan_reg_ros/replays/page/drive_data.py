@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 
 from ...core.registration.records import Status
-from ...evaluation.metrics import align, apart, errors, path_lengths, related
+from ...evaluation.metrics import align, apart, begun_like, errors, path_lengths, related
 from ...recordings import interpolate
-from ...recordings.poses import compose, relative
+from ...recordings.poses import relative
 from .encoding import packed, rounded
 from .scan_history import RESOLUTION, packed_scans
 
@@ -99,12 +99,10 @@ def _others(known, stamps, poses):
         there = np.isfinite(path).all(axis=1)
         if np.count_nonzero(there) <= 1:
             continue
-        found, ours = path[there], poses[there]
         if kind == 'truth':
-            path[there] = align(found, ours)
+            path[there] = align(path[there], poses[there])
         else:
-            path[there] = compose(np.broadcast_to(ours[0], found.shape),
-                                  relative(np.broadcast_to(found[0], found.shape), found))
+            path = begun_like(path, poses)
         yield kind, name, path[:, :2]
 
 
@@ -129,12 +127,8 @@ def competitor_lines(ours, competitors):
     poses = ours.pose_array()
     for place, (name, trajectory) in enumerate(competitors):
         path = competitor_poses(ours, trajectory)
-        there = np.flatnonzero(np.isfinite(path).all(axis=1))
-        if len(there):
-            found, first = path[there], there[0]
-            path[there] = compose(np.broadcast_to(poses[first], found.shape),
-                                  relative(np.broadcast_to(path[first], found.shape), found))
-            yield f'other{place % KINDS}', name, path[:, :2]
+        if np.isfinite(path).any():
+            yield f'other{place % KINDS}', name, begun_like(path, poses)[:, :2]
 
 
 def _competitor_plots(report, kept):

@@ -7,6 +7,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ...evaluation.matching import without_holes
 from ...recordings.files import replacing
 from .encoding import picture
 from .report import page_parts
@@ -27,8 +28,8 @@ class SmallMap(NamedTuple):
     image : str
         Picture of the map as a data URL.
     extent : (left, right, bottom, top) [m]
-    lines : list of (str, str, (N, 2) float [m])
-        Kind, name and positions of each trajectory.
+    lines : list of (str, str, list of (N, 2) float [m])
+        Kind and name of each trajectory, and the positions of its parts, which end where positions are unknown.
     """
 
     image: str
@@ -68,9 +69,14 @@ def small_map(density, lines) -> SmallMap:
     left, _, bottom, _ = density.extent
     cell = (density.extent[1] - left) / ink.shape[1]
     largest = padded.reshape(rows // step, step, columns // step, step).max(axis=(1, 3))
-    thinned = [(kind, name, at[np.isfinite(at).all(axis=1)][::-(-len(at) // MOST_POSES) or 1])
-               for kind, name, at in lines]
+    thinned = [(kind, name, _thinned(at)) for kind, name, at in lines]
     return SmallMap(picture(largest), (left, left + columns * cell, bottom, bottom + rows * cell), thinned)
+
+
+def _thinned(positions):
+    """Return the parts of a line between the holes of its `positions` ``(N, 2)``, `MOST_POSES` of them in all."""
+    step = -(-len(positions) // MOST_POSES) or 1
+    return [positions[rows[::step]] for rows in without_holes(np.isfinite(positions).all(axis=1))]
 
 
 class Columns(NamedTuple):
@@ -133,7 +139,8 @@ def _cells(row):
 def _drive(entry):
     """Return the list item of a drive: its map, trajectories and their legend."""
     left, right, bottom, top = entry.map.extent
-    lines = ''.join(f'<polyline points="{_points(at)}" style="{_stroke(kind)}"/>' for kind, _, at in entry.map.lines)
+    lines = ''.join(f'<polyline points="{_points(at)}" style="{_stroke(kind)}"/>'
+                    for kind, _, parts in entry.map.lines for at in parts)
     legend = ''.join(f'<li><svg class="key" viewBox="0 0 30 14" style="width: 30px; height: 14px" aria-hidden="true">'
                      f'<polyline points="0,7 30,7" style="{_stroke(kind)}"/></svg>{escape(name)}</li>'
                      for kind, name, _ in entry.map.lines)

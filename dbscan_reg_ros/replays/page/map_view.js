@@ -1,7 +1,8 @@
 
 // The map: what lies still on one canvas, the scan of the moment on another, so that a step draws one scan only.
 
-const REACH = 24, CLICK = 6, ELLIPSE = 2.4477;
+// A line is interrupted where so many successive scans have no position: HOLE, LONGEST_GAP of matching.py.
+const REACH = 24, CLICK = 6, ELLIPSE = 2.4477, HOLE = 3;
 const LAYERS = [
   ['scan', 'scan', 'M6 7h0M15 7h0M24 7h0', true], ['segments', 'segments', 'M0 7H30', false], ['covariance', 'covariance', 'M4 7a11 5 0 1 0 22 0a11 5 0 1 0 -22 0', true],
   ['trajectory', 'trajectory, thick where not OK', 'M0 7H30', true], ['truth', 'truth', 'M0 7H30', true], ['wheels', 'wheel odometry', 'M0 7H30', false],
@@ -62,11 +63,11 @@ class MapView {
   paths() {
     const line = (positions, step) => {
       const path = new Path2D();
-      let open = false;
+      let missing = HOLE;
       for (let i = 0; i < positions.length; i += step) {
-        const there = positions[i] === positions[i];
-        if (there) path[open ? 'lineTo' : 'moveTo'](positions[i], positions[i + 1]);
-        open = there;
+        if (Number.isNaN(positions[i])) { missing++; continue; }
+        path[missing < HOLE ? 'lineTo' : 'moveTo'](positions[i], positions[i + 1]);
+        missing = 0;
       }
       return path;
     };

@@ -97,6 +97,15 @@ def test_moving_the_whole_trajectory_changes_no_measure(intel):
     assert max(abs(before[key] - after[key]) for key in before) < 1e-9
 
 
+def test_a_trajectory_is_begun_at_its_first_known_pose(intel):
+    ours = intel[2][:20]
+    moved = compose(np.broadcast_to((3.0, -2.0, 0.7), ours.shape), ours)
+    moved[[0, 1, 5]] = np.nan
+    begun = metrics.begun_like(moved, ours)
+    np.testing.assert_allclose(np.delete(begun, [0, 1, 5], axis=0), np.delete(ours, [0, 1, 5], axis=0), atol=1e-9)
+    assert np.isnan(begun[[0, 1, 5]]).all() and np.isnan(metrics.begun_like(np.full((2, 3), np.nan), ours)).all()
+
+
 def test_a_trajectory_that_stays_behind_is_frozen():
     reference = np.column_stack((0.1 * np.arange(11), np.zeros(11), np.zeros(11)))
     poses = reference.copy()

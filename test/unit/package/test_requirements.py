@@ -70,7 +70,7 @@ def test_a_command_needs_nothing_but_what_it_names(without, command):
     assert result.returncode == 0, result.stderr
     if command in ('replay', 'register', 'compare', 'tune', 'convert'):
         result = without(others, command, *WORDS[command])
-        assert result.stderr.endswith('a.log: cannot be read: No such file or directory\n')
+        assert 'a.log: no such file here' in result.stderr and result.stderr.count('\n') == 1
 
 
 def test_a_bag_needs_more_than_a_log(without, tmp_path):
