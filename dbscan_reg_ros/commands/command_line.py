@@ -7,7 +7,7 @@ import signal
 import sys
 import traceback
 from concurrent.futures import BrokenExecutor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from ..allocation import keep_freed_memory
@@ -20,6 +20,8 @@ from ..version import add_version
 FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 1, 2, 3, 130
 MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
+SMALLEST_CELL, LARGEST_CELL = 0.001, 10
+"""Limits of the side of a cell of a grid [m]."""
 LARGEST_PORT = 65535
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
@@ -128,6 +130,15 @@ def positive(text) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
     return int(text)
+
+
+def cell_size(text) -> float:
+    """Read an argument that is the side of a cell of a grid [m]."""
+    with suppress(ValueError):
+        if SMALLEST_CELL <= float(text) <= LARGEST_CELL:
+            return float(text)
+    raise argparse.ArgumentTypeError(f'{text!r}: expected the side of a cell, {SMALLEST_CELL} to {LARGEST_CELL} m; '
+                                     'without a number, write the option behind the recordings')
 
 
 def port(text) -> int:

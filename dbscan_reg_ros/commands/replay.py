@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..backend_choice import reference_settings
-from ..command_lines import command_line
 from ..requirements import missing_line
 from .command_line import (
     INCOMPLETE,
@@ -16,6 +15,7 @@ from .command_line import (
     add_parameters,
     add_recordings,
     add_workers,
+    cell_size,
     complain,
     explain,
     make_parser,
@@ -24,6 +24,8 @@ from .command_line import (
     shortened,
 )
 
+RESOLUTION = 0.05
+"""Side [m] of the cells of the occupancy grid, unless another is given."""
 AT_A_TIME = 50
 """Number of scans that are reported together: one by one takes longer, as the odometry evicts the code from caches."""
 
@@ -50,6 +52,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '
                         'the growing map, then the closed map; animation.gif, its last frame animation.png, and '
                         'animation.mp4 where ffmpeg is found')
+    parser.add_argument('--grid', type=cell_size, nargs='?', const=RESOLUTION, metavar='M', help='also write '
+                        'map.pgm and map.yaml, an occupancy grid with cells of M [m] as nav2_map_server loads it; with '
+                        f'--close-loops of the corrected trajectory (default: {RESOLUTION:g})')
     add_workers(parser)
     return run(parser, replay, argv)
 
@@ -73,7 +78,7 @@ def replay(args):
     place = Path.absolute if args.scheduler else Path
     mountings = parse_mountings(args.mounting)
     jobs = [Job(place(find_recording(file, args.data)), topics, parameters, place(Path(args.out)),
-                args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1)
+                args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1, args.grid)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -116,6 +121,8 @@ class Job:
         Topic -> `Mounting` of the lidar, for the mountings that the user gave.
     indexed : bool
         An index of several replays is written, to which the page links.
+    grid : float or None
+        Side of the cells of the occupancy grid [m]; None: no grid is written.
     """
 
     path: Path
@@ -127,6 +134,7 @@ class Job:
     animation: bool = False
     mountings: dict = field(default_factory=dict)
     indexed: bool = False
+    grid: float | None = None
 
     @property
     def topic(self):
@@ -170,9 +178,9 @@ def replay_one(job) -> Replayed:
     from ..replays.loops import Loops
     from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
-    from ..replays.result_folder import new_folder, point_latest
+    from ..replays.result_folder import new_folder, point_latest, register_command
     from ..replays.results import Results
-    from ..replays.trajectory import Trajectory
+    from ..replays.trajectory import Trajectory, too_few
     from ..robot.parameter_files import write_parameters
 
     recording = open_recording(job.path, job.topic)
@@ -184,7 +192,8 @@ def replay_one(job) -> Replayed:
     odometry = _odometry(job.parameters, others, recording, mounting)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
-                      job.animation, '../../index.html' if job.indexed else '', odometry if others else None)
+                      job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
+                      grid=job.grid)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:
@@ -194,7 +203,7 @@ def replay_one(job) -> Replayed:
     finally:
         write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
     if len(trajectory.poses) <= 1:
-        raise broken or _too_few(recording, trajectory)
+        raise broken or too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))
     faults.attempt('latest', point_latest, folder)
     prefix, names = f'{recording.topic}: ' if others else '', reference_settings(job.parameters)
@@ -279,22 +288,3 @@ def _follow(results, mounting, odometry):
         report()
         with faults.noted('bag'):
             stack.close()
-
-
-def _too_few(recording, trajectory):
-    """Make the error for a recording with fewer than two usable scans."""
-    from ..core.errors import DbscanRegError
-
-    count = len(trajectory.used)
-    if count == 1 and trajectory.poses:
-        return DbscanRegError(f'{recording.path}: contains one scan; expected at least two, so that '
-                              'there is a motion between them')
-    usable = 'only one' if trajectory.poses else 'not one'
-    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used',
-                                     *trajectory.problems[:1], *recording.watch.lines()]))
-
-
-def register_command(folder, recording) -> str:
-    """Return the command line that registers two scans of the recording again if their numbers are appended."""
-    parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
-    return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)

@@ -53,12 +53,21 @@ class MapPoints:
     def density(self, poses) -> DensityMap:
         """Return the density of the returns, given the poses ``(N, 3)`` of the sensor at the scans added."""
         poses = np.asarray(poses, dtype=float).reshape(-1, 3)
-        laid = [np.empty(0, dtype=np.complex64)]
+        laid = [np.empty(0, dtype=np.complex64), *(points.astype(np.complex64) for points in self._laid(poses))]
+        return _density(np.concatenate(laid).view(np.float32).reshape(-1, 2), poses)
+
+    def placed(self, poses, chosen):
+        """Yield the pose ``(3,)`` of each of the `chosen` scans (a bool each) and its returns ``(M, 2)`` on the map."""
+        for pose, points, use in zip(poses, self._laid(poses), chosen, strict=False):
+            if use:
+                yield pose, np.stack((points.real, points.imag), axis=1)
+
+    def _laid(self, poses):
+        """Yield the returns of each scan on the map, as complex numbers; `poses` are those of `density`."""
         # After an interruption the last pose may have no scan.
         for points, place, turn in zip(self._scans, as_complex(poses[:, :2]), np.exp(1j * (poses[:, 2] - self._yaw)),
                                        strict=False):
-            laid.append((turn * points + place).astype(np.complex64))
-        return _density(np.concatenate(laid).view(np.float32).reshape(-1, 2), poses)
+            yield turn * points + place
 
 
 def density_map(scans, poses) -> DensityMap:

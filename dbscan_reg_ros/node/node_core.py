@@ -189,6 +189,7 @@ class NodeCore:
             self._listener.on_timer()
         self._sender.on_timer()
         self._outputs.publish_pictures()
+        self._outputs.publish_grid()
         adopted = [lidar.adopt_type() for lidar in self._lidars]
         if any(adopted):
             self._diagnostics.restart()

@@ -4,6 +4,8 @@ import os
 import time
 from pathlib import Path
 
+from ..command_lines import command_line
+
 
 def new_folder(parent) -> Path:
     """Create a new folder in `parent`, named after date and time, that no other run uses; return its path."""
@@ -25,3 +27,9 @@ def point_latest(folder):
     link = folder.with_name(f'.latest-{folder.name}')
     os.symlink(folder.name, link)
     os.replace(link, folder.with_name('latest'))
+
+
+def register_command(folder, recording) -> str:
+    """Return the command line that registers two scans of the recording again if their numbers are appended."""
+    parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
+    return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)

@@ -15,6 +15,7 @@ from .animation import Track, write_animation
 from .faults import Faults
 from .lidars import OdometryWithOthers
 from .loops import Loops
+from .occupancy_map import write_occupancy_map
 from .page.entries import replay_entry
 from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
@@ -50,6 +51,8 @@ class Results:
         Address of the index of several replays, relative to the page; empty without an index.
     lidars : OdometryWithOthers or None
         The odometry of several lidars; None for a single lidar.
+    grid : float or None
+        Side of the cells of the occupancy grid [m]; None: no grid is written.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -66,6 +69,7 @@ class Results:
     animation: bool = False
     index: str = ''
     lidars: OdometryWithOthers | None = None
+    grid: float | None = None
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -86,6 +90,9 @@ class Results:
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
         summary = [*describe_recordings(recordings, counts), *summarise(measures), *_without_truth(known, stamps)]
+        if self.grid:
+            placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)
+            self.faults.attempt('map.pgm', write_occupancy_map, self.folder, placed, self.grid)
         if density and self.animation:
             self.faults.attempt('animation.gif', self._animate, density, closed_map)
         if density:

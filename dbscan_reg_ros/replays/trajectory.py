@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from ..core.errors import ScanError
+from ..core.errors import DbscanRegError, ScanError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
@@ -71,6 +71,11 @@ class Trajectory:
             self.restarts += bool(update.restarted) and update.registration is None
             yield update
 
+    @property
+    def registered(self):
+        """List of bool: whether each used scan was registered; the first scan of all counts as registered."""
+        return [status is not Status.FAILED for status in self.statuses]
+
     def usable(self, scans):
         """Yield the `scans` of the recording that the odometry used, converted to those of an upright laser."""
         upright = turned(scans, 0.0, self.upside_down)
@@ -107,3 +112,14 @@ def trajectory_of(scans, parameters) -> Trajectory:
     for _ in trajectory.follow(scans, Odometry(parameters)):
         pass
     return trajectory
+
+
+def too_few(recording, trajectory) -> DbscanRegError:
+    """Make the error for a recording with fewer than two usable scans."""
+    count = len(trajectory.used)
+    if count == 1 and trajectory.poses:
+        return DbscanRegError(f'{recording.path}: contains one scan; expected at least two, so that '
+                              'there is a motion between them')
+    usable = 'only one' if trajectory.poses else 'not one'
+    return DbscanRegError('; '.join([f'{recording.path}: {usable} of {count} scans could be used',
+                                     *trajectory.problems[:1], *recording.watch.lines()]))

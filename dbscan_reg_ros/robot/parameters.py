@@ -187,6 +187,14 @@ class NodeParameters(Parameters):
         False, read_only=True,
         help='If true, the transform on /tf has odom_frame as the child of base_frame. Use it for a base_frame that '
              'already has another parent.')
+    publish_grid: bool = parameter(
+        False, read_only=True,
+        help='If true, the node publishes an occupancy grid of the key frames around the robot on the topic '
+             'local_grid, once a second while the robot moves.')
+    grid_resolution: float = parameter(
+        0.05, unit='m', bounds=(0.02, 1.0), read_only=True,
+        help='Side of a cell of local_grid. Larger values need less memory and computing time; smaller values show '
+             'finer walls.')
     scan_topics: tuple[str, ...] = parameter(
         ('scan',), read_only=True,
         help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar; '

@@ -2,8 +2,8 @@
 """What is published for people to look at."""
 import numpy as np
 import rclpy  # noqa: F401 - needs ROS
-from nav_msgs.msg import Path
-from ros_helpers import TIMEOUT, shown
+from nav_msgs.msg import OccupancyGrid, Path
+from ros_helpers import LATCHED, TIMEOUT, shown
 from sensor_msgs.msg import PointCloud2, PointField
 
 from dbscan_reg_ros import SE2
@@ -64,3 +64,35 @@ def test_images_are_drawn_only_while_there_is_a_subscriber(node, player, peer, s
         assert player.play(scans[10:20]).lost == 0
     peer.until(lambda: maps)
     assert stamp_from_message(maps[0].header.stamp) >= scans[9].stamp
+
+
+def test_the_grid_shows_walls_and_free_space_to_who_comes_late(start_node, player, peer, drive, scans, truth):
+    start_node('-p', 'publish_grid:=true', '-p', 'grid_resolution:=0.1')
+    player.wait_for_node(TIMEOUT)
+    with peer.spinning():
+        assert player.play(scans).lost == 0
+    grids = peer.listen(OccupancyGrid, '/local_grid', LATCHED)
+    grid = peer.until(lambda: grids and grids[-1])
+    info = grid.info
+    assert grid.header.frame_id == 'odom' and info.resolution == np.float32(0.1)
+    values = np.pad(np.array(grid.data, dtype=int).reshape(info.height, info.width), 1, constant_values=-1)
+    assert set(values.ravel()) == {-1, 0, 100}
+    corner = np.array((info.origin.position.x, info.origin.position.y))
+
+    def at(points):
+        x, y = np.floor((points - corner) / 0.1).astype(int).T + 1
+        return values[y, x]
+
+    # Returns of a scan amid the drive lie in occupied cells or beside one; where the robot has been is free.
+    walls = truth[20].apply(scans[20].points[scans[20].valid])
+    around = np.stack([at(walls + 0.1 * np.array((dx, dy))) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
+    assert (around.max(axis=0) == 100).mean() > 0.9
+    assert (at(np.array([pose.as_array()[:2] for pose in truth[:60]])) == 0).all()
+
+
+def test_no_grid_is_published_by_default_and_nothing_on_the_topic_map(node, player, peer, scans):
+    player.wait_for_node(TIMEOUT)
+    peer.node.create_subscription(OccupancyGrid, '/map', print, 10)
+    assert player.play(scans[:10]).lost == 0
+    assert not peer.node.count_publishers('/map') and not peer.node.count_publishers('/local_grid')
+    assert peer.node.count_publishers('/odom')

@@ -3,12 +3,14 @@
 import array
 import math
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import MarkerArray
 
@@ -16,6 +18,7 @@ from ...core.features.records import Features
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
 from ...recordings.message_fields import odometry_fields
+from ...robot import occupancy
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from .endpoints import publisher
@@ -25,10 +28,24 @@ ODOM_DEPTH = 50
 PICTURE_DEPTH = 5
 PICTURE_PERIOD = 0.5
 """Interval [s] at which path and local_map are published."""
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+REACH = 20.0
+"""Length [m] at which rays of local_grid end, which bounds its size."""
+
+
+@dataclass(eq=False)
+class _KeyFrame:
+    """Features and pose of a key frame, and the cells of local_grid that it observes, None until they are needed."""
+
+    features: Features
+    pose: SE2
+    patch: occupancy.Patch | None = None
 
 
 class Outputs:
     """Publishes ``odom`` and ``segments`` for each scan, ``path`` and ``local_map`` twice a second.
+
+    With ``publish_grid`` also ``local_grid``, when `publish_grid` is called.
 
     Parameters
     ----------
@@ -54,6 +71,7 @@ class Outputs:
             publisher(node, kind, topic, depth)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
+        self._grid = publisher(node, OccupancyGrid, 'local_grid', LATCHED) if parameters.publish_grid else None
         # Reused for each scan: making a message takes longer than filling it.
         self._odometry = Odometry()
         self.reset()
@@ -61,8 +79,10 @@ class Outputs:
     def reset(self) -> None:
         """Begin a new path and a new map."""
         self._poses: list[tuple[int, SE2]] = []
-        self._key_frames: list[tuple[Features, SE2]] = []
+        self._key_frames: list[_KeyFrame] = []
         self._latest: tuple[BaseState, SE2] | None = None
+        self._placed: tuple[int, SE2] | None = None
+        self._has_new_key_frame = False
         self._next_picture = 0.0
 
     def publish(self, update: OdometryUpdate, state: BaseState, origin: SE2) -> None:
@@ -84,6 +104,7 @@ class Outputs:
         self._extend_path(state)
         self.keep(update)
         self._latest = state, origin
+        self._placed = state.stamp, origin
         if time.monotonic() >= self._next_picture:
             self.publish_pictures()
 
@@ -92,7 +113,8 @@ class Outputs:
         if update.starts_track:
             self._key_frames.clear()
         if update.reference_changed:
-            self._key_frames.append((update.features, update.scan_pose))
+            self._key_frames.append(_KeyFrame(update.features, update.scan_pose))
+            self._has_new_key_frame = True
         del self._key_frames[:-self.parameters.odometry.key_frames * len(self.parameters.scan_topics)]
 
     def _extend_path(self, state: BaseState) -> None:
@@ -112,8 +134,23 @@ class Outputs:
         if self._path.get_subscription_count():
             self._path.publish(self._path_message(state))
         if self._map.get_subscription_count():
-            points = np.concatenate([(origin @ pose).apply(features.points) for features, pose in self._key_frames])
+            points = np.concatenate([(origin @ frame.pose).apply(frame.features.points) for frame in self._key_frames])
             self._map.publish(cloud_message(points, state.stamp, self.parameters.odom_frame))
+
+    def publish_grid(self) -> None:
+        """Publish ``local_grid``, with the parameter of the same name, if there is a new key frame."""
+        if self._grid is None or self._placed is None or not self._has_new_key_frame:
+            return
+        self._has_new_key_frame = False
+        (stamp, origin), resolution = self._placed, self.parameters.grid_resolution
+        counts = occupancy.OccupancyCounts(resolution)
+        for frame in self._key_frames:
+            if frame.patch is None:
+                pose = origin @ frame.pose
+                frame.patch = occupancy.trace_rays(pose.apply(frame.features.points), pose.as_array()[:2], resolution,
+                                                   REACH)
+            counts.add(frame.patch)
+        self._grid.publish(grid_message(counts.grid(), stamp, self.parameters.odom_frame))
 
     def _path_message(self, state: BaseState) -> Path:
         poses = [*self._poses, (state.stamp, state.pose)]
@@ -122,6 +159,16 @@ class Outputs:
             stamped.header.stamp, stamped.header.frame_id = stamp_to_message(stamp), self.parameters.odom_frame
         message.header.stamp, message.header.frame_id = stamp_to_message(state.stamp), self.parameters.odom_frame
         return message
+
+
+def grid_message(grid: occupancy.OccupancyGrid, stamp: int, frame: str) -> OccupancyGrid:
+    """Make the OccupancyGrid of a `grid` in `frame` at `stamp` [ns]."""
+    message = OccupancyGrid(data=array.array('b', grid.values.tobytes()))
+    message.header.stamp, message.header.frame_id = stamp_to_message(stamp), frame
+    message.info.map_load_time, message.info.resolution = message.header.stamp, grid.resolution
+    message.info.height, message.info.width = grid.values.shape
+    message.info.origin.position.x, message.info.origin.position.y = grid.corner
+    return message
 
 
 def cloud_message(points: NDArray[np.float64], stamp: int, frame: str) -> PointCloud2:

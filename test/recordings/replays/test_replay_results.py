@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 from bags import SECOND, scan_bag
 
 from dbscan_reg_ros import SE2, Odometry
@@ -253,3 +254,48 @@ def test_a_restart_is_counted_and_the_jump_of_the_clock_is_no_driving_time(repla
     ([7, 7, 7], 0.0, 0), ([0, 5, 10, 15, 20], 20.0, 0), ([0, 5, 10, 100, 105], 15.0, 1), ([3, 2, 1], 0.0, 0)])
 def test_jumps_of_the_stamps_are_not_time_that_passed(stamps, seconds, jumps):
     assert duration([round(stamp * SECOND) for stamp in stamps], 2.0) == (seconds, jumps)
+
+
+def loaded(folder):
+    """Values 0, 100, -1 of the cells, by row of y, the corner and the resolution, as map_server of nav2 loads them."""
+    fields = yaml.safe_load((folder / 'map.yaml').read_text())
+    kind, sides, depth, pixels = (folder / fields['image']).read_bytes().split(b'\n', 3)
+    width, height = map(int, sides.split())
+    assert (kind, depth, len(pixels)) == (b'P5', b'255', width * height)
+    assert (fields['mode'], fields['negate'], fields['origin'][2]) == ('trinary', 0, 0.0)
+    occupancy = 1.0 - np.frombuffer(pixels, np.uint8).reshape(height, width)[::-1] / 255.0
+    values = np.where(occupancy > fields['occupied_thresh'], 100, np.where(occupancy < fields['free_thresh'], 0, -1))
+    return values, np.array(fields['origin'][:2]), fields['resolution']
+
+
+@pytest.mark.parametrize('words', [(), ('--close-loops',)])
+def test_the_grid_of_a_replay_is_loaded_as_the_rooms_that_were_seen(replay, drive, rotating, words):
+    code, folder = replay(rotating, '--grid', '0.1', *words)
+    assert code == 0
+    values, corner, resolution = loaded(folder)
+    assert resolution == 0.1 and set(values.ravel()) == {-1, 0, 100}
+    values = np.pad(values, 1, constant_values=-1)
+
+    def at(points):
+        x, y = np.floor((points - corner) / resolution).astype(int).T + 1
+        return values[y, x]
+
+    # The map is that of the poses that the replay writes.
+    _, poses = read_tum(folder / ('closed.tum' if words else 'trajectory.tum'))
+    assert (at(poses[:, :2]) == 0).all()
+    scan = drive.scans[15]
+    beside = np.stack([at(scan.points[scan.valid] + resolution * np.array((dx, dy)))
+                       for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
+    assert (beside.max(axis=0) == 100).mean() > 0.85
+
+
+def test_a_grid_with_too_many_cells_is_named_and_all_else_is_written(replay, rotating, capsys):
+    code, folder = replay(rotating[:20], '--grid', '0.001')
+    assert code == 3 and 'use a larger resolution' in capsys.readouterr().err
+    assert (folder / 'report.html').exists() and not (folder / 'map.yaml').exists()
+
+
+def test_a_grid_of_no_size_is_refused(replay, rotating, capsys):
+    with pytest.raises(SystemExit):
+        replay(rotating[:2], '--grid', '0')
+    assert "'0': expected the side of a cell, 0.001 to 10 m" in capsys.readouterr().err
