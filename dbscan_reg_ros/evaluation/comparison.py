@@ -146,7 +146,7 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
     stamps = np.array(trajectory_a.stamps, dtype=np.int64)[rows[0]]
     poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
-    true = _true_motions(known, stamps, poses[0])
+    true = _true_motions(known, stamps, poses[0], np.flatnonzero(both))
     count = len(true.first)
     if not count and known.truth:
         raise TooShort(f'too few scans have a true pose: {known.true_poses(stamps).explanation}')
@@ -167,15 +167,17 @@ class _TrueMotions(NamedTuple):
     length: float
 
 
-def _true_motions(known: KnownMotion, stamps, poses) -> _TrueMotions:
+def _true_motions(known: KnownMotion, stamps, poses, scans) -> _TrueMotions:
     """Return true motions over 1 m of path at `stamps` ``(N,)`` [ns], or without true poses those of `relations`.
+
+    None spans a hole between the numbers of the `scans` ``(N,)``.
 
     The path length is that of the true poses, or if there are none that of the estimated `poses` ``(N, 3)``
     [m, m, rad].
     """
     if known.truth:
         truth = known.true_poses(stamps).poses
-        first, second = apart(truth, METRES)
+        first, second = apart(truth, METRES, scans)
         driven = path_lengths(truth[np.isfinite(truth).all(axis=1)])
         return _TrueMotions(first, second, relative(truth[first], truth[second]), driven[-1] if len(driven) else 0.0)
     if known.relations:

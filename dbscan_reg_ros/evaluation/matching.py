@@ -5,10 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..recordings import interpolate
-from .metrics import SAME_SCAN_WITHIN
-
-LONGEST_GAP = 3.0
-"""Longest gap over which poses are interpolated, as a multiple of a median interval."""
+from .metrics import LONGEST_GAP, SAME_SCAN_WITHIN
 
 
 class Matched(NamedTuple):
@@ -67,22 +64,6 @@ def match(own, poses, stamps, sparse=False) -> Matched:
     if reasons:
         words.append(f'{np.isnan(found[:, 0]).sum()} have no pose: {" and ".join(reasons)}')
     return Matched(found, '; '.join(words) + _other_clock(first, last, stamps))
-
-
-def without_holes(known) -> list:
-    """Split the rows of known poses at the holes, of at least `LONGEST_GAP` successive rows without a pose.
-
-    Parameters
-    ----------
-    known : (N,) bool
-
-    Returns
-    -------
-    list of (K,) int
-        Rows of each part with known poses.
-    """
-    rows = np.flatnonzero(known)
-    return np.split(rows, np.flatnonzero(np.diff(rows) > LONGEST_GAP) + 1)
 
 
 def _interval(stamps) -> float:

@@ -11,6 +11,8 @@ NEIGHBOURS_WITHIN = 30_000_000_000
 """Relations over less time than this [ns] connect neighbouring scans; all other relations close loops."""
 SAME_SCAN_WITHIN = 1_000_000
 """A stamp of a relation belongs to a scan if their stamps differ by less than this [ns]."""
+LONGEST_GAP = 3
+"""Longest time between two poses of a trajectory without a hole, in median intervals of the scans."""
 MOVING_BEYOND = 0.03
 """A step between scans longer than this [m] in the reference is motion, not noise of the reference."""
 FROZEN_BELOW = 0.5
@@ -93,20 +95,40 @@ def distance_errors(poses, reference, metres) -> dict:
                      relative(reference[scans], reference[later]))
 
 
-def apart(reference, metres):
+def apart(reference, metres, scans=None):
     """Return indices of scans, and for each the index of the first scan `metres` farther on the reference path.
 
-    No scan lies between the two whose pose in the reference is unknown (NaN).
+    No scan lies between the two whose pose in the reference is unknown (NaN), and no hole.
+
+    Parameters
+    ----------
+    reference : (N, 3) float [m, m, rad]
+    metres : float
+    scans : (N,) int, optional
+        Numbers of the scans, if some lack a row; more than `LONGEST_GAP` from one to the next are a hole.
     """
     is_known = np.isfinite(reference).all(axis=1)
     known = np.flatnonzero(is_known)
     path = path_lengths(reference[known])
     later = np.searchsorted(path, path + metres)
     first = np.flatnonzero(later < len(path))
-    scans, later = known[first], known[later[first]]
+    first, later = known[first], known[later[first]]
     unknown = np.cumsum(~is_known)
-    within = unknown[scans] == unknown[later]
-    return scans[within], later[within]
+    if scans is not None:
+        unknown += _part(scans)
+    within = unknown[first] == unknown[later]
+    return first[within], later[within]
+
+
+def without_holes(known) -> list:
+    """Return the rows of each part of a trajectory between its holes, where ``known`` ``(N,)`` rows have a pose."""
+    rows = np.flatnonzero(known)
+    return np.split(rows, np.flatnonzero(np.diff(_part(rows))) + 1)
+
+
+def _part(rows):
+    """Return the number of the part between two holes for each of the increasing `rows` ``(K,)``."""
+    return np.cumsum(np.diff(rows, prepend=rows[:1]) > LONGEST_GAP)
 
 
 def path_lengths(poses):

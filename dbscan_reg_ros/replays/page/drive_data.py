@@ -137,7 +137,7 @@ def _competitor_plots(report, kept):
         poses = competitor_poses(report.trajectory, trajectory)
         there = np.isfinite(poses).all(axis=1)
         stamps, numbers = np.array(report.trajectory.stamps, dtype=np.int64)[there], np.flatnonzero(there)
-        for plot, values in _errors(report.known, stamps, poses[there]):
+        for plot, values in _errors(report.known, stamps, poses[there], numbers):
             row = np.full(len(poses), np.nan)
             row[numbers] = values
             yield plot | {'id': f'{plot["id"]}-{place}', 'kind': f'other{place % KINDS}',
@@ -170,18 +170,22 @@ def _error_plots(known, stamps, poses, kept):
         yield plot | {'values': packed(_largest(values, kept))}
 
 
-def _errors(known, stamps, poses):
-    """Yield plots and errors ``(N,)`` against the truth, or else the relations, or else the wheel odometry."""
+def _errors(known, stamps, poses, scans=None):
+    """Yield plots and errors ``(N,)`` against the truth, or else the relations, or else the wheel odometry.
+
+    `scans` ``(N,)`` are the numbers of the scans if some lack a pose: the next metre does not span such a hole.
+    """
     found = None
     if known.truth:
-        found = 'Error over the next metre', 'against the truth', _over_a_metre(known.true_poses(stamps).poses, poses)
+        truth = known.true_poses(stamps).poses
+        found = 'Error over the next metre', 'against the truth', _over_a_metre(truth, poses, scans)
     elif known.relations and len(poses):
         first, second, there = related(stamps, known.relations)
         values = errors(relative(poses[first], poses[second]), known.relations.motions[there])
         found = 'Error of relations', 'at the later scan', _of_scans(len(poses), second, values)
     elif known.wheels:
         wheels = interpolate(*known.wheels, stamps)
-        found = 'Difference from the wheels over the next metre', '', _over_a_metre(wheels, poses)
+        found = 'Difference from the wheels over the next metre', '', _over_a_metre(wheels, poses, scans)
     if found is None or not np.isfinite(found[2]).any():
         return
     name, note, values = found
@@ -190,11 +194,11 @@ def _errors(known, stamps, poses):
                'log': True}, row
 
 
-def _over_a_metre(reference, poses):
+def _over_a_metre(reference, poses, scans):
     """Return errors ``(2, N)`` [m], [deg] of the motion from each scan over the next metre of the `reference`."""
-    scans, later = apart(reference, METRES)
-    values = errors(relative(poses[scans], poses[later]), relative(reference[scans], reference[later]))
-    return _of_scans(len(poses), scans, values)
+    first, later = apart(reference, METRES, scans)
+    values = errors(relative(poses[first], poses[later]), relative(reference[first], reference[later]))
+    return _of_scans(len(poses), first, values)
 
 
 def _of_scans(count, scans, values):

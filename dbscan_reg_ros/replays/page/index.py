@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ...evaluation.matching import without_holes
+from ...evaluation.metrics import without_holes
 from ...recordings.files import replacing
 from .encoding import picture
 from .report import page_parts

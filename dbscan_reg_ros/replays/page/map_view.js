@@ -1,7 +1,7 @@
 
 // The map: what lies still on one canvas, the scan of the moment on another, so that a step draws one scan only.
 
-// A line is interrupted where so many successive scans have no position: HOLE, LONGEST_GAP of matching.py.
+// A line is interrupted where so many successive scans have no position: HOLE, LONGEST_GAP of metrics.py.
 const REACH = 24, CLICK = 6, ELLIPSE = 2.4477, HOLE = 3;
 const LAYERS = [
   ['scan', 'scan', 'M6 7h0M15 7h0M24 7h0', true], ['segments', 'segments', 'M0 7H30', false], ['covariance', 'covariance', 'M4 7a11 5 0 1 0 22 0a11 5 0 1 0 -22 0', true],

@@ -135,6 +135,17 @@ def test_no_motion_is_measured_across_a_hole_in_the_truth():
     assert measures['ate_m'] > 0.5 and 'rpe_5m_mean_m' not in metrics.evaluate(poses[:60], reference=reference[:60])
 
 
+def test_no_motion_is_measured_across_a_hole_in_a_trajectory():
+    """One or two scans without a pose are no hole."""
+    numbers = np.r_[0:40, 41:50, 52:60, 63:101]
+    reference = np.column_stack((0.125 * numbers, np.zeros((len(numbers), 2))))
+    first, later = (numbers[rows] for rows in metrics.apart(reference, 1.0, numbers))
+    within = [number for number in numbers if number + 8 < 60 or 63 <= number <= 92]
+    assert first.tolist() == within and set((later - first).tolist()) == {8, 9, 10}
+    known = np.isin(np.arange(101), numbers)
+    assert [part.tolist() for part in metrics.without_holes(known)] == [[*numbers[:57]], [*numbers[57:]]]
+
+
 def test_truth_is_interpolated_where_it_is_generally_sparse_but_not_in_its_holes():
     """Scans at 10 Hz."""
     stamps = 100_000_000 * np.arange(200)
