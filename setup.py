@@ -11,7 +11,7 @@ from setuptools.command.build_ext import build_ext
 from setuptools.command.sdist import sdist
 
 PACKAGE = 'dbscan_reg_ros'
-COMMANDS = ('compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
+COMMANDS = ('calibrate', 'compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
             'scan_matcher_lifecycle', 'simulate', 'tune', 'watch')
 ENTRY_POINT = f'{PACKAGE}.__main__:entry_point'
 

@@ -18,6 +18,7 @@ COMMANDS = {
     'play': ('commands.play', 'publish a recording to a running node'),
     'watch': ('commands.watch', 'show a running node live in a browser'),
     'demo': ('commands.demo', 'run the node on a simulated building or a recording and print its error'),
+    'calibrate': ('commands.calibrate', 'estimate mountings and time offsets of several lidars of a recording'),
     'compare': ('commands.compare', 'compare two parameter sets or methods on the same recordings'),
     'tune': ('commands.tune', 'search parameter values on recordings'),
     'simulate': ('commands.simulate', 'simulate a recording of any lidar, with exact truth'),

@@ -47,6 +47,7 @@ NEEDS = {
     'register': (*_CORE, 'matplotlib'),
     'play': (*_CORE, 'tqdm', ROS),
     'demo': (*_CORE, 'matplotlib', 'tqdm', ROS),
+    'calibrate': (*_CORE, 'tqdm'),
     'compare': (*_CORE, 'matplotlib', 'tqdm'),
     'tune': (*_CORE, 'tqdm'),
     'simulate': (*_CORE, 'matplotlib'),

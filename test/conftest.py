@@ -13,9 +13,9 @@ from manifest import NOT_IN_THE_MANIFEST
 
 from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.backend_choice import compiled_backend
-from dbscan_reg_ros.commands.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.commands.simulate import main as simulate_command
+from dbscan_reg_ros.private_graph import private_graph
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 

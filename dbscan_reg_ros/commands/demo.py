@@ -97,8 +97,8 @@ def _play(recording, out, words, args, topics):
     from tqdm import tqdm
 
     from ..node.playback.player import WINDOW, Player
+    from ..private_graph import private_graph
     from .play import counted
-    from .private_graph import private_graph
     from .processes import Process, package_command
 
     os.environ['ROS_LOG_DIR'] = str((out / 'ros_log').absolute())

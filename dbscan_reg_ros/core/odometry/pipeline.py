@@ -18,6 +18,8 @@ from ..registration.pipeline import load_strategies
 from ..registration.records import Prior
 from ..scan import Scan
 from . import update
+from .calibration.comparisons import LidarComparisons
+from .calibration.location import Location, locate
 from .gate import Gate
 from .models.deskew import deskew
 from .models.stamps import Jump, ScanInterval, middle_offset
@@ -40,10 +42,18 @@ class Odometry:
         frames are not changed.
     backend : Backend, optional
         Implementation of the numerical steps; by default the compiled one, if it is built.
+    comparisons : LidarComparisons, optional
+        Comparison of further lidars with the first one; decides whether they are used.
+
+    Attributes
+    ----------
+    comparisons : LidarComparisons
     """
 
-    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None):
+    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None,
+                 comparisons: LidarComparisons | None = None):
         self.parameters = parameters
+        self.comparisons = comparisons or LidarComparisons()
         self._backend = backend or default_backend()
         self._state = update.initial_state(SE2(), number=0)
 
@@ -65,6 +75,7 @@ class Odometry:
     def reset(self, pose: SE2 = SE2()) -> None:
         """Forget everything except the number of scans; the next scan starts a track at `pose`."""
         self._state = update.initial_state(pose, self._state.output.number)
+        self.comparisons.restart()
 
     def process(self, scan: Scan, prior: Prior | None = None, sensor: Sensor = FIRST) -> OdometryUpdate:
         """Register a scan and estimate the pose of the first sensor.
@@ -91,6 +102,23 @@ class Odometry:
             When the scan has too few returns, or is too old compared with the last scan of another sensor. The state
             is not changed then.
         """
+        result = self._process(scan, prior, sensor)
+        self.comparisons.add(result, self._locate)
+        return result
+
+    def _locate(self, result: OdometryUpdate) -> Location | None:
+        """Locate the scan of a further sensor in the map of the sensors of rank 0, in the published frame."""
+        state, sensor = self._state, result.sensor
+        window = state.window and state.window.of_rank(0)
+        if not window:
+            return None
+        elapsed = state.order.time_since_last(result.stamp)
+        predicted = sensor.pose_at(state.pose @ SE2.from_array(elapsed * state.motion.twist))
+        location = locate(result.features, window, predicted, self._parameters, self._search_parameters)
+        return location and location._replace(pose=state.output.corrected(location.pose))
+
+    def _process(self, scan: Scan, prior: Prior | None, sensor: Sensor) -> OdometryUpdate:
+        """Register a scan; the steps of `process`."""
         state, p = self._state, self._parameters
         # Stamp: how long the scan took, and whether its motion can be removed.
         own = self._sensor_state(scan, sensor)
@@ -99,7 +127,7 @@ class Odometry:
         twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, own)
         interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
-        if self._waits(scan, sensor):
+        if not self._uses(scan, sensor) or self._waits(scan, sensor):
             return report_waiting(state, features, sensor)
         interval = self._since_last(scan, sensor, interval)
         if state.window is None or interval.jump is Jump.BACKWARD:
@@ -142,6 +170,13 @@ class Odometry:
             raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
                             'expected scans in the order of their stamps')
         return self._state.sensors.setdefault(sensor.name, SensorState())
+
+    def _uses(self, scan: Scan, sensor: Sensor) -> bool:
+        """Whether a scan may change the track; key frames of a sensor that may not are removed."""
+        uses = self.comparisons.uses(sensor, scan.stamp)
+        if not uses:
+            update.leave_out(self._state, sensor)
+        return uses
 
     def _waits(self, scan: Scan, sensor: Sensor) -> bool:
         """Whether a scan of another sensor cannot be added yet, because the velocity is still unknown."""

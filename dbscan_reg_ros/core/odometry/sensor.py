@@ -25,10 +25,13 @@ class Sensor:
         Unique name of the sensor.
     pose : SE2
         Pose of the sensor in the frame of the first sensor; the identity for the first.
+    rank : int
+        0 for a sensor whose mounting counts as right. Others are compared with these, and used only if they agree.
     """
 
     name: str = ''
     pose: SE2 = _IDENTITY
+    rank: int = 0
 
     @cached_property
     def is_first(self) -> bool:

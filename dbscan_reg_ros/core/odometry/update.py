@@ -78,6 +78,11 @@ def join(state: TrackState, features: Features, predictions: Predictions, sensor
         pose=state.pose, interval=interval, status=Status.OK, is_key_frame=True, sensor=sensor, joined=True))
 
 
+def leave_out(state: TrackState, sensor: Sensor) -> None:
+    """Remove the key frames of a `sensor` that is not used."""
+    state.window = state.window and state.window.without(sensor.name)
+
+
 def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:
     """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s]."""
     frame = dataclasses.replace(state.key_frames.latest, features=first)
@@ -114,7 +119,9 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     lost, mode = _lost_map(state, interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
-        _forget_motion(state)
+        if state.motion.has_velocity:
+            reset_velocity(state)
+        state.motion.forget_position()
     stopped = mode is Mode.LOST and predictions.by_motion_model
     guess = outcome.guess and sensor.first_at(outcome.guess)
     pose = guess or (state.pose if stopped else predicted)
@@ -128,13 +135,6 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=registration.status, registration=registration,
         key_frame=state.key_frames.frames_of(sensor.name)[-1], sensor=sensor))
-
-
-def _forget_motion(state: TrackState) -> None:
-    """Reset the velocity, and discard the positions from which it is computed."""
-    if state.motion.has_velocity:
-        reset_velocity(state)
-    state.motion.forget_position()
 
 
 def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:

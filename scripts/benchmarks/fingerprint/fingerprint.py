@@ -230,7 +230,7 @@ def recorded_and_compared(given, other, commit, cache, scratch) -> list:
     """
     from tqdm import tqdm
 
-    from dbscan_reg_ros.commands.private_graph import private_graph
+    from dbscan_reg_ros.private_graph import private_graph
     script = scratch / 'recorder.py'
     sources = [root() / RECORDER, *((root() / RECORDER).with_name(name) for name in BESIDE_RECORDER)]
     for source in sources:

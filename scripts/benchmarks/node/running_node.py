@@ -123,7 +123,7 @@ def to_and_fro(drive, rate):
 @contextmanager
 def graph():
     """Provide a ROS graph of its own, and a folder for the node's log."""
-    from dbscan_reg_ros.commands.private_graph import private_graph
+    from dbscan_reg_ros.private_graph import private_graph
     with private_graph(), tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 

@@ -9,13 +9,13 @@ import time
 
 import pytest
 
-from dbscan_reg_ros.commands.private_graph import DOMAINS, private_graph
 from dbscan_reg_ros.commands.processes import Process
+from dbscan_reg_ros.private_graph import DOMAINS, private_graph
 
 SLEEPER = [sys.executable, '-c', 'import time; time.sleep(60)']
 KILLED = """
 import os, signal, sys
-from dbscan_reg_ros.commands.private_graph import private_graph
+from dbscan_reg_ros.private_graph import private_graph
 from dbscan_reg_ros.commands.processes import Process
 with private_graph() as domain:
     child = Process([sys.executable, '-c', 'import time; time.sleep(60)'], sys.argv[1])

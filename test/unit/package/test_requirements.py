@@ -18,7 +18,7 @@ WORDS = {
     'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1'],
          'play': ['a.log'],
     'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'], 'dump': [],
-    'convert': ['a.log', 'b.log'], 'watch': [],
+    'convert': ['a.log', 'b.log'], 'watch': [], 'calibrate': ['a.log', '--topic', '/a'],
 }
 
 

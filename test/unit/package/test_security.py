@@ -7,8 +7,8 @@ import tempfile
 
 import pytest
 
-from dbscan_reg_ros.commands.private_graph import ForeignFolder, private_graph
 from dbscan_reg_ros.commands.replay import main as replay
+from dbscan_reg_ros.private_graph import ForeignFolder, private_graph
 
 FORBIDDEN_MODULES = {'pickle', 'marshal', 'shelve', 'dill', 'cloudpickle', 'joblib'}
 FORBIDDEN_CALLS = {'eval', 'exec', 'compile', '__import__', 'system', 'popen', 'unsafe_load', 'full_load', 'load_all'}

@@ -45,6 +45,7 @@ class KeyFrameWindow:
         self.fields = LikelihoodFieldStack(fields, *self.poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
         self._local_maps: dict[str, Features] = {}
+        self._parts: dict[int, KeyFrameWindow | None] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
 
     @property
@@ -67,6 +68,18 @@ class KeyFrameWindow:
             points = others and older_map_points(others, latest, latest.features.density)
             self._local_maps[sensor] = replace(latest.features, map_points=points) if points else latest.features
         return self._local_maps[sensor]
+
+    def of_rank(self, rank: int) -> 'KeyFrameWindow | None':
+        """Return the window of the key frames of all sensors of this `Sensor.rank`; None if there is none."""
+        if rank not in self._parts:
+            frames = [frame for frame in self.frames if frame.sensor.rank == rank]
+            self._parts[rank] = KeyFrameWindow(frames) if frames else None
+        return self._parts[rank]
+
+    def without(self, sensor: str) -> 'KeyFrameWindow':
+        """Return a window without the key frames of a `sensor`, unless it has no others."""
+        frames = [frame for frame in self.frames if frame.sensor.name != sensor]
+        return KeyFrameWindow(frames) if frames and len(frames) < len(self.frames) else self
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
         """Return a window with one more key frame: the `latest` of its sensor, or inserted before the latest.

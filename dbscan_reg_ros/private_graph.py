@@ -6,7 +6,7 @@ import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import DbscanRegError
+from .core.errors import DbscanRegError
 
 DOMAINS = range(1, 102)
 """ROS domains to choose from: 0 is the default of all nodes, and Linux assigns the ports of ids above 101 to others."""

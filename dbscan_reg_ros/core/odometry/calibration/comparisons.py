@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Comparison of further lidars with the first one, and the decision whether they are used."""
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ...geometry.se2 import SE2
+from ...registration.records import Status
+from ...scan import SECOND
+from ..records import OdometryUpdate
+from ..sensor import Sensor
+from .first_lidar import HALF_SPAN, FirstLidar
+from .location import Location
+from .relative_pose import Comparison, RelativePose, estimate_relative_pose
+
+
+class Disagreement(NamedTuple):
+    """By how much mounting and time offset of a further lidar differ from what the scans show; 0: insignificantly.
+
+    Attributes
+    ----------
+    distance : float [m]
+    rotation : float [rad]
+        Difference of the mounting by the scans from the given one.
+    time_offset : float [s]
+        Time to be added to the stamps.
+    """
+
+    distance: float
+    rotation: float
+    time_offset: float
+
+
+@dataclass
+class ComparedLidar:
+    """Comparisons of one further lidar.
+
+    Attributes
+    ----------
+    given : SE2
+        Its mounting as given; the comparisons start again if it changes.
+    comparisons : deque of Comparison
+    driven, turned : float
+        Distance [m] and angle [rad] over which it has been compared.
+    disagrees : bool
+        Whether the lidar probably disagrees with the first one, so that it is not used.
+    """
+
+    given: SE2
+    comparisons: deque[Comparison]
+    driven: float = 0.0
+    turned: float = 0.0
+    disagrees: bool = False
+    _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
+    _last: SE2 | None = None
+    _new: int = 0
+
+    @property
+    def known(self) -> bool:
+        """Whether there are enough comparisons to judge the lidar."""
+        return len(self.comparisons) >= _LEAST
+
+    def is_due(self, pose: SE2, spacing: float) -> bool:
+        """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`."""
+        self._last = self._last or pose
+        motion = self._last.inverse() @ pose
+        distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
+        if distance + angle >= max(spacing, _STEP):
+            self._last = pose
+            self.driven += distance
+            self.turned += angle
+            return True
+        return not spacing or len(self.comparisons) + len(self._pending) < _LEAST
+
+    def wait(self, location: Location) -> None:
+        """Store a `location` until the motion of the first lidar at its stamp is known."""
+        self._pending.append(location)
+
+    def resolve(self, first: FirstLidar) -> None:
+        """Make a comparison of each stored location for which the motion of the `first` lidar is known."""
+        while self._pending and not first.must_wait(self._pending[0].stamp):
+            location = self._pending.popleft()
+            motion = first.motion_at(location.stamp)
+            if motion is not None:
+                self._compare(location, motion.pose.inverse() @ location.pose, motion.twist)
+
+    def _compare(self, location: Location, relative: SE2, twist: np.ndarray) -> None:
+        # A pose of the first lidar has about the covariance of one of the further lidar.
+        span = 2.0 * HALF_SPAN / SECOND
+        self.comparisons.append(Comparison(
+            relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
+        self._new += 1
+        if self.known and self._new * _RENEWAL >= len(self.comparisons):
+            self._new = 0
+            self.disagrees = any(self.difference(_PROBABLE))
+
+    @property
+    def error(self) -> Disagreement | None:
+        """The error of mounting or stamps that has lasted over a long drive; None if there is none."""
+        if self.driven < _LASTING_DISTANCE or self.turned < _LASTING_ROTATION or not self.disagrees:
+            return None
+        difference = self.difference(_CERTAIN)
+        return difference if any(difference) else None
+
+    def estimate(self) -> RelativePose:
+        """Estimate mounting and time offset from all comparisons."""
+        return estimate_relative_pose(self.comparisons, self.given)
+
+    def difference(self, sigmas: float) -> Disagreement:
+        """Return by how much the estimate differs, with 0 for what is below a multiple `sigmas` of its deviation."""
+        estimate = self.estimate()
+        x, y, yaw, time = (sigmas * estimate.sigmas).tolist()
+        rotation = (self.given.inverse() @ estimate.pose).theta
+        shift = SE2(estimate.pose.x - self.given.x, estimate.pose.y - self.given.y)
+        distance = math.hypot(shift.x, shift.y)
+        shifted = distance > _DISTANCE and (abs(shift.x) > x or abs(shift.y) > y)
+        return Disagreement(distance if shifted else 0.0, rotation if abs(rotation) > max(_ROTATION, yaw) else 0.0,
+                            estimate.time_offset if abs(estimate.time_offset) > max(_TIME, time) else 0.0)
+
+
+class LidarComparisons:
+    """Compares the scans of further lidars with the map of the first one, which counts as right.
+
+    A further lidar is not used before it has been compared, and not while it disagrees. If the first one is silent, all
+    are used.
+
+    Parameters
+    ----------
+    spacing : float
+        Least motion between two comparisons [m, rad].
+    only : bool
+        Whether further lidars are compared only, and never used.
+    most : int
+        Number of comparisons that are kept of each lidar.
+
+    Attributes
+    ----------
+    lidars : dict
+        Name of a further lidar -> `ComparedLidar`.
+    """
+
+    def __init__(self, spacing: float = 0.2, only: bool = False, most: int = 200) -> None:
+        self.lidars: dict[str, ComparedLidar] = {}
+        self._spacing, self._only, self._most = spacing, only, most
+        self._first = FirstLidar()
+
+    def restart(self) -> None:
+        """Forget the poses of the first lidar: the odometry is reset."""
+        self._first.clear()
+
+    def uses(self, sensor: Sensor, stamp: int) -> bool:
+        """Whether the scan of a `sensor` at a `stamp` [ns] may change the track."""
+        if not sensor.rank:
+            return True
+        lidar = self.lidars.get(sensor.name)
+        if lidar is None or lidar.given != sensor.pose:
+            lidar = self.lidars[sensor.name] = ComparedLidar(sensor.pose, deque(maxlen=self._most))
+        if self._only or not self._first.is_heard(stamp):
+            return not self._only
+        return lidar.known and not lidar.disagrees
+
+    def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None]) -> None:
+        """Add the `update` of a scan; `locate` returns the location of this scan in the map of the first lidar."""
+        sensor = update.sensor
+        if sensor.rank:
+            lidar = self.lidars[sensor.name]
+            if self._first.is_heard(update.stamp) and lidar.is_due(update.pose, self._spacing):
+                location = locate(update)
+                if location is not None:
+                    lidar.wait(location)
+        elif update.registration is not None and update.status is not Status.FAILED:
+            self._first.add(update.stamp, update.pose)
+            for lidar in self.lidars.values():
+                lidar.resolve(self._first)
+
+
+_LEAST = 10
+"""Number of comparisons before a lidar is judged; the first scans are compared even at rest."""
+_STEP = 0.05
+"""Motions shorter than this [m, rad] are noise."""
+_PENDING = 100
+"""Number of locations that may wait for scans of the first lidar."""
+_RENEWAL = 10
+"""The estimate is renewed when this ratio of the comparisons, one in ten, is new."""
+_PROBABLE, _CERTAIN = 2.0, 4.0
+"""Multiples of its standard deviation from which on a difference is probable, and certain."""
+_DISTANCE, _ROTATION, _TIME = 0.02, math.radians(0.5), 0.01
+"""Differences below these have little effect [m, rad, s]."""
+_LASTING_DISTANCE, _LASTING_ROTATION = 20.0, math.pi
+"""Drive [m, rad] from which on a difference counts as an error of the mounting."""

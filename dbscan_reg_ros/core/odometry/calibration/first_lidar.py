@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses and velocities of the first lidar by its own scans, interpolated at the stamps of further lidars."""
+import itertools
+from collections import deque
+from typing import NamedTuple
+
+from ...geometry.array_types import FloatArray
+from ...geometry.se2 import SE2
+from ...scan import SECOND
+
+
+class TimedMotion(NamedTuple):
+    """Pose and velocity of the first lidar at one time.
+
+    Attributes
+    ----------
+    pose : SE2
+    twist : (3,) float
+        In the frame of the first lidar [m/s, m/s, rad/s].
+    """
+
+    pose: SE2
+    twist: FloatArray
+
+
+class FirstLidar:
+    """The last poses of the first lidar, each by one of its own scans."""
+
+    def __init__(self) -> None:
+        self._poses: deque[tuple[int, SE2]] = deque(maxlen=_POSES)
+
+    def add(self, stamp: int, pose: SE2) -> None:
+        """Add the pose at a `stamp` [ns]; if stamps go back, the older poses are cleared."""
+        if self._poses and stamp <= self._poses[-1][0]:
+            self._poses.clear()
+        self._poses.append((stamp, pose))
+
+    def clear(self) -> None:
+        """Remove all poses."""
+        self._poses.clear()
+
+    def is_heard(self, stamp: int) -> bool:
+        """Whether the last pose is at most `_SILENT_AFTER` older than a `stamp` [ns]."""
+        return bool(self._poses) and stamp - self._poses[-1][0] <= _SILENT_AFTER
+
+    def must_wait(self, stamp: int) -> bool:
+        """Whether the motion at a `stamp` [ns] cannot be computed yet."""
+        return bool(self._poses) and self._poses[-1][0] - HALF_SPAN < stamp <= self._poses[-1][0] + _SILENT_AFTER
+
+    def motion_at(self, stamp: int) -> TimedMotion | None:
+        """Return pose and velocity at `stamp` [ns], the latter over `HALF_SPAN` before and after; None if unknown."""
+        before, pose, after = (self._pose_at(stamp + offset) for offset in (-HALF_SPAN, 0, HALF_SPAN))
+        if before is None or pose is None or after is None:
+            return None
+        inverse = pose.inverse()
+        motion = (inverse @ after).as_array() - (inverse @ before).as_array()
+        return TimedMotion(pose, motion * (0.5 * SECOND / HALF_SPAN))
+
+    def _pose_at(self, stamp: int) -> SE2 | None:
+        for (start, pose), (end, following) in itertools.pairwise(self._poses):
+            if start <= stamp <= end and end - start <= 2 * HALF_SPAN:
+                motion = (pose.inverse() @ following).as_array()
+                return pose @ SE2.from_array(motion * ((stamp - start) / (end - start)))
+        return None
+
+
+HALF_SPAN = 200_000_000
+"""Half of the time [ns] over which a velocity is measured: a compromise between noise and changes of velocity."""
+_SILENT_AFTER = 500_000_000
+"""The first lidar counts as silent after this time [ns] without a scan."""
+_POSES = 64
+"""Number of stored poses: 0.8 s at 80 Hz."""

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimation of mounting and time offset of a lidar relative to the first one."""
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.array_types import FloatArray
+from ...geometry.se2 import DOF, SE2, wrap
+
+
+class Comparison(NamedTuple):
+    """One scan of a further lidar, located in the map of the first lidar.
+
+    Attributes
+    ----------
+    relative : SE2
+        Pose of the further lidar in the frame of the first one at the stamp of this scan.
+    covariance : (3, 3) float
+        Covariance of `relative` in the frame of the further lidar [m, m, rad].
+    twist : (3,) float
+        Velocity of the first lidar at this stamp, in its frame [m/s, m/s, rad/s].
+    twist_covariance : (3, 3) float
+    group : int
+        Comparisons of one group have errors in common, because their part of the map is the same.
+    """
+
+    relative: SE2
+    covariance: FloatArray
+    twist: FloatArray
+    twist_covariance: FloatArray
+    group: int
+
+
+class RelativePose(NamedTuple):
+    """Mounting and time offset of a further lidar relative to the first one.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose of the further lidar in the frame of the first one.
+    time_offset : float [s]
+        Time to be added to the stamps of the further lidar.
+    covariance : (4, 4) float
+        Covariance of x, y, yaw and time offset [m, m, rad, s].
+    """
+
+    pose: SE2
+    time_offset: float
+    covariance: FloatArray
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard deviations ``(4,)`` of x, y, yaw and time offset [m, m, rad, s]."""
+        return np.sqrt(self.covariance.diagonal())
+
+    @property
+    def observable(self) -> NDArray[np.bool_]:
+        """``(4,)``: whether the comparisons determine x, y, yaw and time offset."""
+        return self.sigmas < LIMITS
+
+
+def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> RelativePose:
+    """Estimate mounting and time offset by robust least squares over all comparisons.
+
+    A scan that is stamped too early by the time offset dt was measured when the first lidar had moved on by
+    ``exp(dt twist)``. So the relative pose that is observed is ``exp(dt twist) X`` for a mounting X.
+
+    The noise of the twists would make the time offset seem known, and too small (errors in variables). The information
+    of this noise is subtracted. Nothing but the comparisons and a wide prior around `guess` determines the result:
+    where the drive does not constrain a parameter, its variance is that of the prior.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+    guess : SE2
+        Mean of the prior for the mounting; its standard deviations are `PRIOR`.
+    """
+    data, mean = _Data.of(comparisons), np.array([*guess.as_tuple(), 0.0])
+    state, prior = mean.copy(), np.diag(PRIOR ** -2.0)
+    for _ in range(_ITERATIONS):
+        error, jacobian = data.linearised(state)
+        squared = np.einsum('ni,nij,nj->n', error, data.information, error)
+        scale = max(float(np.median(squared)) / _MEDIAN, 1.0)
+        weights = 1.0 / (scale * (1.0 + squared / (_CUTOFF * scale)) ** 2)
+        weighted = np.einsum('nik,nij,n->nkj', jacobian, data.information, weights)
+        information = np.einsum('nkj,njl->kl', weighted, jacobian) + prior
+        information, weighted, noise = _without_noise(information, weighted, float(data.noise @ weights))
+        gradients = np.einsum('nkj,nj->nk', weighted, error)
+        gradients[:, DOF] += noise * state[DOF] / len(gradients)
+        state = state + np.linalg.solve(information, gradients.sum(axis=0) + prior @ _wrapped(mean - state))
+    covariance = np.linalg.inv(information)
+    scatter = covariance @ _scatter(weighted, gradients, data.groups) @ covariance
+    return RelativePose(SE2.from_array(state[:DOF]), float(state[DOF]), covariance + scatter)
+
+
+def _without_noise(information: FloatArray, weighted: FloatArray,
+                   noise: float) -> tuple[FloatArray, FloatArray, float]:
+    """Remove the `noise` of the twists from the equations of the time offset.
+
+    If most of the information about the time offset, beside the mounting, is noise, then all of it is removed.
+
+    Parameters
+    ----------
+    information : (4, 4) float
+    weighted : (N, 4, 3) float
+        Transposed Jacobians times the information of each comparison.
+    noise : float [1/s^2]
+        Information about the time offset due to the noise of the twists.
+
+    Returns
+    -------
+    information : (4, 4) float
+    weighted : (N, 4, 3) float
+    noise : float [1/s^2]
+        What was subtracted; 0 if all was removed.
+    """
+    mounting = np.linalg.solve(information[:DOF, :DOF], information[:DOF, DOF])
+    shared, least = float(information[DOF, :DOF] @ mounting), float(PRIOR[DOF] ** -2.0)
+    own = float(information[DOF, DOF]) - shared - least
+    information = information.copy()
+    if noise < _MOST_NOISE * own:
+        information[DOF, DOF] -= noise
+        return information, weighted, noise
+    information[DOF, DOF] = shared + least
+    weighted = weighted.copy()
+    weighted[:, DOF] = np.einsum('k,nkj->nj', mounting, weighted[:, :DOF])
+    return information, weighted, 0.0
+
+
+def _scatter(weighted: FloatArray, gradients: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+    """Return the covariance ``(4, 4)`` of the summed gradients, whose errors are not independent within a group.
+
+    It has two parts: what the groups show, and an error `_COMMON` of each group, since few groups show little.
+    """
+    count = int(groups.max()) + 1
+    sums, common = np.zeros((count, DOF + 1)), np.zeros((count, DOF + 1, DOF))
+    np.add.at(sums, groups, gradients)
+    np.add.at(common, groups, weighted)
+    common *= _COMMON
+    scatter: FloatArray = sums.T @ sums + np.einsum('gki,gli->kl', common, common)
+    return scatter
+
+
+def _wrapped(difference: FloatArray) -> FloatArray:
+    """Return a difference of states with its yaw wrapped."""
+    difference[2] = wrap(difference[2])
+    return difference
+
+
+class _Data(NamedTuple):
+    """N comparisons as arrays, in the frame of the first lidar.
+
+    Attributes
+    ----------
+    relative : (N, 3) float
+    information : (N, 3, 3) float
+    twists : (N, 3) float
+    noise : (N,) float
+        Information about the time offset that the noise of the twist alone would give.
+    groups : (N,) int
+        Numbers of the groups, from 0.
+    """
+
+    relative: FloatArray
+    information: FloatArray
+    twists: FloatArray
+    noise: FloatArray
+    groups: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, comparisons: Sequence[Comparison]) -> '_Data':
+        """Collect the comparisons."""
+        relative = np.array([each.relative.as_tuple() for each in comparisons])
+        turns = np.array([_turn(each.relative.theta) for each in comparisons])
+        covariance = turns @ np.array([each.covariance for each in comparisons]) @ turns.transpose(0, 2, 1)
+        information = np.linalg.inv(covariance + np.diag(_LEAST ** 2))
+        noise = np.array([each.twist_covariance for each in comparisons])
+        _, groups = np.unique([each.group for each in comparisons], return_inverse=True)
+        return cls(relative, information, np.array([each.twist for each in comparisons]),
+                   np.einsum('nij,nji->n', information, noise), groups)
+
+    def linearised(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return errors ``(N, 3)`` and their Jacobians ``(N, 3, 4)`` at a `state` (x, y, yaw, time offset)."""
+        x, y, yaw, offset = state
+        vx, vy, omega = self.twists.T
+        turned = omega * offset
+        c, s = np.cos(turned), np.sin(turned)
+        half_c, half_s = np.cos(0.5 * turned), np.sin(0.5 * turned)
+        at_x, at_y = c * x - s * y, s * x + c * y
+        moved_x, moved_y = half_c * vx - half_s * vy, half_s * vx + half_c * vy
+        predicted = np.stack((at_x + offset * moved_x, at_y + offset * moved_y, yaw + turned), axis=1)
+        error = self.relative - predicted
+        error[:, 2] = wrap(error[:, 2])
+        jacobian = np.zeros((len(error), DOF, DOF + 1))
+        jacobian[:, 0, 0], jacobian[:, 0, 1] = c, -s
+        jacobian[:, 1, 0], jacobian[:, 1, 1] = s, c
+        jacobian[:, 2, 2] = 1.0
+        jacobian[:, 0, DOF] = moved_x - omega * at_y
+        jacobian[:, 1, DOF] = moved_y + omega * at_x
+        jacobian[:, 2, DOF] = omega
+        return error, jacobian
+
+
+def _turn(angle: float) -> FloatArray:
+    """Return the ``(3, 3)`` matrix that rotates (x, y, theta) by an `angle`."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+PRIOR = np.array([0.5, 0.5, 0.3, 0.3])
+"""Standard deviations of the prior of x, y, yaw and time offset [m, m, rad, s]."""
+LIMITS = np.array([0.05, 0.05, math.radians(1.0), 0.03])
+"""A parameter whose standard deviation exceeds this is not observable [m, m, rad, s]."""
+_LEAST = np.array([0.002, 0.002, 0.001])
+"""Least standard deviations of a comparison [m, m, rad]: the pose of the first lidar is interpolated."""
+_COMMON = np.array([0.004, 0.004, math.radians(0.1)])
+"""Standard deviations of the error that all comparisons of a group have in common [m, m, rad]."""
+_ITERATIONS = 15
+_MOST_NOISE = 0.5
+"""Largest ratio of noise in the information about the time offset."""
+_MEDIAN = 2.366
+"""Median of the squared Mahalanobis distance in three dimensions."""
+_CUTOFF = 9.0
+"""Squared Mahalanobis distance from which on a comparison counts as an outlier."""

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of the lidars of a recording: mounting and time offset of each relative to the first."""
+import dataclasses
+import heapq
+import math
+import operator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.errors import DbscanRegError, ScanError
+from ..core.geometry.mounting import Mounting
+from ..core.geometry.se2 import SE2
+from ..core.odometry.calibration.comparisons import ComparedLidar, LidarComparisons
+from ..core.odometry.pipeline import Odometry
+from ..core.odometry.sensor import Sensor
+from .sensor_mounting import received, turned
+
+NOT_OBSERVABLE = 'not observable'
+NAMES = 'x', 'y', 'yaw', 'time offset'
+UNITS = 'm', 'm', 'deg', 's'
+DIGITS = 4, 4, 3, 4
+_MOST = 10_000
+"""Number of the last scans of a lidar that the estimate uses."""
+
+
+class CalibrationError(DbscanRegError):
+    """A recording does not allow a calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedLidar:
+    """Mounting and time offset of a lidar, so that it agrees with the first one.
+
+    Attributes
+    ----------
+    topic, frame_id : str
+    first : Mounting
+        Mounting of the first lidar, which counts as right.
+    given : Mounting
+        Mounting as given or recorded.
+    mounting : Mounting
+        Mounting by the scans.
+    time_offset : float [s]
+        Value for ``input.time_offset`` of this lidar.
+    sigmas : (4,) float
+        Standard deviations of x, y [m] and yaw [rad] of `mounting`, and of `time_offset` [s].
+    observable : (4,) bool
+        Whether the drive determines each of them.
+    scans : int
+        Number of its scans that were compared with the map of the first lidar.
+    driven : float [m]
+    turned : float [rad]
+        Distance and rotation over which they were compared.
+    """
+
+    topic: str
+    frame_id: str
+    first: Mounting
+    given: Mounting
+    mounting: Mounting
+    time_offset: float
+    sigmas: np.ndarray
+    observable: np.ndarray
+    scans: int
+    driven: float
+    turned: float
+
+    def values(self) -> list:
+        """Return (name, value, standard deviation, unit) of each result, with angles in deg; value None: unknown."""
+        x, y, yaw = self.mounting.pose.as_tuple()
+        scale = np.array([1.0, 1.0, math.degrees(1.0), 1.0])
+        return [(name, float(value) if observable else None, float(sigma), unit)
+                for name, value, sigma, observable, unit in zip(
+                    NAMES, np.array([x, y, yaw, self.time_offset]) * scale, self.sigmas * scale, self.observable, UNITS,
+                    strict=True)]
+
+    def lines(self, base_frame) -> list:
+        """Return the results as (name, text) pairs; the last one is a URDF joint."""
+        rotations = f'{math.degrees(self.turned):.0f} deg'
+        lines = [('lidar', f'{self.topic}: {self.scans} scans compared over {self.driven:.1f} m and {rotations}')]
+        given = [*self.given.pose.as_tuple()[:2], math.degrees(self.given.pose.theta), None]
+        for (name, value, sigma, unit), before, digits in zip(self.values(), given, DIGITS, strict=True):
+            if value is None:
+                lines.append((name, NOT_OBSERVABLE))
+                continue
+            change = '' if before is None else f', {_change(value - before, unit):+.{digits}f} to the given one'
+            lines.append((name, f'{value:.{digits}f} {unit} +- {sigma:.{digits}f} {unit}{change}'))
+        relative = self.first.pose.inverse() @ self.mounting.pose
+        lines.append(('relative', f'{relative.brief()} in the frame of the first lidar'))
+        return [*lines, ('joint', self.joint(base_frame))]
+
+    def joint(self, base_frame) -> str:
+        """Return the mounting as a joint of a URDF file, without its unknown height."""
+        x, y, yaw = self.mounting.pose.as_tuple()
+        roll = f'{math.pi:.6f}' if self.mounting.upside_down else '0'
+        return (f'<joint name="{self.frame_id}_joint" type="fixed">\n'
+                f'  <parent link="{base_frame}"/>\n  <child link="{self.frame_id}"/>\n'
+                f'  <origin xyz="{x:.4f} {y:.4f} 0" rpy="{roll} 0 {yaw:.6f}"/>  <!-- z is not measured -->\n</joint>')
+
+    def measures(self, base_frame) -> dict:
+        """Return the results for a JSON file; null where a result is not observable."""
+        results = {name.replace(' ', '_'): {'value': value, 'sigma': sigma if value is not None else None, 'unit': unit}
+                   for name, value, sigma, unit in self.values()}
+        return {'topic': self.topic, 'frame': self.frame_id, 'base_frame': base_frame, **results,
+                'scans': self.scans, 'driven_m': self.driven, 'turned_deg': math.degrees(self.turned),
+                'joint': self.joint(base_frame)}
+
+
+def _change(difference, unit):
+    """Return a difference, wrapped to a half turn if its `unit` is deg."""
+    return math.remainder(difference, 360.0) if unit == 'deg' else difference
+
+
+def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> list:
+    """Compare further lidars with the map of the first one over a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording with the topic of the first lidar.
+    mounting : Mounting
+        Its mounting, which counts as right.
+    others : list of FurtherLidar
+        Their mountings may be wrong by about 0.3 m and 10 deg.
+    parameters : NodeParameters
+    progress : callable
+        Function that passes on the scans of the first lidar.
+
+    Returns
+    -------
+    list of CalibratedLidar
+
+    Raises
+    ------
+    CalibrationError
+        When too few scans of a lidar could be compared.
+    """
+    comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
+    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
+    sensors = [Sensor(recording.topic)]
+    scans = [turned(received(progress(recording.scans()), parameters.input_of(recording.topic)), mounting.pose.theta,
+                    mounting.upside_down)]
+    for other in others:
+        sensors.append(dataclasses.replace(other.sensor(mounting), rank=len(sensors)))
+        scans.append(other.scans(parameters.input_of(other.recording.topic)))
+    for _, k, scan in heapq.merge(*(_stamped(each, k) for k, each in enumerate(scans)),
+                                key=operator.itemgetter(0, 1)):
+        with suppress(ScanError):
+            odometry.process(scan, None, sensors[k])
+    return [_calibrated(comparisons.lidars.get(other.recording.topic), other, mounting,
+                        parameters.input_of(other.recording.topic).time_offset[0]) for other in others]
+
+
+def _stamped(scans, lidar):
+    """Yield (stamp, lidar, scan) for each of the `scans`."""
+    for scan in scans:
+        yield scan.stamp, lidar, scan
+
+
+def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> CalibratedLidar:
+    """Return the results for one lidar."""
+    topic = other.recording.topic
+    if compared is None or not compared.known:
+        count = len(compared.comparisons) if compared else 0
+        raise CalibrationError(
+            f'{other.recording.path}: only {count} scans of {topic} could be compared with the map of the first lidar; '
+            'check whether both see the same walls, and the mounting: it may be wrong by 0.3 m and 10 deg')
+    estimate = compared.estimate()
+    # The scans are rotated by the given yaw, so the estimate contains its error only.
+    pose = first.aligned_pose @ estimate.pose @ SE2(theta=other.mounting.pose.theta)
+    return CalibratedLidar(
+        topic, other.recording.frame_id, first, other.mounting, Mounting(pose, other.mounting.upside_down),
+        time_offset + estimate.time_offset, estimate.sigmas, estimate.observable, len(compared.comparisons),
+        compared.driven, compared.turned)
