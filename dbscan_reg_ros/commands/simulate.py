@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from .command_line import CommandError, make_parser, run, seed
 
 WORLDS = ('rooms', 'corridor', 'hall')
-PRESETS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'lds', 'rplidar_a', 'rplidar_s', 'sick_lms200', 'sick_lms5xx')
+PRESETS = ('depth_camera', 'gazebo', 'hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_02',
+           'lds_03', 'omron_os32c', 'pepperl_fuchs_r2000', 'pilz_psenscan', 'rplidar_a', 'rplidar_a1', 'rplidar_s',
+           'sick_lms200', 'sick_lms5xx', 'sick_microscan3', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg',
+           'ydlidar_x2', 'ydlidar_x4')
 LIDAR = (
     ('--beams', int, 'N', 'number of beams'),
     ('--angle-min', float, 'DEG', 'bearing of the first beam'),
@@ -66,9 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.set_defaults(lidars=[{}])
     lidar = parser.add_argument_group('the lidar')
     lidar.add_argument('--lidar', choices=PRESETS, action=LidarOption,
-                       help='lidar model; the options below override its properties. The file config/MODEL.yaml holds '
-                       'parameters for it. If given again, it adds another lidar to the robot, and the options after '
-                       'it apply to that lidar; the true poses are those of the first lidar (default: sick_lms200)')
+                       help='lidar model, as doc/sensors.md describes it and its driver sends it; the options below '
+                       'override its properties. If given again, it adds another lidar to the robot, and the '
+                       'options after it apply to that lidar; the true poses are those of the first lidar (default: '
+                       'sick_lms200)')
     for option, kind, unit, words in LIDAR:
         lidar.add_argument(option, type=kind, metavar=unit, action=LidarOption, help=words)
     lidar.add_argument('--mounting', '--at', type=float, action=LidarOption, nargs=3, metavar=('X', 'Y', 'DEG'),
@@ -143,8 +147,8 @@ def chosen_lidar(options):
     import dataclasses
     import math
 
+    from .. import simulation
     from ..core.geometry.se2 import SE2
-    from ..simulation import LIDARS
 
     changes = {}
     for option, *_ in LIDAR:
@@ -152,10 +156,12 @@ def chosen_lidar(options):
         value = options.get(name)
         if value is not None:
             changes[name] = math.radians(value) if name.startswith('angle') else value
+    if 'range_min' in changes or 'range_max' in changes:
+        changes['stated'] = ()
     if options.get('mounting'):
         x, y, turn = options['mounting']
         changes['mounting'] = SE2(x, y, math.radians(turn))
-    lidar = dataclasses.replace(LIDARS[options.get('lidar', 'sick_lms200')], **changes)
+    lidar = dataclasses.replace(simulation.PRESETS[options.get('lidar', 'sick_lms200')], **changes)
     if lidar.range_min >= lidar.range_max:
         raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '
                            f'{lidar.range_max:g} m (--range-max)')

@@ -3,8 +3,9 @@
 from .dead_reckoning import WheelErrors, wheel_odometry, yaw_rates
 from .lidar import LIDARS, Lidar
 from .paths import Path, follow
+from .presets import PRESETS
 from .simulate import Simulation, demo, measure, simulate
 from .worlds import Person, World, corridor, hall, rooms, with_people
 
-__all__ = ['LIDARS', 'Lidar', 'Path', 'Person', 'Simulation', 'WheelErrors', 'World', 'corridor', 'demo', 'follow',
-           'hall', 'measure', 'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']
+__all__ = ['LIDARS', 'PRESETS', 'Lidar', 'Path', 'Person', 'Simulation', 'WheelErrors', 'World', 'corridor', 'demo',
+           'follow', 'hall', 'measure', 'rooms', 'simulate', 'wheel_odometry', 'with_people', 'yaw_rates']

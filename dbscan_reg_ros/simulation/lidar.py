@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Model of a 2D lidar: measured ranges from true distances."""
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -39,6 +40,14 @@ class Lidar:
         Ranges are rounded to multiples of this; with 0 they are not rounded.
     mounting : SE2
         Pose of the sensor on the robot.
+    no_return : float [m]
+        Range that the driver sends for a beam without a return.
+    stated : tuple of float [m]
+        Smallest and largest range that the driver states, if it does not state `range_min` and `range_max`.
+    beams_vary : int
+        The number of beams of a scan differs from `beams` by at most this.
+    reversed : bool
+        The driver sends the beams in the reverse order of their measurement, although its time increment is positive.
     """
 
     beams: int = 180
@@ -56,19 +65,38 @@ class Lidar:
     mounting: SE2 = field(default_factory=SE2)
     frame_id: str = 'laser'
     phase: float = 0.0
+    no_return: float = math.inf
+    stated: tuple[float, float] | tuple[()] = ()
+    beams_vary: int = 0
+    reversed: bool = False
 
     @cached_property
     def geometry(self) -> ScanGeometry:
         """Bearings and range limits of every scan."""
-        return ScanGeometry(self.angle_min, self.angle_increment, self.beams, self.range_min, self.range_max)
+        range_min, range_max = self.stated or (self.range_min, self.range_max)
+        return ScanGeometry(self.angle_min, self.angle_increment, self.beams, range_min, range_max)
 
     @property
     def time_increment(self):
         """Time from one beam to the next [s]."""
         return self.duration / (self.beams - 1) if self.beams > 1 else 0.0
 
+    def times(self):
+        """Return the time of each beam (N,), or of all beams (1,), from the start of the scan [s]."""
+        if not self.duration:
+            return np.zeros(1)
+        times = self.time_increment * np.arange(self.beams)
+        return times[::-1] if self.reversed else times
+
+    def of_one_scan(self, rng):
+        """Return the lidar with the number of beams of one scan, in the same field of view."""
+        if not self.beams_vary:
+            return self
+        beams = self.beams + int(rng.integers(-self.beams_vary, self.beams_vary, endpoint=True))
+        return dataclasses.replace(self, beams=beams, angle_increment=self.angle_increment * self.beams / beams)
+
     def measured(self, distances, rng):
-        """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `inf` for beams without a return."""
+        """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `no_return` for beams without a return."""
         number = len(distances)
         spread = np.maximum(self.noise, self.noise_ratio * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)
@@ -78,7 +106,7 @@ class Lidar:
         if self.resolution:
             ranges = self.resolution * np.round(ranges / self.resolution)
         lost = (kind > 1.0 - self.dropouts) | (ranges < self.range_min) | (ranges > self.range_max)
-        return np.where(lost, np.inf, ranges)
+        return np.where(lost, self.no_return, ranges)
 
 
 LIDARS = {

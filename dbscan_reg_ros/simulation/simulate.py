@@ -53,9 +53,10 @@ def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
     """
     rng = np.random.default_rng(seed)
     times = np.arange(lidar.phase, path.duration - lidar.duration, 1.0 / lidar.rate)
-    within = lidar.time_increment * np.arange(lidar.beams) if lidar.duration else np.zeros(1)
-    scans = [measure(world, path.poses_at(time + within), lidar, rng, start + round(time * 1e9), time)
-             for time in times]
+    scans = []
+    for time in times:
+        seen = lidar.of_one_scan(rng)
+        scans.append(measure(world, path.poses_at(time + seen.times()), seen, rng, start + round(time * 1e9), time))
     return Simulation(scans, _mounted(path.poses_at(times), lidar.mounting), world, path, lidar)
 
 

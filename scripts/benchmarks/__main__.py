@@ -35,6 +35,7 @@ BENCHMARKS = {
     'spin': 'turn rates of published twists while the robot rotates in place',
     'spinup': 'odometry that begins while the lidar spins up',
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
+    'sensors': 'odometry of each lidar with its parameter file, beside the defaults and all other files',
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
     'confidence': 'calibration of the confidence of registrations, and the fit of its model',
     'page': 'the page of the Intel log in a browser: time to open, time of a frame, memory',
@@ -49,7 +50,7 @@ MODULES = {
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
     **dict.fromkeys(('passers', 'companions', 'doors', 'pillar', 'stops', 'curved'), 'odometry.moving'),
-    'spinup': 'odometry.spinup',
+    'spinup': 'odometry.spinup', 'sensors': 'sensors',
     'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
     'page': 'page.page', 'watch': 'node.watched',
@@ -57,11 +58,11 @@ MODULES = {
 }
 """Benchmark -> module of this package."""
 OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
-             'watch', 'fingerprint')
+             'watch', 'sensors', 'fingerprint')
 """No other method has what they measure."""
 SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')
 """Courses with one drive for each seed."""
-SIMULATED = ('node', 'watch', 'soak', 'covariance', 'overlap', *SEEDED)
+SIMULATED = ('node', 'watch', 'soak', 'covariance', 'overlap', 'sensors', *SEEDED)
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
@@ -108,21 +109,25 @@ def make_parser():
         elif name in SEEDED:
             command.add_argument('--seeds', type=positive, default=10, metavar='N',
                                  help='the first N of the ten seeds (default: 10)')
-        elif name == 'overlap':
-            add_overlap(command)
-        elif name == 'ablation':
-            add_ablation(command)
+        elif name in ADDED:
+            ADDED[name](command)
         elif name == 'confidence':
             command.add_argument('--fit', action='store_true', help='fit the coefficients and print them')
             add_processes(command)
-        elif name == 'fingerprint':
-            add_fingerprint(command)
     return parser
 
 
 def add_processes(command):
     """Add the option ``--processes`` to a command."""
     command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
+
+
+def add_sensors(command):
+    """Add the options of ``bench sensors``."""
+    command.add_argument('--sensor', nargs='+', metavar='NAME', help='only the lidars of these parameter files')
+    command.add_argument('--seeds', type=positive, default=2, metavar='N', help='drives of each world (default: 2)')
+    command.add_argument('--seconds', type=positive, default=15, metavar='S', help='length of a drive (default: 15)')
+    add_processes(command)
 
 
 def add_overlap(command):
@@ -167,6 +172,10 @@ def add_fingerprint(command):
     command.add_argument('--cache', type=Path, metavar='DIR',
                          help='keep the scans, and the results of the other commit, '
                          'in this folder (default: results/fingerprint)')
+
+
+ADDED = {'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint}
+"""Benchmark -> what adds its options."""
 
 
 def bench(args):

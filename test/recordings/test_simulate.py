@@ -5,6 +5,7 @@ import pytest
 from bags import needs_rosbags
 from matplotlib.image import imread
 
+from dbscan_reg_ros import simulation
 from dbscan_reg_ros.commands.simulate import PRESETS, main
 from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.recordings import interpolate, open_recording
@@ -62,10 +63,17 @@ def test_a_log_holds_the_same_scans_and_the_same_truth(simulated):
                                atol=1e-8)
 
 
-def test_there_is_a_file_of_a_sensor_for_every_lidar_but_one(root):
-    assert set(PRESETS) == set(LIDARS)
-    sensors = {path.stem for path in (root / 'config').glob('*.yaml')} - {'scan_matcher', 'paper', 'ekf'}
-    assert set(PRESETS) - sensors == {'sick_lms200'}
+def test_there_is_a_lidar_for_every_file_of_a_sensor(root):
+    assert list(PRESETS) == sorted(simulation.PRESETS)
+    assert {path.stem for path in (root / 'config').glob('*.yaml')} - set(PRESETS) == {'scan_matcher', 'paper', 'ekf'}
+
+
+@pytest.mark.parametrize('name', ['bag', 'a.log.gz'])
+def test_a_changing_number_of_beams_and_missing_returns_are_recorded(simulated, name):
+    scans = list(open_recording(simulated(name, '--lidar', 'lds_03', '--seconds', 4, '--dropouts', 0.1)).scans())
+    counts = {scan.geometry.size for scan in scans}
+    assert len(counts) > 4 and max(counts) - min(counts) <= 8
+    assert 0.85 < np.mean(np.concatenate([scan.valid for scan in scans])) < 0.95
 
 
 def test_one_seed_gives_one_recording_and_another_another(simulated):

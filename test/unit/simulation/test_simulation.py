@@ -10,6 +10,7 @@ from dbscan_reg_ros import SE2, register
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.simulation import (
     LIDARS,
+    PRESETS,
     Lidar,
     Path,
     Person,
@@ -280,3 +281,31 @@ def test_a_gyroscope_integrates_to_the_rotation_and_its_bias():
     still = follow([(0, 0), (1, 0)], pauses={0: 100.0})
     _, rates = yaw_rates(still, bias=0.0, noise=0.005)
     assert rates[:9000].std() == pytest.approx(0.005, rel=0.05)
+
+
+def test_a_lidar_sends_missing_returns_limits_and_beams_as_its_driver_does():
+    world = World(box(0.0, 0.0, 6.0, 4.0, 0.0), np.array([(0.0, 0.0), (1.0, 0.0)]))
+    lidar = dataclasses.replace(exact('hokuyo_urg04lx'), no_return=0.0, stated=(0.01, 50.0), beams_vary=7,
+                                range_max=2.5)
+    scans = simulate(world, follow(world.tour, pauses={0: 2.0}), lidar).scans
+    counts = {scan.geometry.size for scan in scans}
+    assert counts <= set(range(675, 690)) and len(counts) > 5
+    for scan in scans:
+        assert (scan.geometry.range_min, scan.geometry.range_max) == pytest.approx((0.01, 50.0))
+        # The field of view is the same whatever the number of beams.
+        assert scan.geometry.size * scan.geometry.angle_increment == pytest.approx(682 * lidar.angle_increment)
+        assert (scan.ranges[~scan.valid] == 0.0).all() and scan.ranges.max() <= 2.5
+        assert 0.2 < scan.valid.mean() < 0.9
+    many = simulate(world, follow(world.tour), dataclasses.replace(PRESETS['omron_os32c'], dropouts=0.2)).scans
+    assert np.mean([scan.ranges == 50.0 for scan in many]) == pytest.approx(0.2, abs=0.01)
+    assert all(scan.valid.all() for scan in many)
+
+
+def test_reversed_beams_are_measured_from_the_last_to_the_first():
+    world = World(box(0.0, 0.0, 6.0, 4.0, 0.0), np.array([(-1.0, 0.0), (1.0, 0.0)]))
+    path = follow(world.tour, speed=1.0)
+    clockwise = Lidar(361, math.pi, -math.radians(1.0), rate=5.0, duration=0.2, noise=0.0)
+    sent = dataclasses.replace(clockwise, angle_min=-math.pi, angle_increment=math.radians(1.0), reversed=True)
+    for ours, other in zip(simulate(world, path, sent).scans, simulate(world, path, clockwise).scans, strict=True):
+        np.testing.assert_allclose(ours.ranges, other.ranges[::-1], atol=1e-5)
+        assert ours.time_increment == other.time_increment > 0.0
