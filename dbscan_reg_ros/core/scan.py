@@ -80,6 +80,19 @@ class Scan:
         ranges = np.where(self.valid, self.ranges.astype(float), np.nan)
         return read_only(ranges[:, None] * self.geometry.directions)
 
+    def as_measured(self, direction: str) -> 'Scan':
+        """Return the scan with its beams in the order in which they are measured.
+
+        Parameters
+        ----------
+        direction : str
+            Direction in which the sensor turns, as the parameter `scan.direction`.
+        """
+        sign = {'clockwise': -1.0, 'counterclockwise': 1.0}.get(direction, 0.0)
+        if sign * self.geometry.angle_increment >= 0.0:
+            return self
+        return Scan(self.stamp, self.ranges[::-1], self.geometry.backwards, self.time_increment, self.frame_id)
+
     @classmethod
     def from_ranges(cls, ranges: ArrayLike, angles: ArrayLike, *, stamp: int = 0, range_min: float = 0.0,
                     range_max: float = math.inf, time_increment: float = 0.0) -> 'Scan':

@@ -131,6 +131,13 @@ class ScanGeometry:
             return read_only(np.array(self.bearings_given))
         return read_only(self.angle_min + self.angle_increment * np.arange(self.size))
 
+    @cached_property
+    def backwards(self) -> 'ScanGeometry':
+        """The same beams in the reverse order."""
+        given = self.bearings_given
+        return replace(self, angle_min=float(self.bearings[-1]), angle_increment=-self.angle_increment,
+                       bearings_given=None if given is None else given[::-1])
+
     @property
     def closed(self) -> bool:
         """Whether the beams cover the full circle."""

@@ -22,7 +22,7 @@ from .report import Report
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 NO_SENSOR = 'paper'
 DEFAULTS = 'defaults'
-LIDARS_OF = {'lds': ('lds_01', 'lds_02'), 'rplidar_a': ('rplidar_a', 'rplidar_a1')}
+LIDARS_OF = {'lds': ('lds', 'lds_02'), 'rplidar_a': ('rplidar_a', 'rplidar_a1')}
 """File -> lidars that it is for, where these have other names."""
 OVER = 1.0
 """The error is that of motions over this distance [m]."""
@@ -64,8 +64,8 @@ def field_of_view(name) -> float:
 def drive(lidar, world, seed, seconds, files) -> dict:
     """Return file -> (errors ``(M,)`` [m] over 1 m, fraction of `OK`) on one drive.
 
-    Files whose limits remove no return of the drive and whose limits of the noise are equal give equal results, so that
-    one of them is run.
+    Files whose limits remove no return of the drive and whose other parameters are equal give equal results: one of
+    them is run.
     """
     made = WORLDS[world](seed=seed)
     path = follow(made.tour).until(seconds + PRESETS[lidar].duration)
@@ -78,7 +78,8 @@ def drive(lidar, world, seed, seconds, files) -> dict:
         used = ranges >= limits.range_min
         if limits.range_max:
             used &= ranges <= limits.range_max
-        key = (limits.noise_min, limits.noise_max, *(() if used.all() else (limits.range_min, limits.range_max)))
+        key = (limits.noise_min, limits.noise_max, limits.direction)
+        key += () if used.all() else (limits.range_min, limits.range_max)
         if key not in found:
             found[key] = followed(simulation, parameters)
         results[file] = found[key]

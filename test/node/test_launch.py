@@ -31,8 +31,9 @@ from dbscan_reg_ros.node.playback.player import Player
 from dbscan_reg_ros.robot.parameters import MOUNTINGS, SOURCES
 
 FILES = 'scan_matcher', 'play'
-SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_03', 'omron_os32c', 'paper', 'rplidar_a',
-           'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4']
+SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'paper',
+           'rplidar_a', 'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2',
+           'ydlidar_x4']
 TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',
           'base_frame': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'use_sim_time': '', 'lifecycle': 'false',

@@ -120,6 +120,7 @@ class Odometry:
     def _process(self, scan: Scan, prior: Prior | None, sensor: Sensor) -> OdometryUpdate:
         """Register a scan; the steps of `process`."""
         state, p = self._state, self._parameters
+        scan = scan.as_measured(p.scan.direction)
         # Stamp: how long the scan took, and whether its motion can be removed.
         own = self._sensor_state(scan, sensor)
         timing = own.stamps.timing(scan, p)

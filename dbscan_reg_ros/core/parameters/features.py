@@ -9,7 +9,7 @@ from .schema import ParameterGroup, parameter
 class ScanParameters(ParameterGroup):
     """Which returns of a scan are used, and their range noise."""
 
-    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max'
+    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max', 'direction'
 
     range_min: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
@@ -35,6 +35,11 @@ class ScanParameters(ParameterGroup):
         0.05, bounds=(0.0, 0.5),
         help='Upper limit of the range noise relative to the range, for sensors whose far returns are noisier than '
              'near ones. Larger values reduce the weight of far returns more; 0 weighs all returns alike.')
+    direction: str = parameter(
+        'as_sent', choices=('as_sent', 'clockwise', 'counterclockwise'),
+        help='Direction in which the sensor turns, seen from above. With as_sent, the beams are measured in the order '
+             'in which they are sent; drivers of several clockwise sensors send them in the reverse order, which makes '
+             'the motion within a scan be corrected wrongly.')
 
 
 @dataclass(frozen=True)

@@ -173,3 +173,20 @@ def test_the_noise_of_the_ranges_is_estimated():
     (350, math.radians(1.0), False), (181, math.radians(1.0), False), (1081, math.radians(0.25), False)])
 def test_beams_that_go_all_the_way_round_are_closed(size, increment, closed):
     assert ScanGeometry(-math.pi, increment, size).closed == closed
+
+
+@pytest.mark.parametrize('increment, direction, flipped', [
+    (0.1, 'as_sent', False), (0.1, 'counterclockwise', False), (0.1, 'clockwise', True), (-0.1, 'as_sent', False),
+    (-0.1, 'clockwise', False), (-0.1, 'counterclockwise', True)])
+def test_beams_are_put_in_the_order_of_their_measurement(increment, direction, flipped):
+    geometry = ScanGeometry(0.3, increment, 5, 0.1, 8.0)
+    scan = Scan(7, [1.0, 2.0, math.inf, 4.0, 5.0], geometry, 0.01, 'laser')
+    measured = scan.as_measured(direction)
+    if not flipped:
+        assert measured is scan
+        return
+    assert (measured.stamp, measured.time_increment, measured.frame_id) == (7, scan.time_increment, 'laser')
+    assert measured.geometry.angle_increment == -geometry.angle_increment
+    np.testing.assert_allclose(measured.points, scan.points[::-1], atol=1e-6)
+    uneven = ScanGeometry.from_bearings([0.0, 0.1, 0.25], math.copysign(0.1, increment))
+    assert uneven.backwards.bearings.tolist() == uneven.bearings[::-1].tolist()
