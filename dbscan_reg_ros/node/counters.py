@@ -9,7 +9,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
+from ..core.odometry.calibration.comparisons import ComparedLidar
 from ..core.odometry.records import OdometryUpdate
 from ..core.odometry.verdict import LIMITS
 from ..core.registration.records import Status
@@ -48,6 +50,10 @@ class Counters:
         every direction.
     sensor_pose : SE2
         Pose of the sensor in the base frame at the latest scan: `Mounting.aligned_pose`.
+    compared : ComparedLidar or None
+        Comparisons of this lidar with the first one.
+    mounting : Mounting
+        Mounting of the lidar at the latest scan.
     skip_reason : str
         Why the latest scan was skipped; empty when it was processed.
     warnings : dict
@@ -62,6 +68,8 @@ class Counters:
     update: OdometryUpdate | None = None
     degenerate_direction: float | None = None
     sensor_pose: SE2 = field(default_factory=SE2)
+    compared: ComparedLidar | None = None
+    mounting: Mounting = field(default_factory=Mounting)
     skip_reason: str = ''
     warnings: dict[Kind, str] = field(default_factory=dict)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node core: laser odometry on any rclpy node, plain or lifecycle."""
+import dataclasses
 import time
 from collections.abc import Collection
 
@@ -104,6 +105,8 @@ class NodeCore:
         self._odometry.parameters = parameters.for_odometry()
         for part in (self._priors, self._outputs, self._services):
             part.parameters = parameters
+        if 'input.time_offset' in names:
+            self._odometry.comparisons.lidars.clear()
         for lidar in self._lidars:
             lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
@@ -141,24 +144,28 @@ class NodeCore:
             followed = mounting if len(self._lidars) == 1 else Mounting()
             frame = self._followed_frame(scan.frame_id)
             prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
-            update = self._odometry.process(scan, prior, lidar.sensor(mounting))
+            sensor = dataclasses.replace(lidar.sensor(mounting), rank=self._lidars.index(lidar))
+            update = self._odometry.process(scan, prior, sensor)
         except DbscanRegError as error:
             self._skip(lidar, str(error))
             return
         if self._origin is None:
             self._origin = self._initial.pose @ followed.aligned_pose
         lidar.stamps.used(scan.stamp)
-        self._priors.processed(scan.stamp, followed)
+        if not update.waits:
+            self._priors.processed(scan.stamp, followed)
         self._services.keep(update, prior)
         self._log_tracking(lidar, update)
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
-        if self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
+        if not update.waits and self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
             self._sender.send(state)
             self._outputs.publish(update, state, self._origin)
         else:
             self._outputs.keep(update)
+        lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.topic)
+        lidar.counters.mounting = mounting
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
     def _log_tracking(self, lidar: Lidar, update: OdometryUpdate) -> None:

@@ -167,7 +167,7 @@ def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> Ca
         raise CalibrationError(
             f'{other.recording.path}: only {count} scans of {topic} could be compared with the map of the first lidar; '
             'check whether both see the same walls, and the mounting: it may be wrong by 0.3 m and 10 deg')
-    estimate = compared.estimate()
+    estimate = compared.judge()
     # The scans are rotated by the given yaw, so the estimate contains its error only.
     pose = first.aligned_pose @ estimate.pose @ SE2(theta=other.mounting.pose.theta)
     return CalibratedLidar(

@@ -124,6 +124,8 @@ class LidarCounts:
         Number of scans that could not be used.
     problem : str
         Why the last skipped scan could not be used.
+    error : str
+        By how much the lidar disagrees with the first one; empty if it agrees.
     statuses : Counter
         Number of the processed scans by `Status`.
     """
@@ -131,6 +133,7 @@ class LidarCounts:
     unused: int = 0
     skipped: int = 0
     problem: str = ''
+    error: str = ''
     statuses: Counter[Status] = field(default_factory=Counter)
 
     def measures(self) -> dict:
@@ -142,7 +145,8 @@ class LidarCounts:
         counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
         outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
         problem = f'; the last skipped: {self.problem}' if self.problem else ''
-        return ' '.join(counts) + outside + problem
+        error = f'; disagrees with the first lidar: {self.error} (see calibrate)' if self.error else ''
+        return ' '.join(counts) + outside + problem + error
 
 
 class OdometryWithOthers:
@@ -172,8 +176,9 @@ class OdometryWithOthers:
     def __init__(self, odometry, others, first, mounting, parameters):
         self._odometry, self._first = odometry, Sensor(first)
         self.recordings = [other.recording for other in others]
-        self._others = [(other.sensor(mounting), other.scans(parameters.input_of(other.recording.topic)))
-                        for other in others]
+        self._others = [
+            (dataclasses.replace(other.sensor(mounting), rank=rank),
+             other.scans(parameters.input_of(other.recording.topic))) for rank, other in enumerate(others, 1)]
         self._next = [next(scans, None) for _, scans in self._others]
         self.counts = {sensor.name: LidarCounts() for sensor in (self._first, *(sensor for sensor, _ in self._others))}
         self._numbers: dict[int, int] = {}
@@ -190,6 +195,8 @@ class OdometryWithOthers:
     def finish(self):
         """Count the scans after the last scan of the first lidar."""
         for (sensor, scans), scan in zip(self._others, self._next, strict=True):
+            compared = self._odometry.comparisons.lidars.get(sensor.name)
+            self.counts[sensor.name].error = str(compared.error) if compared and compared.error else ''
             self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
     def _take_older(self, stamp):

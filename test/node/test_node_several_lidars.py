@@ -3,6 +3,7 @@
 import dataclasses
 import heapq
 import math
+from collections import deque
 
 import numpy as np
 import pytest
@@ -13,11 +14,16 @@ from ros_helpers import LATCHED, Loudspeaker, changed, diagnosis, pose_of, said,
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
+from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.node.interfaces.lidar import OdometryTrigger
+from dbscan_reg_ros.core.odometry.calibration.comparisons import ComparedLidar, Disagreement
+from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
+from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+from dbscan_reg_ros.simulation import Lidar as SimulatedLidar
+from dbscan_reg_ros.simulation import follow, rooms, simulate
 
 FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
 MS = 1_000_000
@@ -33,8 +39,8 @@ def drive():
     """Scans of both lidars in the order of their stamps, and the path of the base."""
     world = rooms(1)
     path = follow(world.tour[:2], speed=1.0)
-    front, rear = (simulate(world, path, Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
-                                               mounting=at, phase=phase, frame_id=name), 1)
+    front, rear = (simulate(world, path, SimulatedLidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
+                                                        mounting=at, phase=phase, frame_id=name), 1)
                    for name, at, rate, phase in (('front', FRONT, 12.5, 0.0), ('rear', REAR, 15.0, 0.019)))
     scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
     return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
@@ -164,6 +170,26 @@ def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive,
     for name, masked in (('front', False), ('rear', True)):
         sectors = [np.isnan(scan.ranges[sector]).all() for scan in used if scan.frame_id == name]
         assert len(sectors) > 5 and set(sectors) == {masked}
+
+
+def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):
+    """Mounted with a yaw of 90 deg, which is wrong by 3 deg, and stamped 60 ms late, 20 ms of which are corrected."""
+    front, rear = (Lidar(f'{name}/scan', True, peer.node) for name in ('front', 'rear'))
+    rear.input = dataclasses.replace(rear.input, time_offset=[-0.02])
+    rear.counters.mounting = Mounting(SE2(-0.4, 0.2, math.radians(90.0)))
+    estimate = RelativePose(SE2(-0.36, 0.23, math.radians(-3.0)), -0.04, np.eye(4))
+    rear.counters.compared = ComparedLidar(SE2(-0.4, 0.2), deque(), estimate=estimate, error=Disagreement(
+        0.05, math.radians(-3.0), -0.04))
+    disagreements = Disagreements()
+    expected = ('/rear/scan: disagrees with the first lidar: its mounting is off by 5.0 cm and 3.0 deg and its stamps '
+                'are off by 40 ms')
+    assert [list(disagreements.found([front, rear])) for _ in range(2)] == [[expected]] * 2
+    logged = capfd.readouterr().err
+    assert logged.count('disagrees') == 1 and logged.endswith(
+        f'{expected}; it is not used until it agrees; if the first one is right, set its transform to x -0.360 m, '
+        'y 0.230 m, yaw 1.5184 rad (87.00 deg) and set input.time_offset of it to -0.060\n')
+    rear.counters.compared.error = None
+    assert not list(disagreements.found([front, rear]))
 
 
 @pytest.mark.parametrize('words, expected', [

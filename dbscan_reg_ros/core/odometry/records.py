@@ -83,6 +83,11 @@ class OdometryUpdate:
         return self.registration is None and self.reference_changed and not self.joined
 
     @property
+    def waits(self) -> bool:
+        """Whether the scan was not used: the track and its time have not changed."""
+        return self.registration is None and not self.reference_changed
+
+    @property
     def scan_pose(self) -> SE2:
         """Pose of the `sensor` of the scan, which need not be the first one, in the odometry frame."""
         return self.sensor.pose_at(self.pose)

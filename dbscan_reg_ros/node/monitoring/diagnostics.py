@@ -19,6 +19,7 @@ from ..interfaces.graph_checks import UNNAMED, incompatibilities, named, shared
 from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
 from ..throttled_log import ThrottledLog
+from .disagreements import Disagreements
 
 PERIOD = 1.0
 STALE_AFTER = 2.0
@@ -62,6 +63,7 @@ class Diagnostics:
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
         self._seen: set[str] = set()
         self._logged: set[str] = set()
+        self._disagreements = Disagreements()
         self.restart()
 
     @property
@@ -136,7 +138,7 @@ class Diagnostics:
         warnings = [text for text in (*about_scans, *lost, *faults,
                                       *(self._no_scans(lidar.inbox) for lidar in silent if lidar.inbox))
                     if text not in message]
-        warnings += self._overload()
+        warnings += [*self._overload(), *self._disagreements.found(self._lidars)]
         if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         if conflict:

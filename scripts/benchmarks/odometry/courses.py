@@ -242,7 +242,7 @@ def scanners(folder) -> list:
 
     They drive through furnished rooms, corridors whose doors are recesses, and halls. Poses are those of the front one.
     """
-    sensor = Sensor('rear', FRONT.inverse() @ REAR)
+    sensor = Sensor('rear', FRONT.inverse() @ REAR, rank=1)
     return [Course(front.scans, reference=front.truth, others=((sensor, rear.scans),)) for front, rear in _scanned()]
 
 

@@ -11,6 +11,8 @@ from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros.commands.calibrate import main as calibrate
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.simulation import Lidar, Path, World, hall, simulate
 
 pytestmark = needs_rosbags
@@ -31,12 +33,18 @@ def scans_of(world, path):
 
 
 @pytest.fixture(scope='module')
-def drive():
-    """Scans of two rounds on a circle in a hall, with a speed that changes."""
+def path():
+    """Two rounds on a circle, with a speed that changes."""
     times = np.linspace(0.0, 12.0, 600)
     angle = math.pi * times / 3.0 - 0.5 * np.sin(math.pi * times / 2.0)
     positions = np.array([10.0, 7.0]) + np.column_stack((np.cos(angle), np.sin(angle)))
-    return scans_of(hall(2), Path(times, np.column_stack((positions, angle + 0.5 * math.pi))))
+    return Path(times, np.column_stack((positions, angle + 0.5 * math.pi)))
+
+
+@pytest.fixture(scope='module')
+def drive(path):
+    """Scans of a drive on this path in a hall."""
+    return scans_of(hall(2), path)
 
 
 def mountings(rear):
@@ -63,6 +71,25 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
                        [found['x']['value'], found['y']['value']], atol=1e-4)
     assert float(origin.get('rpy').split()[2]) == pytest.approx(math.radians(found['yaw']['value']), abs=1e-5)
     assert 'not observable' not in printed
+
+
+@pytest.mark.parametrize('rear, late', [(REAR, 0), (WRONG, 0), (REAR, LATE)], ids=['right', 'mounting', 'late'])
+def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, late):
+    """The largest error is at most 2 cm; if the scans of the rear lidar are used although it disagrees, it is more."""
+    def largest_error(rank):
+        odometry = Odometry()
+        sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
+        scans = [(scan.stamp + late * (topic == '/rear'), topic, scan) for topic in drive for scan in drive[topic]]
+        errors = []
+        for stamp, topic, scan in sorted(scans, key=lambda each: each[:2]):
+            update = odometry.process(dataclasses.replace(scan, stamp=stamp), None, sensors[topic])
+            if topic == '/front':
+                true = start @ SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0][0])]))[0]) @ FRONT
+                errors.append(math.hypot(update.pose.x - true.x, update.pose.y - true.y))
+        return max(errors)
+    start = FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
+    assert largest_error(1) < 0.02
+    assert (rear is REAR and not late) or largest_error(0) > 0.02
 
 
 def test_what_a_straight_corridor_does_not_determine_is_not_observable(tmp_path, capsys):

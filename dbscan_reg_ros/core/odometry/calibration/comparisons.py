@@ -34,6 +34,12 @@ class Disagreement(NamedTuple):
     rotation: float
     time_offset: float
 
+    def __str__(self) -> str:
+        mounting = (f'its mounting is off by {100.0 * self.distance:.1f} cm and '
+                    f'{math.degrees(abs(self.rotation)):.1f} deg') if self.distance or self.rotation else ''
+        stamps = f'its stamps are off by {1e3 * abs(self.time_offset):.0f} ms' if self.time_offset else ''
+        return ' and '.join(filter(None, (mounting, stamps)))
+
 
 @dataclass
 class ComparedLidar:
@@ -46,15 +52,24 @@ class ComparedLidar:
     comparisons : deque of Comparison
     driven, turned : float
         Distance [m] and angle [rad] over which it has been compared.
+    on_trial : bool
+        Whether the lidar is not used before there are enough comparisons.
+    estimate : RelativePose or None
+        The latest estimate.
     disagrees : bool
         Whether the lidar probably disagrees with the first one, so that it is not used.
+    error : Disagreement or None
+        The error of mounting or stamps that has lasted over a long drive; None if there is none.
     """
 
     given: SE2
     comparisons: deque[Comparison]
     driven: float = 0.0
     turned: float = 0.0
+    on_trial: bool = True
+    estimate: RelativePose | None = None
     disagrees: bool = False
+    error: Disagreement | None = None
     _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
     _last: SE2 | None = None
     _new: int = 0
@@ -96,23 +111,19 @@ class ComparedLidar:
         self._new += 1
         if self.known and self._new * _RENEWAL >= len(self.comparisons):
             self._new = 0
-            self.disagrees = any(self.difference(_PROBABLE))
+            self.judge()
 
-    @property
-    def error(self) -> Disagreement | None:
-        """The error of mounting or stamps that has lasted over a long drive; None if there is none."""
-        if self.driven < _LASTING_DISTANCE or self.turned < _LASTING_ROTATION or not self.disagrees:
-            return None
-        difference = self.difference(_CERTAIN)
-        return difference if any(difference) else None
+    def judge(self) -> RelativePose:
+        """Estimate mounting and time offset from all comparisons, and judge the lidar by them."""
+        estimate = self.estimate = estimate_relative_pose(self.comparisons, self.given)
+        self.disagrees = any(self._difference(estimate, _PROBABLE))
+        certain = self._difference(estimate, _CERTAIN)
+        lasting = self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
+        self.error = certain if lasting and any(certain) else None
+        return estimate
 
-    def estimate(self) -> RelativePose:
-        """Estimate mounting and time offset from all comparisons."""
-        return estimate_relative_pose(self.comparisons, self.given)
-
-    def difference(self, sigmas: float) -> Disagreement:
-        """Return by how much the estimate differs, with 0 for what is below a multiple `sigmas` of its deviation."""
-        estimate = self.estimate()
+    def _difference(self, estimate: RelativePose, sigmas: float) -> Disagreement:
+        """Return by how much an estimate differs, with 0 for what is below a multiple `sigmas` of its deviation."""
         x, y, yaw, time = (sigmas * estimate.sigmas).tolist()
         rotation = (self.given.inverse() @ estimate.pose).theta
         shift = SE2(estimate.pose.x - self.given.x, estimate.pose.y - self.given.y)
@@ -157,11 +168,12 @@ class LidarComparisons:
         if not sensor.rank:
             return True
         lidar = self.lidars.get(sensor.name)
-        if lidar is None or lidar.given != sensor.pose:
-            lidar = self.lidars[sensor.name] = ComparedLidar(sensor.pose, deque(maxlen=self._most))
+        if lidar is None or _differs(lidar.given, sensor.pose):
+            lidar = self.lidars[sensor.name] = ComparedLidar(
+                sensor.pose, deque(maxlen=self._most), on_trial=lidar is None)
         if self._only or not self._first.is_heard(stamp):
             return not self._only
-        return lidar.known and not lidar.disagrees
+        return not lidar.disagrees and (lidar.known or not lidar.on_trial)
 
     def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None]) -> None:
         """Add the `update` of a scan; `locate` returns the location of this scan in the map of the first lidar."""
@@ -178,6 +190,14 @@ class LidarComparisons:
                 lidar.resolve(self._first)
 
 
+def _differs(before: SE2, now: SE2) -> bool:
+    """Whether a mounting has changed: the lidar is used with the new one at once, and compared again."""
+    motion = before.inverse() @ now
+    return math.hypot(motion.x, motion.y) > _CHANGED or abs(motion.theta) > _CHANGED
+
+
+_CHANGED = 0.005
+"""A mounting that changes by more than this [m, rad] is another one."""
 _LEAST = 10
 """Number of comparisons before a lidar is judged; the first scans are compared even at rest."""
 _STEP = 0.05

@@ -40,12 +40,15 @@ class FirstLidar:
         self._poses.clear()
 
     def is_heard(self, stamp: int) -> bool:
-        """Whether the last pose is at most `_SILENT_AFTER` older than a `stamp` [ns]."""
-        return bool(self._poses) and stamp - self._poses[-1][0] <= _SILENT_AFTER
+        """Whether the last pose is at most `_SILENT_AFTER`, or two scan periods, older than a `stamp` [ns]."""
+        if len(self._poses) <= 1:
+            return False
+        (before, _), (last, _) = self._poses[-2], self._poses[-1]
+        return stamp - last <= min(max(_SILENT_AFTER, 2 * (last - before)), _LONGEST_WAIT)
 
     def must_wait(self, stamp: int) -> bool:
         """Whether the motion at a `stamp` [ns] cannot be computed yet."""
-        return bool(self._poses) and self._poses[-1][0] - HALF_SPAN < stamp <= self._poses[-1][0] + _SILENT_AFTER
+        return bool(self._poses) and self._poses[-1][0] - HALF_SPAN < stamp <= self._poses[-1][0] + 2 * HALF_SPAN
 
     def motion_at(self, stamp: int) -> TimedMotion | None:
         """Return pose and velocity at `stamp` [ns], the latter over `HALF_SPAN` before and after; None if unknown."""
@@ -66,7 +69,9 @@ class FirstLidar:
 
 HALF_SPAN = 200_000_000
 """Half of the time [ns] over which a velocity is measured: a compromise between noise and changes of velocity."""
-_SILENT_AFTER = 500_000_000
+_SILENT_AFTER = 150_000_000
 """The first lidar counts as silent after this time [ns] without a scan."""
+_LONGEST_WAIT = 1_000_000_000
+"""The first lidar counts as silent after this time [ns], whatever its scan period."""
 _POSES = 64
 """Number of stored poses: 0.8 s at 80 Hz."""

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which lidars are used and which errors are named, on drives whose truth is known."""
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
+from dbscan_reg_ros.core.odometry.calibration.location import Location
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.simulation import rooms, simulate
+
+TRUE = SE2(-0.7, -0.5, 0.0)
+SEEDS = 1, 2, 3
+
+
+@pytest.fixture(scope='module')
+def update():
+    """A real update with a registration, whose stamp, pose and sensor the tests replace."""
+    from dbscan_reg_ros.simulation import follow
+    world, odometry = rooms(1), Odometry()
+    scans = simulate(world, follow(world.tour[:2]), seed=1).scans[:2]
+    return [odometry.process(scan) for scan in scans][-1]
+
+
+def pose_at(seconds):
+    """Pose on an eight-shaped drive: the turn rate changes, and so does the speed."""
+    x, y = 4.0 * math.sin(0.3 * seconds), 2.0 * math.sin(0.6 * seconds)
+    return SE2(x, y, math.atan2(1.2 * math.cos(0.6 * seconds), 1.2 * math.cos(0.3 * seconds)))
+
+
+class Drive:
+    """A drive of two lidars, 12.5 and 15 Hz; the first one may be silent for a while."""
+
+    def __init__(self, update, given, late=0.0, seed=1, bias=0.003):
+        self.comparisons, self._update, self._late = LidarComparisons(), update, late
+        self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
+        self._rng, self._bias, self.used, self.now = np.random.default_rng(seed), bias, [], 0.0
+
+    def _locate(self, update):
+        """Locate a scan with noise, and an error for each metre of the drive."""
+        seconds = 1e-9 * update.stamp - self._late
+        pose, group = pose_at(seconds), int(seconds)
+        common = np.random.default_rng(group).normal(0.0, self._bias, 3) * [1.0, 1.0, 0.5]
+        sigmas = np.array([0.002, 0.002, 0.001])
+        found = pose @ TRUE @ SE2(*(common + self._rng.normal(0.0, sigmas)))
+        return Location(update.stamp, found, np.diag(sigmas ** 2), group)
+
+    def run(self, seconds, silent=False):
+        """Drive on."""
+        end = self.now + seconds
+        events = [(time, self.first, time) for time in np.arange(0.0, end, 0.08) if time >= self.now and not silent]
+        events += [(time + self._late, self.rear, time) for time in np.arange(0.019, end, 1 / 15) if time >= self.now]
+        for stamp, sensor, time in sorted(events, key=lambda event: event[0]):
+            if sensor.rank:
+                self.used.append(self.comparisons.uses(self.rear, round(1e9 * stamp)))
+            sensor = self.rear if sensor.rank else sensor
+            update = dataclasses.replace(self._update, stamp=round(1e9 * stamp), pose=pose_at(time), sensor=sensor)
+            self.comparisons.add(update, self._locate)
+        self.now = end
+        return self
+
+    @property
+    def lidar(self):
+        """The comparisons of the rear lidar."""
+        return self.comparisons.lidars['rear']
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_lidar_that_agrees_is_used_after_ten_comparisons_and_not_accused(update, seed):
+    drive = Drive(update, TRUE, seed=seed).run(2.0)
+    # Used until the first one has sent scans, then on trial.
+    assert drive.used[0] and not any(drive.used[3:8]) and drive.used[-1]
+    drive.run(28.0)
+    assert drive.lidar.driven > 20.0 and drive.lidar.error is None and np.mean(drive.used[30:]) > 0.95
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_wrong_mounting_is_named_after_a_long_drive_and_not_used_before(update, seed):
+    drive = Drive(update, TRUE @ SE2(0.04, -0.03, math.radians(3.0)), seed=seed).run(10.0)
+    assert drive.lidar.disagrees and drive.lidar.error is None and not any(drive.used[3:])
+    error = drive.run(20.0).lidar.error
+    assert error.distance == pytest.approx(0.05, abs=0.005) and error.time_offset == 0.0
+    assert math.degrees(error.rotation) == pytest.approx(-3.0, abs=0.1)
+    assert str(error).startswith('its mounting is off by ') and 'ms' not in str(error)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_late_stamps_are_named(update, seed):
+    drive = Drive(update, TRUE, late=0.06, seed=seed).run(30.0)
+    error = drive.lidar.error
+    assert error.time_offset == pytest.approx(-0.06, abs=0.005) and error.distance == 0.0 == error.rotation
+    assert str(error) == f'its stamps are off by {-1e3 * error.time_offset:.0f} ms' and not any(drive.used[30:])
+
+
+def test_a_lidar_that_disagrees_is_used_while_the_first_one_is_silent(update):
+    drive = Drive(update, TRUE @ SE2(0.1, 0.0, 0.0)).run(8.0)
+    before = len(drive.used)
+    drive.run(2.0, silent=True)
+    assert not any(drive.used[before - 5:before]) and all(drive.used[before + 4:])
+    before = len(drive.used)
+    drive.run(2.0)
+    assert not any(drive.used[before + 4:])
+
+
+def test_a_mounting_that_is_corrected_is_used_at_once(update):
+    drive = Drive(update, TRUE @ SE2(0.1, 0.0, 0.0)).run(10.0)
+    drive.rear = dataclasses.replace(drive.rear, pose=TRUE)
+    before = len(drive.used)
+    drive.run(10.0)
+    assert not any(drive.used[before - 5:before]) and all(drive.used[before:])
