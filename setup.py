@@ -35,7 +35,7 @@ def extensions():
     digest = hashlib.sha256(b''.join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
     return [Extension(STEPS.replace('/', '.'), [f'{STEPS}.pyx'], depends=[str(path) for path in SOURCES], optional=True,
                       define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')],
-                      extra_compile_args=['-ffp-contract=off', '-fno-math-errno', '-g0'])]
+                      extra_compile_args=['-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-g0'])]
 
 
 class BuildExtensions(build_ext):

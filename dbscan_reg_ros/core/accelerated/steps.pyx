@@ -5,12 +5,12 @@
 Arrays come in and go out; loops run over typed views, without the interpreter. Every index is checked.
 """
 import math
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
-from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, floor, fmod, isfinite, isnan, rint
-from libc.math cimport sin, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, floor, fmod, isfinite, isnan, log, log1p
+from libc.math cimport rint, sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
 from ..errors import ScanError
@@ -37,18 +37,21 @@ from ..odometry.mapping import scan_to_map as map_steps
 from ..odometry.mapping.correspondences import Correspondences, PosePrior
 from ..odometry.mapping.key_frame_window import Pairs
 from ..registration import degeneracy as degeneracy_steps
+from ..registration import pipeline as pipeline_steps
 from ..registration import rotation as rotation_steps
 from ..registration import scoring as scoring_steps
 from ..registration import selection as selection_steps
 from ..registration import translation as translation_steps
 from ..registration import uncertainty as uncertainty_steps
 from ..registration.confidence import evidence as evidence_steps
+from ..registration.confidence import model as model_steps
 from ..registration.point_to_line import Fit
 from ..registration.records import Evidence
 from ..registration.rotation import Rotations
 from ..registration.search import Ranking
+from ..registration.status import Assessment
 from ..registration.translation import Translations
-from ..registration.uncertainty import Observability, Residuals
+from ..registration.uncertainty import Observability
 
 cdef extern from *:
     """
@@ -95,9 +98,13 @@ STEPS = (
     'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
     'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
     'leverage', 'high_leverage', 'find_small_objects', 'extract_from_returns', 'build_oriented_points',
-    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'rank_by_density', 'polish_best',
-    'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'within_gate', 'find_rivals',
+    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'near_motions', 'rank_by_density',
+    'polish_best',
+    'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'log_odds', 'assess',
+    'find_rivals',
     'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
-    'dynamic_points', 'detached_points', 'beside', 'newest_in_cell', 'propagate_errors',
+    'confirm', 'dynamic_points', 'detached_points', 'beside', 'movable_weights', 'information_ratio', 'newest_in_cell',
+    'older_map_points', 'with_poles',
+    'propagate_errors',
 )
 """Names of the steps."""

@@ -139,10 +139,10 @@ class Features:
     def without(self, left_out: BoolArray) -> 'Features':
         """Remove points of `oriented_points`: `left_out` ``(Q,)`` is a mask. Poles are removed as a whole."""
         walls, normals = len(self.wall_points), self.normals.copy()
-        normals[np.flatnonzero(normals.any(axis=1))[left_out[:walls]]] = 0.0
+        normals[as_complex(normals).nonzero()[0][left_out[:walls]]] = 0.0
         poles = self.poles
         if poles and left_out[walls:].any():
-            poles = poles.select(~np.isin(poles.beams, poles.beams[left_out[walls:]]))
+            poles = poles.select((poles.beams[:, None] != poles.beams[left_out[walls:]]).all(axis=1))
         return dataclasses.replace(self, normals=normals, poles=poles)
 
     def downweighted(self, points: IntArray | BoolArray, weights: FloatArray | float) -> 'Features':

@@ -43,10 +43,13 @@ def with_poles(features: Features, size: float, parameters: SegmentParameters) -
     """
     if as_complex(features.normals).all():
         return features
-    objects = features.backend.step(find_small_objects)(features, size, parameters)
+    objects = find_small_objects(features, size, parameters)
+    return with_poles_at(features, objects, size) if objects.without_normals.any() else features
+
+
+def with_poles_at(features: Features, objects: 'SmallObjects', size: float) -> Features:
+    """Add those of the `objects` as poles that have no normals; poles are at most as wide as a `size` [m]."""
     poles = objects.without_normals.nonzero()[0]
-    if not len(poles):
-        return features
     front, width = objects.front[poles], objects.width[poles]
     half = np.minimum(0.5 * width, 0.5 * size)
     towards = -front / np.maximum(np.abs(front), TINY)

@@ -224,7 +224,9 @@ class Odometry:
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = self._backend.step(extract_from_returns)(returns, p, noise.value)
         own.noise = noise
-        return with_poles(features, p.odometry.pole_size, p.segments) if p.odometry.pole_size else features
+        if not p.odometry.pole_size:
+            return features
+        return self._backend.step(with_poles)(features, p.odometry.pole_size, p.segments)
 
     def _search(self, features: Features, gate: Gate) -> Outcome:
         """Register the scan to the local map and, if needed, to other references."""

@@ -8,6 +8,7 @@ from ..backend import Backend, default_backend
 from ..errors import ScanError
 from ..features.extraction import extract_features
 from ..features.records import Features
+from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
 from ..scan import Scan
 from .landmarks import landmark_motions
@@ -92,12 +93,16 @@ def with_common_noise(reference: Features, current: Features) -> Features:
 
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:
     """Select among the prior and the clusters within the gate around it; `min_score` as for `select_by_density`."""
-    p, expected = problem.parameters, prior.transform.as_array()
+    motions = problem.current.backend.step(near_motions)(problem, prior)
+    return select_by_density(problem, Candidates(prior.transform.as_array()[None], motions), min_score)
+
+
+def near_motions(problem: Problem, prior: Prior) -> FloatArray:
+    """Return the translation clusters within the gate around a prior, heaviest first, ``(C, 3)``."""
+    p = problem.parameters
     rotations = problem.rotations.near(prior.transform.theta, p.prior.gate * prior.rotation_sigma)
     motions = problem.translations(rotations).transform
-    near = problem.current.backend.step(within_gate)(motions, prior, p.prior)
-    motions = motions[near][:p.selection.max_clusters]
-    return select_by_density(problem, Candidates(expected[None], motions), min_score)
+    return motions[within_gate(motions, prior, p.prior)][:p.selection.max_clusters]
 
 
 def search_normal(problem: Problem) -> Registration:

@@ -4,6 +4,7 @@ import cmath
 import dataclasses
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,28 @@ from .search import Problem, Ranking
 from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
 
 
+class Assessment(NamedTuple):
+    """Assessment of the best of H hypotheses.
+
+    Attributes
+    ----------
+    covariance : (3, 3) float
+        Covariance in the current sensor's frame [m, m, rad].
+    observed : Observability
+    rivals : (H,) bool
+        Which hypotheses are different motions from the best.
+    evidence : Evidence
+    odds : list of float
+        Log-odds of all hypotheses.
+    """
+
+    covariance: FloatArray
+    observed: Observability
+    rivals: BoolArray
+    evidence: Evidence
+    odds: list[float]
+
+
 def decide(problem: Problem, fine: Ranking) -> Registration:
     """Build the `Registration` from the best refined hypothesis.
 
@@ -31,15 +54,9 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         Finely refined hypotheses, including rivals; its `best` is the fit of the current scan's `sampled_points`.
     """
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
-    best, score = fine.candidates[0], float(fine.score[0])
-    noise = max(reference.noise, current.noise)
-    covariance, observed = current.backend.step(uncertainty)(
-        best, fine.best, current.sampled_points, noise, problem.parameters)
+    score = float(fine.score[0])
+    covariance, observed, rivals, evidence, odds = current.backend.step(assess)(problem, fine)
     degenerate = observed.weak < p.min_information
-    rivals = current.backend.step(find_rivals)(fine.candidates, observed.angle if degenerate else None, p)
-    evidence, = current.backend.step(collect_evidence)(
-        fine.candidates[:1], fine.best, (observed.weak,), reference, current, problem.parameters)
-    odds = [log_odds(evidence, problem.prior, best), *fine.odds[1:].tolist()]
     certainty = confidence(odds[0], np.array(odds)[rivals].tolist())
     status, reason = judge(score, evidence, observed, certainty, p)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
@@ -56,6 +73,18 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         confidence=certainty, evidence=evidence,
         rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
     return found if problem.prior is None else demoted_if_poor(found, p)
+
+
+def assess(problem: Problem, fine: Ranking) -> Assessment:
+    """Assess the best of the refined hypotheses: its uncertainty, its rivals, the evidence for it, and all log-odds."""
+    reference, current, p = problem.reference, problem.current, problem.parameters
+    best, noise = fine.candidates[0], max(reference.noise, current.noise)
+    covariance, observed = uncertainty(best, fine.best, current.sampled_points, noise, p)
+    degenerate = observed.weak < p.decision.min_information
+    rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p.decision)
+    evidence, = collect_evidence(fine.candidates[:1], fine.best, (observed.weak,), reference, current, p)
+    odds = [log_odds(evidence, problem.prior, best), *fine.odds[1:].tolist()]
+    return Assessment(covariance, observed, rivals, evidence, odds)
 
 
 def find_rivals(candidates: FloatArray, direction: float | None, parameters: DecisionParameters) -> BoolArray:

@@ -12,14 +12,15 @@ from dbscan_reg_ros.backend_choice import reference_settings
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.registration.confidence.evidence import collect_evidence
+from dbscan_reg_ros.core.registration.confidence.model import log_odds
 from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction
+from dbscan_reg_ros.core.registration.pipeline import near_motions
 from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.records import Prior
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
-from dbscan_reg_ros.core.registration.scoring import within_gate
 from dbscan_reg_ros.core.registration.search import Candidates, Problem
 from dbscan_reg_ros.core.registration.selection import polish_best, rank_by_density
-from dbscan_reg_ros.core.registration.status import find_rivals
+from dbscan_reg_ros.core.registration.status import assess, find_rivals
 from dbscan_reg_ros.core.registration.translation import estimate_translations
 from dbscan_reg_ros.core.registration.uncertainty import Residuals, match_covariance, uncertainty
 
@@ -93,6 +94,18 @@ def test_ranking(both, rng, name):
                     assert_same(expected, found)
 
 
+def test_motions_within_the_gate(both, rng):
+    """Also around an angle at the wrap, with few clusters, and with settings that are the reference's."""
+    settings = (P, changed(P, selection=changed(P.selection, max_clusters=3)),
+                changed(P, rotation=changed(P.rotation, min_samples=3)))
+    for reference, current in feature_pairs(rng):
+        for p in settings:
+            for spread in (0.1, 3.0):
+                covariance = np.diag((0.04, 0.01, rng.choice([0.02, 1.0])))
+                prior = Prior(SE2.from_array(rng.normal(0.0, spread, 3)), covariance)
+                both(near_motions, Problem(reference, current, p), prior)
+
+
 @pytest.mark.parametrize('name', ['usual', 'any normals'])
 def test_search_along_degenerate_directions(both, rng, name):
     """Of one hypothesis and of several; also where too few points face the direction."""
@@ -108,8 +121,6 @@ def test_hypotheses_near_one(both, rng, size):
     """Also of angles that wrap around, and apart along a degenerate direction only."""
     candidates = rng.normal(0.0, (0.3, 0.3, 3.0), (size, 3))
     candidates[::2, 2] = np.pi * rng.choice([-1.0, 1.0], len(candidates[::2]))
-    prior = Prior(SE2.from_array(candidates[0]), np.diag((0.04, 0.01, 0.02)))
-    both(within_gate, candidates, prior, P.prior)
     for direction in (None, 0.0, rng.uniform(-3.0, 3.0)):
         both(find_rivals, candidates, direction, P.decision)
 
@@ -152,10 +163,17 @@ def test_settings_without_compiled_steps_are_named():
 
 
 def test_evidence(compiled, rng):
-    """Counts may differ by one where a point lies on the edge of a bin."""
+    """Also the odds that follow, and the assessment of one hypothesis and of several."""
     one, two = (extract_features(scan(rng, 360), P) for _ in range(2))
     candidates = rng.normal(0.0, (1.0, 1.0, 3.0), (6, 3))
     fits = Problem(one, two, P).fit(candidates, two.sampled_points)
     for expected, found in zip(*(step(candidates, fits, range(6), one, two, P)
                                  for step in (collect_evidence, compiled.step(collect_evidence))), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        for prior in (None, Prior(SE2(), np.diag((0.04, 0.01, 0.02)))):
+            odds = [step(expected, prior, candidates[0]) for step in (log_odds, compiled.step(log_odds))]
+            assert odds[1] == pytest.approx(odds[0], rel=1e-9, abs=1e-9)
+            problem = Problem(one, two, P, prior)
+            for count in (1, 6):
+                fine = rank_by_density(problem, Candidates(candidates[:1], candidates[1:count]), -np.inf)
+                assert_same(*(step(problem, fine) for step in (assess, compiled.step(assess))))

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from accelerated_inputs import SIZES, oriented_points, ranges, scan_points
+from accelerated_inputs import SIZES, assert_same, oriented_points, ranges, scan_points
 
 from dbscan_reg_ros import Parameters, Scan, ScanError, extract_features
 from dbscan_reg_ros.core.backend import REFERENCE
@@ -18,7 +18,7 @@ from dbscan_reg_ros.core.features.range_noise import estimate_noise, estimate_no
 from dbscan_reg_ros.core.features.returns import admitted_returns
 from dbscan_reg_ros.core.features.ring_band import ring_band_filter
 from dbscan_reg_ros.core.features.segments import extract_segments
-from dbscan_reg_ros.core.features.small_objects import find_small_objects
+from dbscan_reg_ros.core.features.small_objects import find_small_objects, with_poles
 from dbscan_reg_ros.core.geometry.se2 import as_complex
 
 P = Parameters()
@@ -124,6 +124,8 @@ def test_features(both, rng, size):
             both(build_oriented_points, features.points, features.normals, features.beams)
             for width in (0.1, 1.0, 100.0):
                 both(find_small_objects, features, width, p.segments)
+                assert_same(*(step(features, width, p.segments).poles
+                              for step in (with_poles, both.compiled.step(with_poles))))
             bare = dataclasses.replace(features, normals=np.zeros_like(features.normals))
             both(find_small_objects, bare, 0.5, p.segments)
             both(build_oriented_points, bare.points, bare.normals, bare.beams)

@@ -11,15 +11,22 @@ from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.free_space import build_free_space_profile
 from dbscan_reg_ros.core.features.oriented_points import high_leverage
 from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
-from dbscan_reg_ros.core.odometry.mapping.dynamic_points import beside, detached_points, dynamic_points
+from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
+    beside,
+    detached_points,
+    dynamic_points,
+    information_ratio,
+    movable_weights,
+)
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import (
     KeyFrameWindow,
+    confirm,
     look_up_correspondences,
     look_up_pairs,
     points_by_frame,
 )
-from dbscan_reg_ros.core.odometry.mapping.local_map import newest_in_cell
+from dbscan_reg_ros.core.odometry.mapping.local_map import newest_in_cell, older_map_points
 from dbscan_reg_ros.core.odometry.mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty
 from dbscan_reg_ros.core.odometry.models.covariance import NO_MEASUREMENT, PoseMeasurement, propagate_errors
 from dbscan_reg_ros.core.registration.records import Prior
@@ -53,6 +60,8 @@ def test_pairs(both, rng, window, size):
         for each in (points, noisy(rng, points)):
             pose = SE2.from_array(rng.normal(0.0, 0.3, 3))
             both(look_up_pairs, window.fields, window.poses, pose, each, lookup, 0.5)
+            for distance in (0.0, 0.3, 1e3):
+                both(confirm, window, pose, each, distance, 0.05, 0.5)
 
 
 def test_alignment(both, rng, window):
@@ -117,12 +126,30 @@ def test_dynamic_points(both, rng, window, size):
             both(beside, each, rng.uniform(size=size) < ratio, 0.2)
 
 
+@pytest.mark.parametrize('size', SIZES[1:])
+def test_movable_objects(both, rng, size):
+    """One object, several, and more than are compared; also of points that have weights."""
+    points = oriented_points(rng, size, reach=3.0)
+    for each in (points, dataclasses.replace(points, weights=rng.uniform(0.1, 1.0, size))):
+        for margin in (0.0, 1.0, 10.0):
+            both(movable_weights, each, 1.1, margin, 0.03)
+    for chosen in (np.arange(size // 2), np.arange(1, size, 3), np.arange(0)):
+        both(information_ratio, points, chosen)
+
+
 @pytest.mark.parametrize('size', SIZES)
 @pytest.mark.parametrize('latest', [0, 1, 500])
 def test_newest_in_cell(both, rng, size, latest):
     for reach in (0.1, 5.0, 1e5):
         both(newest_in_cell, oriented_points(rng, size, reach).points, rng.integers(0, 40, size),
              oriented_points(rng, latest, reach).points, 0.04)
+
+
+def test_local_map(both, window):
+    """Points of one key frame to many complete the latest; also where a cell is large."""
+    *older, latest = window.frames
+    for cell_size in (0.04, 0.5) if older else ():
+        both(older_map_points, older, latest, dataclasses.replace(P.density, cell_size=cell_size))
 
 
 @pytest.mark.parametrize('size', [1, 2, 7, 180, 3000])

@@ -21,7 +21,7 @@ from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
     movable_weights,
 )
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow, confirm
 from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -126,10 +126,10 @@ def test_points_seen_from_elsewhere_at_the_same_place_are_static():
     scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
     window = KeyFrameWindow([KeyFrame(scans[HERE], HERE)])
     cloud, way = scans[THERE].oriented_points, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
-    assert window.confirmed(THERE, cloud, 0.9 * way, 0.1, 0.5).mean() > 0.9
-    assert not window.confirmed(THERE, cloud, 1.1 * way, 0.1, 0.5).any()
-    assert window.confirmed(THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, 0.5).mean() < 0.5
-    assert not len(window.confirmed(THERE, cloud.select(slice(0, 0)), 0.0, 0.1, 0.5))
+    assert confirm(window, THERE, cloud, 0.9 * way, 0.1, 0.5).mean() > 0.9
+    assert not confirm(window, THERE, cloud, 1.1 * way, 0.1, 0.5).any()
+    assert confirm(window, THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, 0.5).mean() < 0.5
+    assert not len(confirm(window, THERE, cloud.select(slice(0, 0)), 0.0, 0.1, 0.5))
 
 
 @pytest.mark.parametrize('seed', range(5))

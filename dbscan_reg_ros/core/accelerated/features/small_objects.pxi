@@ -2,6 +2,44 @@
 """Small objects of a scan, as `core.features.small_objects`."""
 
 
+cdef class BeamRing:
+    """Points in beam order that start at a break if the beams cover the full circle, as `small_objects._Ring`."""
+
+    cdef double complex[::1] points
+    cdef Py_ssize_t[::1] beams
+    # Whether a point has no normal, and whether it and the next one lie on different surfaces.
+    cdef unsigned char[::1] bare, broken
+    cdef Py_ssize_t size
+
+    def __cinit__(self, features, Py_ssize_t circle, bint closed, parameters):
+        cdef const double[:, :] points = features.points, normals = features.normals
+        cdef const Py_ssize_t[:] beams = features.beams
+        cdef const unsigned char[:] breaks = features.breaks
+        cdef Py_ssize_t start = 0, k, at
+        cdef unsigned char[:, ::1] flags
+        self.size = points.shape[0]
+        self.points, self.beams = np.empty(self.size, complex), np.empty(self.size, np.intp)
+        flags = np.zeros((2, self.size), np.uint8)
+        self.bare, self.broken = flags[0], flags[1]
+        if closed:
+            while start < breaks.shape[0] and not breaks[start]:
+                start += 1
+            start = start + 1 if start < breaks.shape[0] else 0
+        for k in range(self.size):
+            at = (k + start) % self.size
+            self.points[k] = points[at, 0] + 1j * points[at, 1]
+            self.bare[k], self.beams[k] = normals[at, 0] == 0.0 and normals[at, 1] == 0.0, beams[at]
+            if at < start:
+                self.beams[k] += circle
+            if at < breaks.shape[0]:
+                self.broken[k] = breaks[at]
+        if start:
+            k = self.size - 1 - start
+            self.broken[k] = small_object_steps.find_breaks(
+                np.asarray(self.points[k:k + 2]), np.asarray(self.beams[k:k + 2]),
+                features.scan.geometry.angle_increment, features.noise, parameters).item()
+
+
 def find_small_objects(features, double size, parameters):
     """Find surfaces (Eq. 5) smaller than a `size` [m] with a larger range, or no return, on both sides."""
     geometry = features.scan.geometry
@@ -9,10 +47,9 @@ def find_small_objects(features, double size, parameters):
     cdef double margin = parameters.depth_margin + SIGMAS * features.noise, width
     cdef bint closed = geometry.closed
     cdef Py_ssize_t circle = round(2.0 * math.pi / increment) if closed else geometry.size
-    ordered, numbers, bare, breaks = small_object_steps._ring(features, circle, parameters)
-    cdef const Py_ssize_t[::1] beams = np.ascontiguousarray(ordered, np.intp)
-    cdef const double complex[::1] points = np.ascontiguousarray(numbers)
-    cdef const unsigned char[::1] without_normal = np.ascontiguousarray(bare), broken = np.ascontiguousarray(breaks)
+    cdef BeamRing ring = BeamRing(features, circle, closed, parameters)
+    cdef const Py_ssize_t[::1] beams = ring.beams
+    cdef const double complex[::1] points = ring.points
     cdef Py_ssize_t count = points.shape[0], objects = 1, found = 0, k, i, first, last, before, after
     cdef Py_ssize_t[::1] start = np.empty(count + 1, np.intp)
     integers, distances, fronts = np.empty((2, count), np.intp), np.empty((2, count)), np.empty(count, complex)
@@ -24,7 +61,7 @@ def find_small_objects(features, double size, parameters):
     with nogil:
         start[0] = 0
         for k in range(count - 1):
-            if broken[k]:
+            if ring.broken[k]:
                 start[objects] = k + 1
                 objects += 1
         start[objects if count else 0] = count
@@ -46,10 +83,36 @@ def find_small_objects(features, double size, parameters):
             number[0, found], number[1, found], flag[found] = modulus(points[first]), width, True
             for i in range(first, last + 1):
                 number[0, found] = min(number[0, found], modulus(points[i]))
-                flag[found] = flag[found] and without_normal[i]
+                flag[found] = flag[found] and ring.bare[i]
             found += 1
     return SmallObjects(integers[0, :found], integers[1, :found], distances[0, :found], fronts[:found],
                         distances[1, :found], flags[:found])
+
+
+def with_poles(features, double size, parameters):
+    """Add the poles of a scan as oriented points on a circle around each pole, facing away from its centre.
+
+    Parameters
+    ----------
+    features : Features
+    size : float
+        Poles are smaller than this [m].
+    parameters : SegmentParameters
+
+    Returns
+    -------
+    Features
+        The features with poles; `features` itself if the scan has none.
+    """
+    cdef const double[:, :] normals = features.normals
+    cdef Py_ssize_t k
+    for k in range(normals.shape[0]):
+        if normals[k, 0] == 0.0 and normals[k, 1] == 0.0:
+            break
+    else:
+        return features
+    objects = find_small_objects(features, size, parameters)
+    return small_object_steps.with_poles_at(features, objects, size) if objects.without_normals.any() else features
 
 
 cdef inline Py_ssize_t modulo(Py_ssize_t number, Py_ssize_t of) noexcept nogil:

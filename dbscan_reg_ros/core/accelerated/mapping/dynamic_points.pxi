@@ -165,3 +165,80 @@ def beside(points, const unsigned char[::1] dynamic, double margin):
                 last = k
             flag[k] = flag[k] or (last >= 0 and distance(own[last], own[k]) <= margin)
     return near
+
+
+cdef Py_ssize_t MAX_OBJECTS = dynamic_steps._MAX_OBJECTS
+
+
+def movable_weights(points, double size, double margin, double min_weight):
+    """Return the weights of points of movable objects: the more other movable objects there are, the higher.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+        P points of movable objects.
+    size : float [m]
+        Objects no farther apart than this count as parts of one object.
+    margin : float [m]
+        Points farther apart than this belong to different objects, as for `detached_points`.
+    min_weight : float
+
+    Returns
+    -------
+    (P,) float
+        From `min_weight` to 1.
+    """
+    cdef PointViews own = views_of(points)
+    cdef Py_ssize_t count = own.size, objects = 0, samples, step, k, i
+    cdef Py_ssize_t[::1] label = np.zeros(max(count, 1), np.intp)
+    cdef double[:, ::1] sums = np.zeros((3, max(count, 1)))
+    cdef double complex[::1] centre = np.zeros(max(count, 1), complex)
+    cdef double total = 0.0, nearby
+    weights = np.empty(count)
+    cdef double[::1] weight = weights
+    with nogil:
+        for k in range(count):
+            objects += not k or distance(own.points[k], own.points[k - 1]) > margin
+            label[k] = objects - 1
+            sums[0, objects - 1] += own.weights[k]
+            sums[1, objects - 1] += 1.0
+            centre[objects - 1] = centre[objects - 1] + own.points[k]
+        step = max((objects + MAX_OBJECTS - 1) // MAX_OBJECTS, 1)
+        for k in range(objects):
+            centre[k] = centre[k] / sums[1, k]
+        samples = (objects + step - 1) // step
+        for k in range(samples):
+            total += sums[0, k * step]
+        for k in range(objects):
+            nearby = 0.0
+            for i in range(samples):
+                if distance(centre[k], centre[i * step]) <= size:
+                    nearby += sums[0, i * step]
+            sums[2, k] = min(max(0.5 * (total - nearby) / max(nearby, TINY) - 1.0, min_weight), 1.0)
+        for k in range(count):
+            weight[k] = sums[2, label[k]]
+    return weights
+
+
+def information_ratio(points, const Py_ssize_t[::1] chosen):
+    """Return the fraction of the information about the translation that the `chosen` points (indices) provide.
+
+    Returns
+    -------
+    float
+        Largest fraction over all directions of the translation, from 0 to 1: the largest generalised eigenvalue.
+    """
+    cdef const double complex[::1] normals = points.normals
+    cdef double xx = 0.0, xy = 0.0, yy = 0.0, part_xx = 0.0, part_xy = 0.0, part_yy = 0.0, determinant, half, product
+    cdef Py_ssize_t k
+    cdef double complex n
+    for k in range(normals.shape[0]):
+        n = normals[k]
+        xx, xy, yy = xx + n.real * n.real, xy + n.real * n.imag, yy + n.imag * n.imag
+    for k in range(chosen.shape[0]):
+        n = normals[chosen[k]]
+        part_xx, part_xy, part_yy = part_xx + n.real * n.real, part_xy + n.real * n.imag, part_yy + n.imag * n.imag
+    determinant = max(xx * yy - xy * xy, TINY)
+    half = 0.5 * (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
+    product = (part_xx * part_yy - part_xy * part_xy) / determinant
+    return half + sqrt(max(half * half - product, 0.0))

@@ -2,6 +2,49 @@
 """Points of older key frames for the local map, as `core.odometry.mapping.local_map`."""
 
 
+def older_map_points(older, latest, density):
+    """Collect the points of older key frames that complete the latest key frame, in the frame of the latest.
+
+    Parameters
+    ----------
+    older : sequence of KeyFrame
+        The oldest first.
+    latest : KeyFrame
+    density : DensityParameters
+    """
+    features, samples = latest.features, [frame.features.sampled_points for frame in older]
+    cdef PointViews own = views_of(features.oriented_points), views
+    cdef const double[::1] near = features.free_space.near
+    cdef double tolerance = density.violation_tolerance, farthest = 0.0
+    cdef Py_ssize_t size = sum([len(each) for each in samples]), count = 0, number = 0, k
+    vectors, numbers = np.empty((2, size), complex), np.empty((2, size), np.intp)
+    cdef double complex[:, ::1] vector = vectors
+    cdef Py_ssize_t[:, ::1] integer = numbers
+    cdef const Py_ssize_t[::1] beams
+    cdef double complex turn, shift
+    for k in range(own.size):
+        farthest = max(farthest, modulus(own.points[k]))
+    for each in samples:
+        views = views_of(each)
+        for k in range(views.size):
+            farthest = max(farthest, modulus(views.points[k]))
+    to_latest = latest.pose.inverse()
+    for frame, each in zip(older, samples):
+        motion, views, beams = to_latest @ frame.pose, views_of(each), each.beams
+        turn, shift = cos(motion.theta) + 1j * sin(motion.theta), motion.x + 1j * motion.y
+        for k in range(views.size):
+            vector[0, count] = rotated(turn, views.points[k]) + shift
+            if modulus(vector[0, count]) > farthest or violation(near, vector[0, count].real, vector[0, count].imag,
+                                                                 tolerance) != 0.0:
+                continue
+            vector[1, count] = rotated(turn, views.normals[k])
+            integer[0, count], integer[1, count] = beams[k], number
+            count += 1
+        number += 1
+    kept = newest_in_cell(vector[0, :count], integer[1, :count], own.points, density.cell_size)
+    return OrientedPoints(vectors[0, :count][kept], vectors[1, :count][kept], numbers[0, :count][kept])
+
+
 def newest_in_cell(const double complex[::1] points, const Py_ssize_t[::1] age_rank, const double complex[::1] latest,
                    double cell_size):
     """Return ``(P,)``: the `points` in whose cell no point has a higher rank, and none is one of the `latest`."""

@@ -56,7 +56,7 @@ cdef find_correspondences(window, pose, points, direction, p):
     weigh(rows, found.index, found.size, found.weights, step, p.refinement.map_first_scale, error, weight)
     for k in range(rows.shape[1]):
         add_row(&sums, weight[k], rows[0, k], rows[1, k], rows[2, k], rows[3, k])
-    write_equations(&sums, information)
+    write_equations(&sums, &information[0, 0])
     if direction is None:
         read_weakest(information, &weakest)
         if weakest.weak >= map_steps._WELL_CONSTRAINED * weakest.strong:
@@ -135,5 +135,5 @@ def alignment_uncertainty(features, pose, correspondences, initial, p):
             y = views.normals[index[k]].imag * views.inverse_noise[index[k]]
             own[0, k], own[1, k] = c * x - s * y, s * x + c * y
             own[2, k] = rotated_point[k].real * own[1, k] - rotated_point[k].imag * own[0, k]
-    return match_covariance(Residuals(error, weight, rows[:3], own, features.noise), p.decision, theta,
-                            initial.direction is not None, initial.rotation_unobservable)
+    return covariance_of(error, weight, rows[:3], own, features.noise, p.decision, theta,
+                         initial.direction is not None, initial.rotation_unobservable)

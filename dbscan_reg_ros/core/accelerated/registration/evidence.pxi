@@ -2,6 +2,9 @@
 """Evidence for and against motions, as `core.registration.confidence.evidence`."""
 
 
+cdef double SAME_PLACE = evidence_steps._SAME_PLACE, PARALLEL = evidence_steps._PARALLEL
+
+
 cdef inline int seen_at(const double[::1] near, const double[::1] far, double x, double y, double tolerance,
                         double* conflict) except? -1 nogil:
     """Return 0 where a scan sees nothing at a place, 1 where it is visible, 2 on the outline; and the `conflict`."""
@@ -44,36 +47,25 @@ cdef const double complex[::1] fixed_ends(segments):
     return kept['fixed_ends']
 
 
-cdef double crossing_of(reference, current, const double[:] candidate):
+cdef double crossing_of(SegmentViews reference, SegmentViews current, const double[:] candidate) except? -1.0 nogil:
     """Return the length [m] of the matched segments across their main direction."""
-    cdef const double[:, :] start_r = reference.start, end_r = reference.end
-    cdef const double[:, :] start_o = current.start, end_o = current.end
-    cdef const double[:] direction_r = reference.direction, direction_o = current.direction
-    cdef const double[:] length_r = reference.length, length_o = current.length
-    cdef double same_place = evidence_steps._SAME_PLACE, parallel = evidence_steps._PARALLEL
-    cdef double c = cos(candidate[2]), s = sin(candidate[2]), x, y, angle, along, across, overlap, length
-    cdef double total = 0.0, double_c = 0.0, double_s = 0.0, step_x, step_y
+    cdef double c = cos(candidate[2]), s = sin(candidate[2]), overlap, length, total = 0.0
+    cdef double complex turn = c + 1j * s, shift = candidate[0] + 1j * candidate[1], place, along, step
+    cdef double complex doubled = 0.0
     cdef Py_ssize_t r, o
-    with nogil:
-        for o in range(direction_o.shape[0]):
-            step_x, step_y = 0.5 * (start_o[o, 0] + end_o[o, 0]), 0.5 * (start_o[o, 1] + end_o[o, 1])
-            x, y = c * step_x - s * step_y + candidate[0], s * step_x + c * step_y + candidate[1]
-            angle, length = direction_o[o] + candidate[2], 0.0
-            for r in range(direction_r.shape[0]):
-                if cos(angle - direction_r[r]) <= parallel:
-                    continue
-                step_x = x - 0.5 * (start_r[r, 0] + end_r[r, 0])
-                step_y = y - 0.5 * (start_r[r, 1] + end_r[r, 1])
-                along = step_x * cos(direction_r[r]) + step_y * sin(direction_r[r])
-                across = step_y * cos(direction_r[r]) - step_x * sin(direction_r[r])
-                if fabs(across) >= same_place:
-                    continue
-                overlap = min(0.5 * (length_r[r] + length_o[o]) - fabs(along), min(length_r[r], length_o[o]))
-                length = max(length, overlap)
-            total += length
-            double_c += length * cos(2.0 * angle)
-            double_s += length * sin(2.0 * angle)
-    return 0.5 * (total - length_of(double_c, double_s))
+    for o in range(current.size):
+        place, along, length = rotated(turn, current.middle[o]) + shift, rotated(turn, current.along[o]), 0.0
+        for r in range(reference.size):
+            step = place - reference.middle[r]
+            if dot(along, reference.along[r]) <= PARALLEL or fabs(cross(reference.along[r], step)) >= SAME_PLACE:
+                continue
+            overlap = min(0.5 * (reference.length[r] + current.length[o]) - fabs(dot(reference.along[r], step)),
+                          min(reference.length[r], current.length[o]))
+            length = max(length, overlap)
+        total += length
+        along = rotated(along, along)
+        doubled = (doubled.real + length * along.real) + 1j * (doubled.imag + length * along.imag)
+    return 0.5 * (total - modulus(doubled))
 
 
 def collect_evidence(const double[:, :] candidates, fits, weak, reference, current, parameters):
@@ -99,9 +91,10 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     cdef Py_ssize_t size = error.shape[1], count = own.shape[0], h, k, on_outline, matched, unmatched
     cdef const double[::1] weights = given_or_ones(current.sampled_points.weights, size)
     cdef double tolerance = parameters.density.violation_tolerance, scale = parameters.refinement.score_scale
-    cdef double factor = -0.5 / (scale * scale), same_place = evidence_steps._SAME_PLACE
+    cdef double factor = -0.5 / (scale * scale), same_place = SAME_PLACE, crossing
     cdef double weight, conflict, of_current, of_reference, squares, total, c, s, x, y, apart
     cdef double complex[::1] moved = np.empty(ends_o.shape[0], complex)
+    cdef SegmentViews ours = views_of_segments(reference.segments), theirs = views_of_segments(current.segments)
     found = []
     for h in range(candidates.shape[0]):
         of_current = of_reference = squares = total = 0.0
@@ -135,8 +128,71 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
                 if (apart >= 2.0 * same_place
                         and seen_at(near_o, far_o, c * x + s * y, c * y - s * x, tolerance, &conflict)):
                     unmatched += 1
+            crossing = crossing_of(ours, theirs, candidates[h])
         found.append(Evidence(
             of_current / max(size, 1), of_reference / max(count, 1), on_outline, matched, unmatched,
-            crossing_of(reference.segments, current.segments, candidates[h]), sqrt(squares / max(total, TINY)),
+            crossing, sqrt(squares / max(total, TINY)),
             length_of(candidates[h, 0], candidates[h, 1]), weak[h]))
     return found
+
+
+cdef double INTERCEPT = model_steps.INTERCEPT
+cdef double[8] COEFFICIENTS = [model_steps.COEFFICIENTS[name] for name in model_steps.TERMS]
+
+
+def log_odds(evidence, prior=None, candidate=None):
+    """Return the logarithm of the odds that the true motion is among the hypotheses, by the evidence of the best.
+
+    With a `prior` its gain for the `candidate` ``(3,)`` is added.
+    """
+    cdef double current, reference, outline, matched, unmatched, crossing, residual, distance, weak, odds
+    current, reference, outline, matched, unmatched, crossing, residual, distance, weak = evidence
+    weak = max(weak, 0.0)
+    odds = COEFFICIENTS[0] * (sqrt(current) + sqrt(reference)) + COEFFICIENTS[1] * log1p(outline)
+    odds += COEFFICIENTS[2] * log1p(matched)
+    odds += COEFFICIENTS[3] * log1p(unmatched)
+    odds += COEFFICIENTS[4] * log(SAME + max(crossing, 0.0))
+    odds += COEFFICIENTS[5] * residual
+    odds += COEFFICIENTS[6] * distance
+    odds += COEFFICIENTS[7] * (weak / (2.0 + weak))
+    odds = INTERCEPT + odds
+    return odds if prior is None or candidate is None else odds + prior_gain(prior, candidate)
+
+
+cdef double prior_gain(prior, const double[:] candidate) except? -1.0:
+    """Return what a prior adds to the log-odds of a motion, as `core.registration.confidence.model.prior_gain`."""
+    expected = prior.transform
+    cdef const double[:, ::1] covariance = np.ascontiguousarray(prior.covariance, dtype=float)
+    cdef double t0 = expected.theta, c = cos(t0), s = sin(t0), x, y, density
+    cdef double wrong = model_steps._WRONG_PRIORS, anywhere = model_steps._ANY_MOTION
+    cdef double[3] off
+    cdef Factors f = factors(covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[1, 1], covariance[1, 2],
+                             covariance[2, 2])
+    x, y = candidate[0] - <double> expected.x, candidate[1] - <double> expected.y
+    off[0], off[1], off[2] = c * x + s * y, c * y - s * x, wrap(candidate[2] - t0)
+    density = exp(-0.5 * squared_distance(covariance, off)) / sqrt((2.0 * M_PI) ** 3 * (f.a * f.b * f.c))
+    return log((1.0 - wrong) * anywhere * density + wrong)
+
+
+def assess(problem, fine):
+    """Assess the best hypothesis: its uncertainty, its rivals, the evidence for it, and all log-odds.
+
+    Parameters
+    ----------
+    problem : Problem
+    fine : Ranking
+        Finely refined hypotheses, including rivals; its `best` is the fit of the current scan's `sampled_points`.
+
+    Returns
+    -------
+    Assessment
+    """
+    reference, current, p = problem.reference, problem.current, problem.parameters
+    candidates, best = fine.candidates, fine.candidates[0]
+    covariance, observed = uncertainty(best, fine.best, current.sampled_points, max(reference.noise, current.noise), p)
+    rivals = find_rivals(candidates, observed.angle if observed.weak < p.decision.min_information else None, p.decision)
+    evidence, = collect_evidence(candidates[:1], fine.best, (observed.weak,), reference, current, p)
+    odds = [log_odds(evidence, problem.prior, best)]
+    if len(candidates) > 1:
+        odds += fine.odds[1:].tolist()
+    return Assessment(covariance, observed, rivals, evidence, odds)

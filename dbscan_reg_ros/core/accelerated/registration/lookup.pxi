@@ -41,18 +41,37 @@ cdef inline Py_ssize_t nearest(const unsigned char[::1] table, Grid *grid, doubl
     return (<const unsigned int *> &table[cell])[0]
 
 
+cdef struct FieldArrays:
+    # The arrays of a `LikelihoodField`, and the number of its points and no point.
+    Grid grid
+    const unsigned char *table
+    const double complex *normals
+    const double *offsets
+    const double *along
+    const double *extents
+    Py_ssize_t size
+
+
 cdef class Lines:
     """Views of a `LikelihoodField`."""
 
     cdef const unsigned char[::1] table
     cdef const double complex[::1] normals
-    cdef const double[::1] offsets
+    cdef const double[::1] offsets, along, extents
     cdef Py_ssize_t no_point
     cdef Grid grid
+    cdef FieldArrays arrays
 
     def __cinit__(self, field):
         self.table, self.normals, self.offsets = field.index.view(np.uint8), field.normals, field.offsets
+        self.along, self.extents = field.along, field.extents
         self.grid, self.no_point = grid_of(field), self.normals.shape[0] - 1
+        cdef Py_ssize_t size = self.normals.shape[0]
+        if (self.grid.rows * self.grid.columns * self.grid.width != self.table.shape[0] or not self.table.shape[0]
+                or not size or not size == self.offsets.shape[0] == self.along.shape[0] == self.extents.shape[0]):
+            raise IndexError('a table of another size than its grid, or arrays of different lengths')
+        self.arrays = FieldArrays(self.grid, &self.table[0], &self.normals[0], &self.offsets[0], &self.along[0],
+                                  &self.extents[0], size)
 
     def __reduce__(self):
         """Copies of the field make views of their own."""
@@ -75,6 +94,41 @@ cdef class PointViews:
     def __reduce__(self):
         """Copies of the points make views of their own."""
         return type(None), ()
+
+
+cdef class SegmentViews:
+    """Views of M `Segments`; the middle and the direction of each as complex numbers."""
+
+    cdef const double[:] direction, length, sigma
+    cdef const double[:, :] start, end
+    cdef const Py_ssize_t[:, :] kinds
+    cdef double complex[::1] middle, along
+    cdef Py_ssize_t size
+
+    def __cinit__(self, segments):
+        self.direction, self.length, self.sigma = segments.direction, segments.length, segments.sigma_direction
+        self.start, self.end, self.kinds = segments.start, segments.end, segments.kinds
+        self.size = self.direction.shape[0]
+        cdef double complex[:, ::1] numbers = np.empty((2, self.size), complex)
+        self.middle, self.along = numbers[0], numbers[1]
+        cdef Py_ssize_t k
+        for k in range(self.size):
+            self.middle[k] = (0.5 * (self.start[k, 0] + self.end[k, 0])
+                              + 1j * (0.5 * (self.start[k, 1] + self.end[k, 1])))
+            self.along[k] = cos(self.direction[k]) + 1j * sin(self.direction[k])
+
+    def __reduce__(self):
+        """Copies of the segments make views of their own."""
+        return type(None), ()
+
+
+cdef SegmentViews views_of_segments(segments):
+    """Return the views of `Segments`, which are kept with them."""
+    cdef dict kept = segments.__dict__
+    views = kept.get('compiled_views')
+    if views is None:
+        views = kept['compiled_views'] = SegmentViews(segments)
+    return <SegmentViews> views
 
 
 cdef Lines lines_of(field):

@@ -2,6 +2,15 @@
 """Point-to-line correspondences and robust iterations, as `core.registration.point_to_line`."""
 
 
+cdef enum:
+    # Columns of a table of hypotheses: x [m], y [m], theta [rad]; score, overlap, conflict; normal equations by rows.
+    SCORE = 3
+    OVERLAP = 4
+    CONFLICT = 5
+    EQUATIONS = 6
+    COLUMNS = 22
+
+
 cdef struct Pose:
     # Position [m], cosine and sine of the heading.
     double x, y, c, s
@@ -102,17 +111,17 @@ cdef inline void solve_step(Equations *s, double damping, double *step) noexcept
     step[0], step[1], step[2] = s.x / a - p * y - q * t, y, t
 
 
-cdef inline void write_equations(Equations *s, double[:, ::1] table) noexcept nogil:
-    """Write the normal equations as a symmetric matrix (4, 4)."""
-    table[0, 0], table[0, 1], table[0, 2], table[0, 3] = s.xx, s.xy, s.xt, s.x
-    table[1, 0], table[1, 1], table[1, 2], table[1, 3] = s.xy, s.yy, s.yt, s.y
-    table[2, 0], table[2, 1], table[2, 2], table[2, 3] = s.xt, s.yt, s.tt, s.t
-    table[3, 0], table[3, 1], table[3, 2], table[3, 3] = s.x, s.y, s.t, s.e
+cdef inline void write_equations(Equations *s, double *table) noexcept nogil:
+    """Write the normal equations as the rows of a symmetric matrix (4, 4)."""
+    table[0], table[1], table[2], table[3] = s.xx, s.xy, s.xt, s.x
+    table[4], table[5], table[6], table[7] = s.xy, s.yy, s.yt, s.y
+    table[8], table[9], table[10], table[11] = s.xt, s.yt, s.tt, s.t
+    table[12], table[13], table[14], table[15] = s.x, s.y, s.t, s.e
 
 
 cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
-                      double[:, ::1] poses, double[:, :, ::1] tables) except -1:
-    """Refine `poses` in place, and write the normal equations of the last iteration to `tables`."""
+                      double[:, ::1] poses) except -1:
+    """Refine a table of hypotheses in place, and write the normal equations of the last iteration to it."""
     cdef Py_ssize_t h, k, level
     cdef double[3] step
     cdef Equations sums
@@ -126,7 +135,7 @@ cdef int refine_poses(PointViews views, Lines field, double min_cosine, double d
                 solve_step(&sums, damping, step)
                 for k in range(3):
                     poses[h, k] -= step[k]
-            write_equations(&sums, tables[h])
+            write_equations(&sums, &poses[h, EQUATIONS])
     return 0
 
 
@@ -196,3 +205,15 @@ cdef polish(candidate, found, points, refinement):
     if length_of(total[0], total[1]) >= refinement.final_scale:
         return candidate, found
     return candidate - np.array((total[0], total[1], total[2])), found._replace(error=errors)
+
+
+def polish_best(problem, fine):
+    """Refine the best hypothesis by all oriented points, with a kernel that narrows to the spread of their errors."""
+    p, current, points, best = problem.parameters, problem.current, problem.current.sampled_points, fine.best
+    if p.refinement.polish_iterations and current.oriented_points is not points:
+        points = current.oriented_points
+        best = fit(fine.candidates[:1], points, problem.reference.likelihood_field, p.density.min_normal_cosine)
+    if best is fine.best and not p.refinement.polish_iterations and len(points) <= p.density.max_points:
+        return fine
+    candidate, best = polish(fine.candidates[0], best, points, p.refinement)
+    return fine.with_best(candidate, best.thinned(p.density.max_points))

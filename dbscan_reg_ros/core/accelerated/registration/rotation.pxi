@@ -4,19 +4,21 @@
 
 def pair_weights(reference, current, parameters):
     """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
-    if not parameters.weighted:
-        return np.ones((len(reference), len(current)))
-    cdef const double[:] length_r = reference.length, length_o = current.length
-    cdef const double[:] sigma_r = reference.sigma_direction, sigma_o = current.sigma_direction
+    return weights_of(views_of_segments(reference), views_of_segments(current), parameters)
+
+
+cdef weights_of(SegmentViews reference, SegmentViews current, parameters):
+    """Return the `pair_weights` ``(n, m)``."""
     cdef double width = parameters.max_width, variance
+    cdef bint weighted = parameters.weighted
     cdef Py_ssize_t i, j
-    weights = np.empty((length_r.shape[0], length_o.shape[0]))
+    weights = np.ones((reference.size, current.size))
     cdef double[:, ::1] weight = weights
-    for i in range(length_r.shape[0]):
-        for j in range(length_o.shape[0]):
-            weight[i, j] = min(length_r[i], length_o[j])
+    for i in range(reference.size if weighted else 0):
+        for j in range(current.size):
+            weight[i, j] = min(reference.length[i], current.length[j])
             if width:
-                variance = sigma_r[i] * sigma_r[i] + sigma_o[j] * sigma_o[j]
+                variance = reference.sigma[i] * reference.sigma[i] + current.sigma[j] * current.sigma[j]
                 weight[i, j] /= 1.0 + variance / (width * width)
     return weights
 
@@ -36,25 +38,68 @@ def estimate_rotations(reference, current, weights, parameters):
     """
     if parameters.clustering != 'built_in' or parameters.min_samples > 1 or parameters.median_scale > 0.0:
         return rotation_steps.estimate_rotations(reference, current, weights, parameters)
-    cdef double period = 2.0 * M_PI if parameters.directed else M_PI, eps = parameters.eps
-    cdef const double[::1] ours = np.ascontiguousarray(reference.direction)
-    cdef const double[::1] theirs = np.ascontiguousarray(current.direction)
-    cdef Py_ssize_t n = ours.shape[0], m = theirs.shape[0], size = n * m, i, j
-    differences = np.empty((n, m))
-    cdef double[::1] samples = differences.reshape(-1)
-    cdef Py_ssize_t[:, ::1] work = np.zeros((3, size), np.intp)
-    cdef Py_ssize_t[::1] order = work[0], labels = work[1]
-    for i in range(n):
-        for j in range(m):
-            samples[i * m + j] = wrapped(ours[i] - theirs[j], period)
-    sort_stably(samples, order, work[2])
-    if eps == 0.0 and size:
-        eps = min(max(nearest_knee(samples, order), <double> parameters.eps_min), <double> parameters.eps_max)
-    cdef double max_width = parameters.max_width
-    cluster_angles(samples, order, labels, period, eps, max_width)
-    phi, weight, ranked = rank_rotations(samples, np.ascontiguousarray(weights).reshape(-1), labels, period,
-                                         parameters.max_hypotheses)
-    return Rotations(phi, weight, differences, ranked.reshape(n, m), eps)
+    cdef RotationClusters found = RotationClusters(views_of_segments(reference), views_of_segments(current),
+                                                   np.ascontiguousarray(weights), parameters)
+    return Rotations(np.asarray(found.phi), np.asarray(found.weight), np.asarray(found.difference),
+                     np.asarray(found.labels).reshape(len(reference), len(current)), found.eps)
+
+
+cdef class RotationClusters:
+    """The `Rotations` of n x m pairs of segments; `labels` is flat."""
+
+    cdef double[:, ::1] difference
+    cdef Py_ssize_t[::1] labels
+    cdef double[::1] phi, weight
+    cdef double eps
+
+    def __cinit__(self, SegmentViews reference, SegmentViews current, weights, parameters):
+        cdef double period = 2.0 * M_PI if parameters.directed else M_PI
+        cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
+        differences = np.empty((n, m))
+        cdef double[::1] samples = differences.reshape(-1)
+        cdef Py_ssize_t[:, ::1] work = np.zeros((3, size), np.intp)
+        cdef Py_ssize_t[::1] order = work[0], found = work[1]
+        for i in range(n):
+            for j in range(m):
+                samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)
+        sort_stably(samples, order, work[2])
+        self.difference, self.eps = differences, parameters.eps
+        if self.eps == 0.0 and size:
+            self.eps = min(max(nearest_knee(samples, order), <double> parameters.eps_min), <double> parameters.eps_max)
+        cluster_angles(samples, order, found, period, self.eps, parameters.max_width)
+        self.labels = work[2]
+        self.rank(samples, weights.reshape(-1), found, period, parameters.max_hypotheses)
+
+    cdef int rank(self, const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
+                  double period, Py_ssize_t most) except -1:
+        """Write the weighted mean and the weight of the heaviest clusters, and the rank of each sample's cluster."""
+        cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
+        for k in range(size):
+            clusters = max(clusters, labels[k] + 1)
+        cdef double[:, ::1] total = np.zeros((5, clusters))
+        cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
+        cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
+        cdef double[::1] mean = total[3], weight = total[4]
+        with nogil:
+            for k in range(size):
+                # Negative: the heaviest come first.
+                total[0, labels[k]] -= sample_weight[k]
+                total[2, labels[k]], used[labels[k]] = samples[k], 1
+            for k in range(size):
+                at = labels[k]
+                total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
+            sort_stably(total[0], order, work[2])
+            for k in range(clusters):
+                at, rank[order[k]] = order[k], -1
+                # Numbers of clusters that were clustered again are unused.
+                if used[at] and count < most:
+                    weight[count], rank[at] = -total[0, at], count
+                    mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
+                    count += 1
+            for k in range(size):
+                self.labels[k] = rank[labels[k]]
+        self.phi, self.weight = mean[:count], weight[:count]
+        return 0
 
 
 cdef double nearest_knee(const double[::1] samples, const Py_ssize_t[::1] order) except? -1.0:
@@ -138,37 +183,3 @@ cdef Py_ssize_t cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] ord
                 chain[at] = 0
         count -= 1
     return count
-
-
-cdef rank_rotations(const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
-                    double period, Py_ssize_t most):
-    """Return the weighted mean and the weight of the heaviest clusters, and the rank of each sample's cluster."""
-    cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
-    for k in range(size):
-        clusters = max(clusters, labels[k] + 1)
-    kept = min(clusters, most)
-    phi, weights, ranked = np.empty(kept), np.empty(kept), np.empty(size, np.intp)
-    cdef double[:, ::1] total = np.zeros((3, clusters))
-    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
-    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3], label = ranked
-    cdef double[::1] mean = phi, weight = weights
-    with nogil:
-        for k in range(size):
-            # Negative: the heaviest come first.
-            total[0, labels[k]] -= sample_weight[k]
-            total[2, labels[k]], used[labels[k]] = samples[k], 1
-        for k in range(size):
-            at = labels[k]
-            total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
-        sort_stably(total[0], order, work[2])
-        rank[:] = -1
-        for k in range(clusters):
-            at = order[k]
-            # Numbers of clusters that were clustered again are unused.
-            if used[at] and count < most:
-                weight[count], rank[at] = -total[0, at], count
-                mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
-                count += 1
-        for k in range(size):
-            label[k] = rank[labels[k]]
-    return phi[:count], weights[:count], ranked

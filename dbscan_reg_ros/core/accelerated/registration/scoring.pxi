@@ -7,37 +7,28 @@ cdef inline double violation(const double[::1] near, double x, double y, double 
     return min(max((near[bin_of(x, y, near.shape[0])] - length_of(x, y) - tolerance) * (1.0 / tolerance), 0.0), 1.0)
 
 
-cdef near_flags(candidates, double x, double y, double theta, double most_apart, double angle, bint inverted):
-    """Return which hypotheses ``(H, 3)`` lie within a distance [m] and an angle [rad] of one; or which do not."""
-    cdef const double[:, :] poses = candidates
-    flags = np.empty(poses.shape[0], dtype=bool)
-    cdef unsigned char[::1] flag = flags
-    cdef Py_ssize_t h
-    for h in range(poses.shape[0]):
-        flag[h] = inverted ^ (length_of(poses[h, 0] - x, poses[h, 1] - y) <= most_apart
-                              and fabs(wrap(poses[h, 2] - theta)) <= angle)
-    return flags
+cdef inline bint is_near(const double[:, ::1] poses, Py_ssize_t h, double x, double y, double theta, double most_apart,
+                         double angle) except -1 nogil:
+    """Whether a hypothesis lies within a distance [m] and an angle [rad] of one."""
+    return length_of(poses[h, 0] - x, poses[h, 1] - y) <= most_apart and fabs(wrap(poses[h, 2] - theta)) <= angle
 
 
-def within_gate(candidates, prior, parameters):
-    """Whether each hypothesis ``(H, 3)`` lies within `prior.gate` standard deviations of a prior."""
-    expected, gate = prior.transform, parameters.gate
-    return near_flags(candidates, expected.x, expected.y, expected.theta, gate * prior.translation_sigma,
-                      gate * prior.rotation_sigma, False)
-
-
-def find_rivals(const double[:, :] candidates, direction, parameters):
+def find_rivals(candidates, direction, parameters):
     """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
 
     Differences along a degenerate `direction` [rad] do not count.
     """
-    cdef double x = candidates[0, 0], y = candidates[0, 1], c, s, off
+    cdef double[:, ::1] poses = np.array(candidates)
     cdef Py_ssize_t h
-    cdef double[:, ::1] level
-    if direction is None:
-        return near_flags(candidates, x, y, candidates[0, 2], parameters.rival_distance, parameters.rival_angle, True)
-    level, c, s = np.array(candidates), cos(direction), sin(direction)
-    for h in range(level.shape[0]):
-        off = (level[h, 0] - x) * c + (level[h, 1] - y) * s
-        level[h, 0], level[h, 1] = level[h, 0] - off * c, level[h, 1] - off * s
-    return near_flags(level, x, y, candidates[0, 2], parameters.rival_distance, parameters.rival_angle, True)
+    cdef double x = poses[0, 0], y = poses[0, 1], theta = poses[0, 2], c, s, off
+    cdef double apart = parameters.rival_distance, angle = parameters.rival_angle
+    flags = np.zeros(poses.shape[0], dtype=bool)
+    cdef unsigned char[::1] flag = flags
+    if direction is not None:
+        c, s = cos(direction), sin(direction)
+        for h in range(poses.shape[0]):
+            off = (poses[h, 0] - x) * c + (poses[h, 1] - y) * s
+            poses[h, 0], poses[h, 1] = poses[h, 0] - off * c, poses[h, 1] - off * s
+    for h in range(poses.shape[0]):
+        flag[h] = not is_near(poses, h, x, y, theta, apart, angle)
+    return flags

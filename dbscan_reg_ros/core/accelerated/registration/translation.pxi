@@ -16,142 +16,204 @@ def estimate_translations(reference, current, rotations, weights, parameters):
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    p = parameters
-    if p.form != 'signed' or p.clustering != 'built_in' or p.min_samples > 1:
-        return translation_steps.estimate_translations(reference, current, rotations, weights, p)
-    pairs, offs = match_lines(rotations.difference, rotations.phi, np.ascontiguousarray(weights), p.parallel_sigma,
-                              p.max_pairs)
-    equations = signed_equations(reference, current, rotations.phi, pairs, offs)
-    translation, weight, rotation = translation_samples(reference, current, rotations.phi, pairs, equations, p)
-    find_shortest = partial(shortest_translations, pairs, equations, rotations.phi[:p.shortest_rotations])
-    if not len(translation):
-        return Translations(np.empty((0, 3)), np.empty(0), np.empty((0, 2)), weight, rotation, np.empty(0, int), 0.0,
-                            find_shortest)
-    labels = cluster_translations(translation, rotation, p.eps, p.max_width)
-    transform, total, ranked = rank_translations(translation, weight, rotation, labels, rotations.phi)
-    return Translations(transform, total, translation.view(float).reshape(-1, 2), weight, rotation, ranked, p.eps,
+    if parameters.form != 'signed' or parameters.clustering != 'built_in' or parameters.min_samples > 1:
+        return translation_steps.estimate_translations(reference, current, rotations, weights, parameters)
+    cdef SegmentViews ours = views_of_segments(reference), theirs = views_of_segments(current)
+    cdef TranslationClusters found = TranslationClusters(ours, theirs, rotations.difference, rotations.phi,
+                                                         np.ascontiguousarray(weights), parameters)
+    find_shortest = partial(shortest_translations, found.lines, rotations.phi[:parameters.shortest_rotations])
+    samples = np.asarray(found.samples).view(float).reshape(-1, 2)
+    return Translations(np.asarray(found.motion), np.asarray(found.weight), samples, np.asarray(found.sample_weight),
+                        np.asarray(found.rotation), np.asarray(found.labels), parameters.eps if len(samples) else 0.0,
                         find_shortest)
 
 
-cdef match_lines(const double[:, ::1] difference, const double[::1] phi, const double[:, ::1] weights, double sigma,
-                 Py_ssize_t max_pairs):
-    """Return the heaviest pairs of lines that each rotation makes parallel (Eq. 12), and the angles between them."""
-    cdef Py_ssize_t m = difference.shape[1], size = difference.shape[0] * m, k, i, count, total = 0, kept
-    cdef Py_ssize_t most = phi.shape[0] * min(max_pairs, size)
-    indices, numbers = np.empty((3, most), np.intp), np.empty((2, most))
-    cdef Py_ssize_t[:, ::1] index = indices
-    cdef double[:, ::1] number = numbers
-    cdef double[:, ::1] found = np.empty((2, size))
-    cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
-    cdef double[::1] heavy = found[0], off = found[1]
-    cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
-    cdef double angle
-    with nogil:
-        for k in range(phi.shape[0]):
-            count = 0
-            for i in range(size):
-                angle = wrapped(difference[i // m, i % m] - phi[k], 2.0 * M_PI)
-                if fabs(angle) < 2.0 * sigma:
-                    # Negative: the heaviest come first.
-                    heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
-                    off[count], pair[count] = angle, i
-                    count += 1
-            sort_stably(heavy[:count], order, scratch)
-            for i in range(min(count, max_pairs)):
-                index[0, total], index[1, total], index[2, total] = k, pair[order[i]] // m, pair[order[i]] % m
-                number[0, total], number[1, total] = -heavy[order[i]], off[order[i]]
-                total += 1
-    kept = total
-    return translation_steps.LinePairs(*[row[:kept] for row in indices], numbers[0, :kept]), numbers[1, :kept]
+def near_motions(problem, prior):
+    """Return the translation clusters within the gate around a prior, heaviest first, ``(C, 3)``.
+
+    Parameters
+    ----------
+    problem : Problem
+    prior : Prior
+    """
+    p = problem.parameters
+    if not are_compiled(p.rotation, p.translation):
+        return pipeline_steps.near_motions(problem, prior)
+    cdef SegmentViews ours = views_of_segments(problem.reference.segments)
+    cdef SegmentViews theirs = views_of_segments(problem.current.segments)
+    weights = weights_of(ours, theirs, p.rotation)
+    cdef RotationClusters rotations = RotationClusters(ours, theirs, weights, p.rotation)
+    cdef double[:, ::1] motion
+    expected = prior.transform
+    cdef double gate = p.prior.gate, angle = gate * <double> prior.rotation_sigma, reach
+    cdef double x = expected.x, y = expected.y, theta = expected.theta
+    cdef Py_ssize_t most = p.selection.max_clusters, count = 0, h, k
+    for h in range(rotations.phi.shape[0]):
+        if fabs(wrap(rotations.phi[h] - theta)) <= angle:
+            rotations.phi[count] = rotations.phi[h]
+            count += 1
+    motion = TranslationClusters(ours, theirs, rotations.difference, rotations.phi[:count], weights,
+                                 p.translation).motion
+    reach, count = gate * <double> prior.translation_sigma, 0
+    for h in range(motion.shape[0]):
+        if count < most and is_near(motion, h, x, y, theta, reach, angle):
+            for k in range(3):
+                motion[count, k] = motion[h, k]
+            count += 1
+    return np.asarray(motion[:count])
 
 
-cdef signed_equations(reference, current, const double[::1] phi, pairs, const double[::1] off):
-    """Return the equation ``n . t = n . (m_R - Rot(phi) m_O)`` of each pair of lines (Eq. 13)."""
-    cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
-    cdef const double[:, :] start_r = reference.start, end_r = reference.end
-    cdef const double[:, :] start_o = current.start, end_o = current.end
-    cdef const double[:] direction = reference.direction
-    cdef Py_ssize_t size = rotation.shape[0], k, i, j
-    alongs, distances = np.empty(size, complex), np.empty(size)
-    cdef double complex[::1] along = alongs
-    cdef double[::1] distance = distances
-    cdef double angle, c, s, x, y
-    with nogil:
-        for k in range(size):
-            angle = direction[ours[k]] - 0.5 * off[k]
-            along[k] = cos(angle) + 1j * sin(angle)
-            c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
-            i, j = ours[k], theirs[k]
-            x, y = 0.5 * (start_o[j, 0] + end_o[j, 0]), 0.5 * (start_o[j, 1] + end_o[j, 1])
-            distance[k] = cross(along[k], 0.5 * (start_r[i, 0] + end_r[i, 0]) - (c * x - s * y)
-                                + 1j * (0.5 * (start_r[i, 1] + end_r[i, 1]) - (s * x + c * y)))
-    return translation_steps.LineEquations(alongs, distances)
+cdef bint are_compiled(rotation, translation) except -1:
+    """Whether the steps know the settings: built-in clustering of core samples alone, no medians, signed lines."""
+    return (rotation.clustering == translation.clustering == 'built_in' and translation.form == 'signed'
+            and rotation.min_samples <= 1 and translation.min_samples <= 1 and rotation.median_scale <= 0.0)
 
 
-cdef translation_samples(reference, current, const double[::1] phi, pairs, equations, p):
-    """Return the translations of `add_line_samples` and of `add_end_samples`, their weights and rotations."""
-    cdef const Py_ssize_t[::1] rotation = pairs.rotation
-    cdef Py_ssize_t size = rotation.shape[0], most = 2 * size, run = 0, k, count
-    for k in range(size):
-        run = run + 1 if k and rotation[k] == rotation[k - 1] else 0
-        most += run
-    found, sums, groups = np.empty(most, complex), np.empty(most), np.empty(most, np.intp)
-    count = add_line_samples(pairs, equations, p.min_crossing_sine, found, sums, groups)
-    count = add_end_samples(reference, current, phi, pairs, p.end_weight, count, found, sums, groups)
-    return found[:count], sums[:count], groups[:count]
+cdef class MatchedLines:
+    """The L heaviest pairs of lines that each rotation makes parallel (Eq. 12), and their equations (Eq. 13).
+
+    The equation of a pair is ``n . t = n . (m_R - Rot(phi) m_O)``.
+    """
+
+    cdef Py_ssize_t[::1] rotation, ours, theirs
+    # Weight of each pair, angle between the lines [rad], distance of the line of translations from 0 [m].
+    cdef double[::1] weight, off, distance
+    cdef double complex[::1] along
+    cdef Py_ssize_t size
+
+    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
+                  const double[::1] phi, const double[:, ::1] weights, double sigma, Py_ssize_t max_pairs):
+        cdef Py_ssize_t most = phi.shape[0] * min(max_pairs, difference.shape[0] * difference.shape[1])
+        cdef Py_ssize_t[:, ::1] index = np.empty((3, most), np.intp)
+        cdef double[:, ::1] number = np.empty((3, most))
+        self.rotation, self.ours, self.theirs = index[0], index[1], index[2]
+        self.weight, self.off, self.distance = number[0], number[1], number[2]
+        self.along = np.empty(most, complex)
+        self.match(difference, phi, weights, sigma, max_pairs)
+        self.write_equations(reference, current, phi)
+
+    cdef int match(self, const double[:, ::1] difference, const double[::1] phi, const double[:, ::1] weights,
+                   double sigma, Py_ssize_t max_pairs) except -1:
+        """Write the heaviest pairs of each rotation, and the angles between the lines."""
+        cdef Py_ssize_t m = difference.shape[1], size = difference.shape[0] * m, k, i, count
+        cdef double[:, ::1] found = np.empty((2, size))
+        cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
+        cdef double[::1] heavy = found[0], off = found[1]
+        cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
+        cdef double angle
+        with nogil:
+            for k in range(phi.shape[0]):
+                count = 0
+                for i in range(size):
+                    angle = wrapped(difference[i // m, i % m] - phi[k], 2.0 * M_PI)
+                    if fabs(angle) < 2.0 * sigma:
+                        # Negative: the heaviest come first.
+                        heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
+                        off[count], pair[count] = angle, i
+                        count += 1
+                sort_stably(heavy[:count], order, scratch)
+                for i in range(min(count, max_pairs)):
+                    self.rotation[self.size] = k
+                    self.ours[self.size], self.theirs[self.size] = pair[order[i]] // m, pair[order[i]] % m
+                    self.weight[self.size], self.off[self.size] = -heavy[order[i]], off[order[i]]
+                    self.size += 1
+        return 0
+
+    cdef int write_equations(self, SegmentViews reference, SegmentViews current, const double[::1] phi) except -1 nogil:
+        """Write the direction and the distance of the line of translations of each pair."""
+        cdef Py_ssize_t k, i, j
+        cdef double complex turn
+        cdef double angle
+        for k in range(self.size):
+            i, j = self.ours[k], self.theirs[k]
+            angle = reference.direction[i] - 0.5 * self.off[k]
+            self.along[k] = cos(angle) + 1j * sin(angle)
+            turn = cos(phi[self.rotation[k]]) + 1j * sin(phi[self.rotation[k]])
+            self.distance[k] = cross(self.along[k], reference.middle[i] - rotated(turn, current.middle[j]))
+        return 0
 
 
-cdef Py_ssize_t add_line_samples(pairs, equations, double min_crossing_sine, double complex[::1] translation,
-                                 double[::1] sample_weight, Py_ssize_t[::1] group) except -1:
+cdef class TranslationClusters:
+    """The `Translations` that follow from rotations, as views."""
+
+    cdef MatchedLines lines
+    cdef double complex[::1] samples
+    cdef double[::1] sample_weight, weight
+    cdef Py_ssize_t[::1] rotation, labels
+    cdef double[:, ::1] motion
+
+    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
+                  const double[::1] phi, const double[:, ::1] weights, parameters):
+        cdef MatchedLines lines = MatchedLines(reference, current, difference, phi, weights, parameters.parallel_sigma,
+                                               parameters.max_pairs)
+        cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
+        self.lines = lines
+        for k in range(lines.size):
+            run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
+            most += run
+        cdef double[::1] weight = np.empty(most)
+        cdef double complex[::1] translation = np.empty(most, complex)
+        cdef Py_ssize_t[::1] group = np.empty(most, np.intp)
+        count = add_line_samples(lines, parameters.min_crossing_sine, translation, weight, group)
+        count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight,
+                                group)
+        self.samples, self.sample_weight, self.rotation = translation[:count], weight[:count], group[:count]
+        self.labels, self.motion, self.weight = self.rotation, np.empty((0, 3)), self.sample_weight
+        if count:
+            self.labels = cluster_translations(self.samples, self.rotation, parameters.eps, parameters.max_width)
+            self.motion, self.weight, self.labels = rank_translations(self.samples, self.sample_weight, self.rotation,
+                                                                      self.labels, phi)
+
+
+cdef Py_ssize_t add_line_samples(MatchedLines lines, double min_crossing_sine, double complex[::1] translation,
+                                 double[::1] sample_weight, Py_ssize_t[::1] group) except -1 nogil:
     """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15); return the number of samples."""
-    cdef const Py_ssize_t[::1] rotation = pairs.rotation
-    cdef const double[::1] weight = pairs.weight, distance = equations.distance
-    cdef const double complex[::1] along = equations.along
-    cdef Py_ssize_t size = rotation.shape[0], first, second, count = 0
+    cdef Py_ssize_t first, second, count = 0
     cdef double determinant
-    with nogil:
-        for first in range(size):
-            for second in range(first + 1, size):
-                if rotation[second] != rotation[first]:
-                    break
-                determinant = cross(along[first], along[second])
-                if fabs(determinant) > min_crossing_sine:
-                    translation[count] = (
-                        distance[first] * along[second] - distance[second] * along[first]) / determinant
-                    sample_weight[count] = min(weight[first], weight[second]) * fabs(determinant)
-                    group[count] = rotation[first]
-                    count += 1
+    for first in range(lines.size):
+        for second in range(first + 1, lines.size):
+            if lines.rotation[second] != lines.rotation[first]:
+                break
+            determinant = cross(lines.along[first], lines.along[second])
+            if fabs(determinant) > min_crossing_sine:
+                translation[count] = (lines.distance[first] * lines.along[second]
+                                      - lines.distance[second] * lines.along[first]) / determinant
+                sample_weight[count] = min(lines.weight[first], lines.weight[second]) * fabs(determinant)
+                group[count] = lines.rotation[first]
+                count += 1
     return count
 
 
 cdef const double[:, ::1] END_WEIGHT = translation_steps._END_WEIGHT
 
 
-cdef Py_ssize_t add_end_samples(reference, current, const double[::1] phi, pairs, double end_weight, Py_ssize_t count,
+cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, const double[::1] phi,
+                                MatchedLines lines, double end_weight, Py_ssize_t count,
                                 double complex[::1] translation, double[::1] sample_weight,
-                                Py_ssize_t[::1] group) except -1:
+                                Py_ssize_t[::1] group) except -1 nogil:
     """Append translations that match start points with start points and end points with end points; count them all."""
-    cdef const Py_ssize_t[::1] rotation = pairs.rotation, ours = pairs.reference, theirs = pairs.current
-    cdef const double[::1] weight = pairs.weight
-    cdef const Py_ssize_t[:, :] kind_r = reference.kinds, kind_o = current.kinds
-    cdef const double[:, :] a, b
-    cdef Py_ssize_t side, k
+    cdef Py_ssize_t side, k, i, j
     cdef double c, s, x, y, share
     for side in range(2):
-        a, b = (reference.end, current.end) if side else (reference.start, current.start)
-        for k in range(rotation.shape[0]):
-            share = end_weight * END_WEIGHT[kind_r[ours[k], side], kind_o[theirs[k], side]]
+        for k in range(lines.size):
+            i, j = lines.ours[k], lines.theirs[k]
+            share = end_weight * END_WEIGHT[reference.kinds[i, side], current.kinds[j, side]]
             if share == 0.0:
                 continue
-            c, s = cos(phi[rotation[k]]), sin(phi[rotation[k]])
-            x = a[ours[k], 0] - (c * b[theirs[k], 0] - s * b[theirs[k], 1])
-            y = a[ours[k], 1] - (s * b[theirs[k], 0] + c * b[theirs[k], 1])
-            translation[count], sample_weight[count], group[count] = x + 1j * y, weight[k] * share, rotation[k]
+            c, s = cos(phi[lines.rotation[k]]), sin(phi[lines.rotation[k]])
+            if side:
+                x = reference.end[i, 0] - (c * current.end[j, 0] - s * current.end[j, 1])
+                y = reference.end[i, 1] - (s * current.end[j, 0] + c * current.end[j, 1])
+            else:
+                x = reference.start[i, 0] - (c * current.start[j, 0] - s * current.start[j, 1])
+                y = reference.start[i, 1] - (s * current.start[j, 0] + c * current.start[j, 1])
+            translation[count], sample_weight[count] = x + 1j * y, lines.weight[k] * share
+            group[count] = lines.rotation[k]
             count += 1
     return count
 
 
-def shortest_translations(pairs, equations, const double[::1] phi):
+def shortest_translations(MatchedLines lines, const double[::1] phi):
     """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
 
     Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
@@ -160,10 +222,7 @@ def shortest_translations(pairs, equations, const double[::1] phi):
     -------
     (K, 3) array
     """
-    cdef const Py_ssize_t[::1] rotation = pairs.rotation
-    cdef const double[::1] weight = pairs.weight, distance = equations.distance
-    cdef const double complex[::1] along = equations.along
-    cdef double scale, damping = translation_steps._SHORTEST_DAMPING, e
+    cdef double scale, damping = translation_steps._SHORTEST_DAMPING, e, nx, ny
     cdef Py_ssize_t h, k
     cdef double[3] step
     cdef Equations sums
@@ -172,12 +231,13 @@ def shortest_translations(pairs, equations, const double[::1] phi):
     for scale in translation_steps._SHORTEST_SCALES:
         for h in range(phi.shape[0]):
             sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            for k in range(rotation.shape[0]):
-                if rotation[k] == h:
+            for k in range(lines.size):
+                if lines.rotation[k] == h:
                     # n . t - d for the normal n = i a of a line along a.
-                    e = -along[k].imag * found[h, 0] + along[k].real * found[h, 1] - distance[k]
-                    add_row(&sums, weight[k] / (1.0 + (e / scale) * (e / scale)), -along[k].imag, along[k].real, 0.0,
-                            -distance[k])
+                    nx, ny = -lines.along[k].imag, lines.along[k].real
+                    e = nx * found[h, 0] + ny * found[h, 1] - lines.distance[k]
+                    add_row(&sums, lines.weight[k] / (1.0 + (e / scale) * (e / scale)), nx, ny, 0.0,
+                            -lines.distance[k])
             solve_step(&sums, damping, step)
             found[h, 0], found[h, 1] = -step[0], -step[1]
     motions[:, 2] = phi

@@ -34,7 +34,7 @@ def uncertainty(candidate, found, points, double noise, p):
             own[0, k], own[1, k] = c * nx - s * ny, s * nx + c * ny
             own[2, k] = x * own[1, k] - y * own[0, k]
             weight[k] = exp(factor * error[0, k] * error[0, k]) * views.weights[k] if alike[0, k] else 0.0
-    return match_covariance(Residuals(error[0], weight, rows, own, noise), p.decision, theta)
+    return covariance_of(error[0], weight, rows, own, noise, p.decision, theta, False, False)
 
 
 def match_covariance(residuals, parameters, double theta, bint latest_degenerate=False,
@@ -52,10 +52,17 @@ def match_covariance(residuals, parameters, double theta, bint latest_degenerate
     rotation_unobservable : bool
         Whether the rotation is unobservable, whatever the residuals say.
     """
-    cdef const double[::1] error = residuals.error, weight = residuals.weight
-    cdef const double[:, ::1] rows = residuals.rows, own = residuals.own
-    cdef double noise = residuals.noise, count = 0.0, squared = 0.0, chance, excess, few = parameters.min_information
-    cdef double[:, ::1] information = np.zeros((3, 3)), shared = np.zeros((3, 3))
+    return covariance_of(residuals.error, residuals.weight, residuals.rows, residuals.own, residuals.noise, parameters,
+                         theta, latest_degenerate, rotation_unobservable)
+
+
+cdef covariance_of(const double[::1] error, const double[::1] weight, const double[:, ::1] rows,
+                   const double[:, ::1] own, double noise, parameters, double theta, bint latest_degenerate,
+                   bint rotation_unobservable):
+    """Return what `match_covariance` returns, from the parts of the residuals."""
+    cdef double count = 0.0, squared = 0.0, chance, excess, few = parameters.min_information
+    cdef double[:, :, ::1] matrices = np.zeros((2, 3, 3))
+    cdef double[:, ::1] information = matrices[0], shared = matrices[1]
     cdef double[3] turn
     cdef double[3] turn_noise
     cdef Py_ssize_t k

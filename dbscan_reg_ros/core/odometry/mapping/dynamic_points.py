@@ -10,7 +10,7 @@ from ...features.records import Features
 from ...geometry.se2 import SE2, grouped_sum
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
-from .key_frame_window import KeyFrameWindow
+from .key_frame_window import KeyFrameWindow, confirm
 from .stacked_lookup import FreeSpaceStack
 
 
@@ -31,16 +31,17 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
     features, candidates = _remove_dynamic(features, pose, window, parameters)
     walls = features.wall_points
     movable = candidates.nonzero()[0]
-    if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
+    step = features.backend.step
+    if len(movable) and step(information_ratio)(walls, movable) < p.movable_information_ratio:
         movable = movable[:0]
     if features.poles:
         movable = np.concatenate((movable, np.arange(len(walls), len(features.oriented_points))))
     if not len(movable):
         return features
     points = features.oriented_points.select(movable)
-    confirmed = window.confirmed(
-        pose, points, p.static_baseline, parameters.refinement.score_scale, parameters.density.min_normal_cosine)
-    weights = movable_weights(points, p.movable_size, p.dynamic_margin, p.movable_weight)
+    confirmed = step(confirm)(window, pose, points, p.static_baseline, parameters.refinement.score_scale,
+                              parameters.density.min_normal_cosine)
+    weights = step(movable_weights)(points, p.movable_size, p.dynamic_margin, p.movable_weight)
     return features.downweighted(movable, np.maximum(confirmed, weights))
 
 

@@ -65,7 +65,7 @@ class KeyFrameWindow:
         if sensor not in self._local_maps:
             latest = self.frames_of(sensor)[-1]
             others = [frame for frame in self.frames if frame is not latest and frame.constrained]
-            points = others and older_map_points(others, latest, latest.features.density)
+            points = others and self.backend.step(older_map_points)(others, latest, latest.features.density)
             self._local_maps[sensor] = replace(latest.features, map_points=points) if points else latest.features
         return self._local_maps[sensor]
 
@@ -106,36 +106,6 @@ class KeyFrameWindow:
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
         """Call `look_up_correspondences` for this window with the implementation of the backend."""
         return self.backend.step(look_up_correspondences)(self, pose, points, density)
-
-    def confirmed(self, pose: SE2, points: OrientedPoints, distance: float, scale: float,
-                  min_cosine: float) -> NDArray[np.float64]:
-        """Rate how static points are: points on the lines of key frames from other positions are static.
-
-        Parameters
-        ----------
-        pose : SE2
-            Pose of the scan in the odometry frame.
-        points : OrientedPoints
-            P points of the scan.
-        distance : float [m]
-            Least distance between the sensor and a key frame that is used.
-        scale : float [m]
-            Scale of the kernel of the distances between points and lines.
-        min_cosine : float
-            Least cosine of the angle between the normals of a point and of its line.
-
-        Returns
-        -------
-        (P,) float
-            Largest kernel value of each point over all key frames that are used, from 0 to 1.
-        """
-        confirmed = np.zeros(len(points))
-        elsewhere = np.abs(self.poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
-        if elsewhere.any():
-            lookup = np.tile(np.arange(len(points)), (len(self.frames), 1))
-            pairs = self.backend.step(look_up_pairs)(self.fields, self.poses, pose, points, lookup, min_cosine)
-            np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
-        return confirmed
 
 
 def latest_frames(frames: Sequence[KeyFrame], size: int) -> Sequence[KeyFrame]:
@@ -179,6 +149,38 @@ class Pairs(NamedTuple):
     rotated_points: NDArray[np.complex128]
     normals: NDArray[np.complex128]
     error: NDArray[np.float64]
+
+
+def confirm(window: KeyFrameWindow, pose: SE2, points: OrientedPoints, distance: float, scale: float,
+            min_cosine: float) -> NDArray[np.float64]:
+    """Rate how static points are: points on the lines of key frames from other positions are static.
+
+    Parameters
+    ----------
+    window : KeyFrameWindow
+    pose : SE2
+        Pose of the scan in the odometry frame.
+    points : OrientedPoints
+        P points of the scan.
+    distance : float [m]
+        Least distance between the sensor and a key frame that is used.
+    scale : float [m]
+        Scale of the kernel of the distances between points and lines.
+    min_cosine : float
+        Least cosine of the angle between the normals of a point and of its line.
+
+    Returns
+    -------
+    (P,) float
+        Largest kernel value of each point over all key frames that are used, from 0 to 1.
+    """
+    confirmed = np.zeros(len(points))
+    elsewhere = np.abs(window.poses.origins[:, 0] - complex(pose.x, pose.y)) > distance
+    if elsewhere.any():
+        lookup = np.tile(np.arange(len(points)), (len(window.frames), 1))
+        pairs = look_up_pairs(window.fields, window.poses, pose, points, lookup, min_cosine)
+        np.maximum.at(confirmed, pairs.point, kernel(pairs.error, scale) * elsewhere.take(pairs.frame))
+    return confirmed
 
 
 def look_up_correspondences(window: KeyFrameWindow, pose: SE2, points: OrientedPoints,

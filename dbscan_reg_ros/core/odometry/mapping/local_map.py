@@ -36,7 +36,7 @@ def older_map_points(older: Sequence[KeyFrame], latest: KeyFrame, density: Densi
     max_range = max(np.abs(each).max(initial=0.0) for each in (points, own_points))
     points = rotation * points + translation
     kept = (np.abs(points) <= max_range) & (features.free_space.violation(points, density.violation_tolerance) == 0.0)
-    kept[kept] = features.backend.step(newest_in_cell)(points[kept], age_rank[kept], own_points, density.cell_size)
+    kept[kept] = newest_in_cell(points[kept], age_rank[kept], own_points, density.cell_size)
     return OrientedPoints(points[kept], (rotation * normals)[kept], beams[kept])
 
 

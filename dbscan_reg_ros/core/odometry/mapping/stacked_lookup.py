@@ -2,6 +2,8 @@
 """Lookup tables of several key frames, stacked so that one call looks points up in all of them."""
 import cmath
 from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,24 @@ from ...features.free_space import FreeSpaceProfile, bins
 from ...features.likelihood_field import LikelihoodField
 from ...features.oriented_points import OrientedPoints
 from ...geometry.se2 import SE2
+
+
+class _Grids(NamedTuple):
+    """Grids of K likelihood fields.
+
+    Attributes
+    ----------
+    scale : (K, 1) complex [1/m]
+        Factor that rotates from the odometry frame into the frame of each key frame, and scales to cells.
+    corner : (K, 1) complex
+        Corner of each grid relative to the odometry frame, in cells.
+    last : (2, K, 1) int
+        Last row and last column of each grid.
+    """
+
+    scale: NDArray[np.complex128]
+    corner: NDArray[np.complex128]
+    last: NDArray[np.intp]
 
 
 class LikelihoodFieldStack:
@@ -25,10 +45,6 @@ class LikelihoodFieldStack:
 
     Attributes
     ----------
-    normals, offsets, along, extents : (N,) arrays
-        The arrays of the same name of all fields, concatenated; see `LikelihoodField`.
-    first : (K,) int
-        Index of the first point of each field in the concatenated arrays.
     fields : tuple of LikelihoodField
     compiled_tables : object or None
         The tables of the fields in the form that the compiled look-up needs; None before its first use.
@@ -36,18 +52,46 @@ class LikelihoodFieldStack:
 
     def __init__(self, fields: Sequence[LikelihoodField], origins: NDArray[np.complex128],
                  rotations: NDArray[np.complex128]):
-        self._scale = rotations / np.array([[field.cell] for field in fields])
-        self._corner = origins * self._scale + np.array([[field.origin / field.cell] for field in fields])
-        self._last = np.array([field.shape for field in fields]).T[:, :, None] - 1
-        # A list, not one array: the tables are too large to copy.
-        self._tables = [field.index for field in fields]
-        self.fields = tuple(fields)
+        self.fields, self._origins, self._rotations = tuple(fields), origins, rotations
         self.compiled_tables: object | None = None
-        size = np.array([len(field.normals) for field in fields])
-        self._no_point, self.first = size[:, None] - 1, np.cumsum(size) - size
-        self.normals, self.offsets, self.along, self.extents = (
-            np.concatenate([getattr(field, name) for field in fields])
-            for name in ('normals', 'offsets', 'along', 'extents'))
+
+    @cached_property
+    def _sizes(self) -> NDArray[np.intp]:
+        """``(K,)``: number of points of each field, no point included."""
+        return np.array([len(field.normals) for field in self.fields])
+
+    @cached_property
+    def first(self) -> NDArray[np.intp]:
+        """``(K,)``: index of the first point of each field in the concatenated arrays."""
+        first: NDArray[np.intp] = np.cumsum(self._sizes) - self._sizes
+        return first
+
+    @cached_property
+    def normals(self) -> NDArray[np.complex128]:
+        """``(N,)`` conjugated normals of all fields, as `LikelihoodField.normals`."""
+        return np.concatenate([field.normals for field in self.fields])
+
+    @cached_property
+    def offsets(self) -> NDArray[np.float64]:
+        """``(N,)`` `LikelihoodField.offsets` of all fields [m]."""
+        return np.concatenate([field.offsets for field in self.fields])
+
+    @cached_property
+    def along(self) -> NDArray[np.float64]:
+        """``(N,)`` `LikelihoodField.along` of all fields [m]."""
+        return np.concatenate([field.along for field in self.fields])
+
+    @cached_property
+    def extents(self) -> NDArray[np.float64]:
+        """``(N,)`` `LikelihoodField.extents` of all fields [m]."""
+        return np.concatenate([field.extents for field in self.fields])
+
+    @cached_property
+    def _grids(self) -> _Grids:
+        """The grids of the fields."""
+        scale = self._rotations / np.array([[field.cell] for field in self.fields])
+        corner = self._origins * scale + np.array([[field.origin / field.cell] for field in self.fields])
+        return _Grids(scale, corner, np.array([field.shape for field in self.fields]).T[:, :, None] - 1)
 
     def nearest(self, points: NDArray[np.complex128]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Find the nearest map point of each of the `points` ``(K, P)`` [m, odometry frame]; M points have one.
@@ -61,18 +105,20 @@ class LikelihoodFieldStack:
         nearest : (M,) int
             Index of the nearest map point in `normals`, `offsets`, `along` and `extents`.
         """
-        cells = points * self._scale
-        cells -= self._corner
+        grids = self._grids
+        cells = points * grids.scale
+        cells -= grids.corner
         cells, column = cells.real.astype(np.intp), cells.imag.astype(np.intp)
-        for part, last in zip((cells, column), self._last, strict=True):
+        for part, last in zip((cells, column), grids.last, strict=True):
             np.maximum(part, 0, out=part)
             np.minimum(part, last, out=part)
-        cells *= self._last[1] + 1
+        cells *= grids.last[1] + 1
         cells += column
-        found = np.concatenate([table[cell] for table, cell in zip(self._tables, cells, strict=True)])
+        # One table after the other: they are too large to be concatenated.
+        found = np.concatenate([field.index[cell] for field, cell in zip(self.fields, cells, strict=True)])
         found = found.reshape(cells.shape)
-        index = (found != self._no_point).ravel().nonzero()[0]
-        row = index // found.shape[1]
+        index = (found != self._sizes[:, None] - 1).ravel().nonzero()[0]
+        row = index // cells.shape[1]
         return index, row, found.take(index) + self.first.take(row)
 
 

@@ -25,7 +25,8 @@ def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
     if len(kept.candidates) == 1:
         return kept
     evidence, fits = evidence_of(problem, kept.candidates)
-    odds = np.array([log_odds(each, problem.prior, candidate)
+    step = problem.current.backend.step
+    odds = np.array([step(log_odds)(each, problem.prior, candidate)
                      for each, candidate in zip(evidence, kept.candidates, strict=True)])
     order = (-odds if problem.prior is None else -kept.score).argsort(kind='stable')
     return kept._replace(odds=odds).select(order)._replace(best=fits[order[0]])
