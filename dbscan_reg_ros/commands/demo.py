@@ -21,6 +21,8 @@ from .command_line import (
 )
 
 OPENED = 'a browser is connected'
+WITHOUT_DATA = 'none', 'constant_velocity'
+"""Values of ``prior.source`` that need no messages."""
 STARTING = 30
 """Longest time [s] to wait for the node to start."""
 
@@ -65,6 +67,10 @@ def _node_words(path, parameters, topics) -> list:
     from ..paths import parameter_file
 
     words = ['--params-file', str(parameter_file(path))] if path else []
+    if parameters.prior.source not in WITHOUT_DATA:
+        print(f'demo: prior.source {parameters.prior.source!r} has no effect in demo, which plays scans and static '
+              'transforms only; play FILE with a node of its own plays the others, too', file=sys.stderr)
+        words += ['-p', 'prior.source:=constant_velocity']
     if topics[1:]:
         words += ['-p', f'scan_topics:=[{", ".join(topics)}]']
     elif parameters.mounting == 'tf':

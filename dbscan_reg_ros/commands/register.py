@@ -81,7 +81,7 @@ def register(args):
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
         pair = _of_recording(path, args.topic, args.numbers, parameters, args.truth)
-    steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration)
+    steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration, pair.truth)
     print('\n'.join(describe(steps.registration, pair.truth)), flush=True)
     folder = new_folder(Path(args.out) / pair.name)
     transform, status = steps.registration.transform, steps.registration.status
@@ -132,7 +132,7 @@ def _describe_evidence(registration) -> list:
     if not registration.hypotheses:
         return []
     if evidence is None:
-        return ['confidence  not computed: selection.method divergence computes no confidence']
+        return ['confidence  not computed: with selection.method divergence, ok does not mean that the motion is right']
     rival = f'the log-odds of the best rival are {margin:.2f} less' if registration.rivals else 'no rival'
     return [f'confidence  {registration.confidence:.3f}',
             f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',

@@ -18,7 +18,7 @@ def draw_rotation(figure, steps):
     for panel in (axes['all'], axes['close']):
         for label, members, style in _clusters(rotations.labels, range(len(rotations.phi))):
             panel.plot(np.degrees(rotations.difference[members]), row[members], label=label, **style)
-        panel.axvline(result, label='result', **RESULT)
+        panel.axvline(result, label='result, refined', **RESULT)
         panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
         grid(panel)
     axes['all'].set(title=f'{rotations.difference.size} angle differences; clusters followed: {len(rotations.phi)}',
@@ -49,7 +49,7 @@ def draw_translation(figure, steps):
         panel.plot(*samples.samples[~own].T, label='with another rotation', **REST | {'color': '#cccccc'})
         for label, members, style in _clusters(np.where(own, samples.labels, -2), ranked):
             panel.plot(*samples.samples[members].T, label=label, **style)
-        panel.axvline(result.x, label='result', **RESULT)
+        panel.axvline(result.x, label='result, refined', **RESULT)
         panel.axhline(result.y, **RESULT)
     place = np.array([(result.x, result.y)])
     shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
@@ -62,6 +62,6 @@ def draw_translation(figure, steps):
 def _clusters(labels, ranked):
     """Yield (name, mask of samples, style) of the heaviest clusters, listed first in `ranked`, and of the rest."""
     leading = list(ranked)[:len(CLUSTERS)]
-    yield 'lighter clusters', (labels >= -1) & ~np.isin(labels, leading), REST
+    yield 'other clusters', (labels >= -1) & ~np.isin(labels, leading), REST
     for rank, (number, style) in enumerate(zip(leading, CLUSTERS), 1):
-        yield f'cluster {rank}', labels == number, style
+        yield f'cluster {rank}{" (heaviest)" if rank == 1 else ""}', labels == number, style

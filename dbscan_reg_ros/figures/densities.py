@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the densities of x and y before and after the registration, with their divergences (Figures 9 to 12)."""
+"""Draw the densities of x and y in four states of the registration, with their divergences (Figures 9 to 12)."""
 import numpy as np
 
 from ..core.geometry.se2 import SE2
@@ -11,19 +11,31 @@ PLACES = 400
 
 
 def draw_densities(figure, steps):
-    """Draw the kernel densities of the x and y coordinates of both scans, before and after the registration."""
-    axes = panels(figure, ['before x', 'after x'], ['before y', 'after y'])
+    """Draw the kernel densities of the x and y coordinates of both scans in the four states of the paper's figures."""
+    states = _states(steps.registration.transform)
+    axes = panels(figure, *([f'{state} {name}' for state in states] for name in 'xy'))
     parameters = steps.parameters.divergence
-    for state, motion in (('before', SE2()), ('after', steps.registration.transform)):
-        moved = motion.apply(steps.current.features.points)
+    for state, motion in states.items():
+        moved, total = motion.apply(steps.current.features.points), 0.0
         for name, reference, current in zip('xy', steps.reference.features.points.T, moved.T):
             panel, bandwidth = axes[f'{state} {name}'], parameters.bandwidth or silverman(reference)
             divergence, = shifted_divergences(reference, current, np.zeros(1), bandwidth, parameters)
+            total += divergence
             _draw(panel, reference, current, bandwidth)
-            panel.set(title=f'{state}: K-L divergence of {name} {divergence:.3f}', xlabel=f'{name} [m]',
-                      ylabel='density [1/m]')
+            panel.set(title=f'K-L divergence {divergence:.3f}', xlabel=f'{name} [m]')
             grid(panel)
+        top = axes[f'{state} x']
+        top.set_title(f'{state}: sum {total:.3f}\n{top.get_title()}')
+    for place, panel in axes.items():
+        if place != 'legend':
+            panel.set_ylabel('density [1/m]')
     legend(axes['legend'], axes['before x'], 2)
+
+
+def _states(result: SE2) -> dict[str, SE2]:
+    """Return the motions of the current scan for which Figures 9 to 12 show the densities, by name."""
+    return {'before': SE2(), 'rotated': SE2(0.0, 0.0, result.theta),
+            'opposite': SE2(-result.x, -result.y, result.theta), 'after': result}
 
 
 def _draw(axes, reference, current, bandwidth):

@@ -23,6 +23,7 @@ from .style import (
 
 CONFIDENCE = 0.95
 THIN = {'linewidth': 0.9}
+TRUE_POSE = {'color': 'none', 'markeredgecolor': '#007a5a', 'markersize': 16.0}
 
 
 def draw_overlay(figure, steps):
@@ -33,6 +34,8 @@ def draw_overlay(figure, steps):
     _draw_scans(axes['before'], steps, SE2(), matched)
     _draw_scans(axes['after'], steps, registration.transform, matched)
     _draw_rival(axes['after'], steps)
+    if steps.truth is not None:
+        draw_sensor(axes['after'], steps.truth, 'current: true pose', **TRUE_POSE)
     low, high = drawn(axes['before'], axes['after'])
     plane(axes['before'], 'before', low, high)
     confidence = f', confidence {registration.confidence:.2f}' if registration.evidence else ''

@@ -45,11 +45,11 @@ def draw_scan_segments(figure, steps):
         panel.plot(*points.T, label='point', **REST)
         draw_segments(panel, segments, {'color': BLUE, 'linewidth': 2.0}, 'segment')
         torn = np.union1d(np.flatnonzero(scan.breaks), np.flatnonzero(scan.breaks) + 1)
-        panel.plot(*points[torn].T, label='breakpoint', **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
+        panel.plot(*points[torn].T, label='points beside a breakpoint', **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
         ends = np.concatenate((segments.start, segments.end))
         for kind, (label, style) in ENDS.items():
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)
         draw_sensor(panel)
-        plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breaks')
+        plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breakpoints')
     alike(*(axes[name] for name, _ in steps.scans))
     legend(axes['legend'], axes['reference'], 7)

@@ -39,17 +39,17 @@ FIGURES = {
         'Rotation: clusters of angle differences', draw_rotation,
         'Near the true rotation the angle differences of many segments agree and form a cluster over several rows.'),
     'translation': Drawing(
-        'Translation: clusters of the samples of lines and end points', draw_translation,
-        'Two pairs of lines, or a pair of end points, give a sample. Many samples agree near the true translation.'),
+        'Translation: clusters of the samples', draw_translation,
+        'Two pairs of lines give a sample, and by default a pair of end points, too. Many agree near the true '
+        'translation.'),
     'densities': Drawing(
         'Densities of the coordinates', draw_densities,
-        'Curves that agree after the registration support the result.\n'
-        'The divergence of one axis may rise with a good result: '
-        'each scan contains surfaces that the other does not.'),
+        'The sum of both divergences should be least after the registration, and large at the opposite translation.\n'
+        'It may rise with a good result: each scan contains surfaces that the other does not.'),
     'overlay': Drawing(
         'Overlay of the scans', draw_overlay,
         'Thick segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
-        'The ellipse contains the sensor with a probability of 95 %.'),
+        'If the match is right, the ellipse contains the sensor with a probability of 95 %.'),
 }
 """Name of each figure, without ending -> `Drawing`."""
 SIZE = 12.0, 7.0

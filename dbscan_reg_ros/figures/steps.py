@@ -8,7 +8,7 @@ from ..core.features.extraction import extract_from_returns
 from ..core.features.records import Features
 from ..core.features.returns import admitted_returns
 from ..core.features.ring_band import ring_band_filter
-from ..core.geometry.se2 import as_vectors, wrap
+from ..core.geometry.se2 import SE2, as_vectors, wrap
 from ..core.parameters.tree import Parameters
 from ..core.registration.dbscan import k_distances
 from ..core.registration.landmarks import landmarks
@@ -65,6 +65,8 @@ class Steps:
     translations : Translations
     registration : Registration
     parameters : Parameters
+    truth : SE2 or None
+        True motion, drawn where it is known.
     """
 
     reference: ScanSteps
@@ -73,10 +75,11 @@ class Steps:
     translations: Translations
     registration: Registration
     parameters: Parameters
+    truth: SE2 | None = None
 
     @classmethod
-    def of(cls, reference: Scan, current: Scan, parameters: Parameters,
-           registration: Registration | None = None) -> 'Steps':
+    def of(cls, reference: Scan, current: Scan, parameters: Parameters, registration: Registration | None = None,
+           truth: SE2 | None = None) -> 'Steps':
         """Return the steps from two scans to their `registration`; without a `registration`, register the scans.
 
         Raises
@@ -91,7 +94,7 @@ class Steps:
         rotations = estimate_rotations(*lines, weights, p.rotation)
         translations = estimate_translations(*lines, rotations, weights, p.translation)
         return cls(earlier, later, rotations, translations,
-                   registration or register(earlier.features, later.features, p), p)
+                   registration or register(earlier.features, later.features, p), p, truth)
 
     @property
     def scans(self) -> tuple:

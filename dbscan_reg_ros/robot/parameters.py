@@ -43,7 +43,8 @@ class InputParameters(ParameterGroup):
     max_wait: float = parameter(
         0.05, unit='s', bounds=(0.0, 10.0),
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
-             'at the stamp of the scan. Larger values tolerate slower sources and delay the pose; 0 never waits.')
+             'at the stamp of the scan. It should exceed the period of the source of the prior. Larger values tolerate '
+             'slower sources and delay the pose; 0 never waits.')
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
         help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '

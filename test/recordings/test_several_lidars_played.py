@@ -2,6 +2,7 @@
 """A recording of two lidars in the commands: played to the real node, shown by its page, or refused."""
 import re
 
+import numpy as np
 import pytest
 from bags import needs_rosbags
 from events import Reader
@@ -9,7 +10,9 @@ from ros_helpers import Peer, needs_tf2_msgs, said
 
 from dbscan_reg_ros.commands import compare, register, tune
 from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording, read_tum
+from dbscan_reg_ros.recordings.poses import compose
 
 SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} {} {} --rate {} '
            '--phase {}')
@@ -80,3 +83,28 @@ def test_two_lidars_are_played_in_lockstep_and_the_page_finds_their_topics(start
         reader.close()
         # Until two scans of /scan_2 have come it may be silent, and those of /scan have odometry, too.
         assert len(times - {round(1e-9 * stamp, 3) for stamp in recording.stamps()}) <= 2
+
+
+@needs_rosbags
+@needs_tf2_msgs
+def test_the_demo_names_a_prior_for_which_it_plays_no_data(start_command, pair, tmp_path):
+    (tmp_path / 'wheels.yaml').write_text('/**:\n  ros__parameters:\n    prior.source: odometry\n')
+    process = start_command('demo', '--out', tmp_path / 'out', '--params-file', tmp_path / 'wheels.yaml', pair, *TOPICS)
+    assert process.wait(120.0) == 0, process.output()
+    assert process.output().count("prior.source 'odometry' has no effect in demo, which plays scans and static") == 1
+    assert 'has no data at the time of the scan' not in (tmp_path / 'out' / 'scan_matcher.log').read_text()
+
+
+@needs_rosbags
+def test_the_truth_of_one_lidar_is_converted_to_the_other_or_taken_as_it_is_with_a_note(pair):
+    front, rear = (open_recording(pair, topic) for topic in ('/scan', '/scan_2'))
+    (stamps, first), (same, second) = front.truth(), rear.truth()
+    assert stamps.tolist() == same.tolist() and front.notes == []
+    assert rear.notes == ["/truth has poses of 'laser': converted by /tf_static to those of 'laser_2'"]
+    # The rear lidar is 0.6 m behind and 0.4 m to the right of the front one, both measured on the base.
+    base = compose(first, SE2(0.3, 0.2, np.radians(45.0)).inverse().as_array()[None])
+    np.testing.assert_allclose(second, compose(base, np.array([(-0.3, -0.2, np.radians(-135.0))])), atol=1e-9)
+    rear.frame_id = 'elsewhere'
+    np.testing.assert_array_equal(rear.truth()[1], first)
+    assert rear.notes[-1] == ("/truth has poses of 'laser', the lidar is in 'elsewhere', and /tf_static has no upright "
+                              'transform between them: taken as poses of the lidar')

@@ -7,10 +7,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from ...core.errors import DbscanRegError, RecordingError, ScanError
+from ...core.geometry.mounting import MountingError
 from ...core.scan import Scan
 from ...paths import check_file
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
-from ..poses import FARTHEST, corrected, possible
+from ..poses import FARTHEST, compose, corrected, possible
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
@@ -90,11 +91,30 @@ class Bag(Recording):
     def truth(self):
         """Return stamps and poses of the truth topic, or of the laser topic if its poses were corrected, or None."""
         if self._truth_topic:
-            return self._odometry(self._truth_topic)
+            return self._of_lidar(self._odometry(self._truth_topic))
         laser, wheels = self._odometry(self._laser_topic), self.wheel_odometry()
         if laser and wheels and np.array_equal(laser[0], wheels[0]) and corrected(laser[1], wheels[1]):
             return laser
         return None
+
+    def _of_lidar(self, truth):
+        """Convert the poses of the frame that the truth names as its child frame to poses of the lidar."""
+        from .static_transforms import static_mounting
+        message = next((message for *_, message in self._messages([self._truth_topic])), None)
+        frame, own_frame = message.child_frame_id.strip('/') if truth else '', self.frame_id.strip('/')
+        if frame in ('', own_frame):
+            return truth
+        try:
+            mounting = static_mounting(self.path, frame, own_frame)
+        except MountingError:
+            mounting = None
+        if mounting is None or mounting.upside_down:
+            self._note(f'{self._truth_topic} has poses of {frame!r}, the lidar is in {own_frame!r}, and /tf_static has no '
+                       'upright transform between them: taken as poses of the lidar')
+            return truth
+        self._note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
+        stamps, poses = truth
+        return stamps, compose(poses, mounting.pose.as_array()[None])
 
     def _odometry(self, topic):
         if topic is None:

@@ -27,7 +27,12 @@ def bag_library(ros1=False):
         When no library is installed; the error names `rosbags`, which can be installed on any system.
     """
     if ros1 or find_spec('rosbags') or not find_spec('rosbag2_py'):
-        from . import with_rosbags
+        try:
+            from . import with_rosbags
+        except ModuleNotFoundError as missing:
+            if missing.name != 'rosbags':
+                raise
+            raise ModuleNotFoundError('bags need the package rosbags: pip install rosbags', name='rosbags') from None
         return with_rosbags
     from . import with_rosbag2_py
     return with_rosbag2_py
