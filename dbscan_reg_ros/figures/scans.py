@@ -45,7 +45,8 @@ def draw_scan_segments(figure, steps):
         panel.plot(*points.T, label='point', **REST)
         draw_segments(panel, segments, {'color': BLUE, 'linewidth': 2.0}, 'segment')
         torn = np.union1d(np.flatnonzero(scan.breaks), np.flatnonzero(scan.breaks) + 1)
-        panel.plot(*points[torn].T, label='points beside a breakpoint', **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
+        panel.plot(*points[torn].T, label='points beside a breakpoint',
+                   **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
         ends = np.concatenate((segments.start, segments.end))
         for kind, (label, style) in ENDS.items():
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)

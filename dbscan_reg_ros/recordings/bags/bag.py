@@ -109,8 +109,8 @@ class Bag(Recording):
         except MountingError:
             mounting = None
         if mounting is None or mounting.upside_down:
-            self._note(f'{self._truth_topic} has poses of {frame!r}, the lidar is in {own_frame!r}, and /tf_static has no '
-                       'upright transform between them: taken as poses of the lidar')
+            self._note(f'{self._truth_topic} has poses of {frame!r}, the lidar is in {own_frame!r}, and /tf_static has '
+                       'no upright transform between them: taken as poses of the lidar')
             return truth
         self._note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
         stamps, poses = truth
