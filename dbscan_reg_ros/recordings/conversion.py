@@ -13,8 +13,9 @@ from typing import TypeVar
 
 from ..core.errors import RecordingError
 from ..paths import check_writable
-from .bags.bag import LASER_SCAN, ODOMETRY, open_reader, own, safely
+from .bags.bag import LASER_SCAN, ODOMETRY
 from .bags.bag_library import bag_library, is_ros1
+from .bags.reading import open_reader, own, safely
 from .carmen.lines import SETTINGS, format_line, settings_of
 from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording

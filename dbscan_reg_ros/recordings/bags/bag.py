@@ -2,21 +2,20 @@
 """ROS 1 and ROS 2 bags as recordings of scans."""
 import math
 from collections import Counter
-from contextlib import contextmanager
 
 import numpy as np
 
-from ...core.errors import DbscanRegError, RecordingError, ScanError
+from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import MountingError
 from ...core.scan import Scan
-from ...paths import check_file
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from ..poses import FARTHEST, compose, corrected, possible
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
-from .bag_faults import fault_of, other_contents
-from .bag_library import bag_library, is_ros1
+from .bag_faults import other_contents
+from .reading import open_reader, own, safely
+from .static_transforms import static_mounting
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 
@@ -99,7 +98,6 @@ class Bag(Recording):
 
     def _of_lidar(self, truth):
         """Convert the poses of the frame that the truth names as its child frame to poses of the lidar."""
-        from .static_transforms import static_mounting
         message = next((message for *_, message in self._messages([self._truth_topic])), None)
         frame, own_frame = message.child_frame_id.strip('/') if truth else '', self.frame_id.strip('/')
         if frame in ('', own_frame):
@@ -160,56 +158,6 @@ def _wheel_topic(topics):
     """Return the wheel topic: the only one of `topics` without truth or laser poses, or the one with *wheel*."""
     others = [name for name in topics if 'truth' not in name and 'laser_pose' not in name]
     return only(others) or only(name for name in others if 'wheel' in name)
-
-
-@contextmanager
-def open_reader(path):
-    """Provide the `BagReader` of the library that can read the bag at `path`.
-
-    Raises
-    ------
-    RecordingError
-        When the bag cannot be opened.
-    """
-    for file in path.iterdir() if path.is_dir() else (path,):
-        if not file.is_dir():
-            check_file(file, RecordingError)
-    library = bag_library(ros1=is_ros1(path))
-    try:
-        reader = library.BagReader(path)
-    except Exception as error:
-        raise RecordingError(fault_of(path, own(error))) from error
-    try:
-        yield reader
-    finally:
-        reader.close()
-
-
-def safely(reader, connections, report, **window):
-    """Yield the reader's messages (connection, record time [ns], bytes) until the bag is damaged; report the damage."""
-    messages = reader.messages(connections=connections, **window)
-    topics = ', '.join(sorted({connection.topic for connection in connections}))
-    counted = sum(connection.msgcount for connection in connections)
-    number = 0
-    while True:
-        try:
-            message = next(messages)
-        except StopIteration:
-            if number < counted and not window:
-                report(f'{reader.path.name}: {number} of {counted} messages of {topics} can be read, the bag is '
-                       'damaged')
-            return
-        except Exception as error:  # noqa: BLE001 - a damaged bag makes the library raise nearly anything
-            report(f'{reader.path.name}: messages from number {number + 1} of {topics} cannot be read, the bag is '
-                   f'damaged{own(error)}')
-            return
-        number += 1
-        yield message
-
-
-def own(error) -> str:
-    """Return the text of one of our own errors, after a colon; empty for an error of a library."""
-    return f': {error}' if isinstance(error, DbscanRegError) else ''
 
 
 def _at(stamps, trajectory):

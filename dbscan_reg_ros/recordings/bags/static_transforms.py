@@ -4,7 +4,7 @@ import numpy as np
 
 from ...core.geometry.mounting import Mounting
 from ..playback import RENAMED, TRANSFORMS
-from .bag import open_reader, safely
+from .reading import open_reader, safely
 
 TOPIC = 'tf_static'
 
