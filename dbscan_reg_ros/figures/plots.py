@@ -15,6 +15,10 @@ CELLS = 1500
 """Cells of the longer side of the map: one cell for each pixel, so that the picture is not resampled."""
 
 
+PNG_LEVEL = 3
+"""Compression of PNG pictures: half of the time of the usual 6, for files that are 7 % larger."""
+
+
 class DensityMap(NamedTuple):
     """Density of the returns on a map.
 
@@ -85,6 +89,8 @@ def save(figure, path, dpi, **options):
         figure.set_dpi(dpi)
         layout.execute(figure)
         figure.set_layout_engine(None)
+    if Path(path).suffix == '.png':
+        options |= {'pil_kwargs': {'compress_level': PNG_LEVEL}}
     with replacing(path, binary=True) as file, warnings.catch_warnings():
         # A title may be the name of a file in any script; the font draws a box for a character that it lacks.
         warnings.filterwarnings('ignore', 'Glyph .* missing from')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading and writing of the lines of a CARMEN log."""
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ FEWEST_READINGS = 2
 """Minimum number of readings of a ``FLASER`` line for which its beam angles are defined."""
 FIRST_STAMP, END_OF_STAMPS = -10**6 * SECOND, (2**32 + 10**6) * SECOND
 """Stamps [ns] between these can be corrected: those of 32-bit counters, and some negative ones."""
+
+
+_geometry = lru_cache(maxsize=16)(ScanGeometry)
 
 
 class Line(NamedTuple):
@@ -58,7 +62,7 @@ class Line(NamedTuple):
 
     def geometry(self, settings) -> ScanGeometry:
         """Return the geometry of the scan; raise ScanError if the angles are invalid."""
-        return ScanGeometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
+        return _geometry(self.start, self.step, len(self.ranges), float(settings['laser_range_min']), self.range_max)
 
     def scan(self, settings, geometry, stamp, no_return=None) -> Scan:
         """Return the scan with the stamp `stamp` [ns]; readings of `no_return` [m] or more are missing returns.
@@ -189,7 +193,10 @@ def _count(word, fewest=0):
 
 
 def _floats(words):
-    return np.array([to_float(word) for word in words])
+    try:
+        return np.fromiter(map(float, words), float, len(words))
+    except ValueError:
+        return np.array([to_float(word) for word in words])
 
 
 def _pose(words):
