@@ -52,15 +52,20 @@ class Plot {
     return {y: [low - 0.1, high + 0.1], yticks, ylabel: `[${this.unit}]`};
   }
 
-  // For each column of pixels a line from the smallest to the largest value in it.
+  // For each column of pixels a line from the smallest to the largest value in it, joined to the next scan's value.
   series() {
     const {x, y, inside} = this.chart, parts = [];
-    let column = -1, low = 0, high = 0;
+    let column = -1, low = 0, high = 0, last = NaN;
     const flush = () => { if (column >= 0) parts.push(`M${column} ${y(low).toFixed(1)}V${(y(high) - 0.01).toFixed(1)}`); };
     for (let k = 0; k < drive.count; k++) {
       const value = this.transformed(this.values[k]), place = Math.round(x(drive.along[k]));
-      if (value !== value) continue;
-      if (place !== column) { flush(); column = place; low = high = value; }
+      if (Number.isNaN(value)) { last = NaN; continue; }
+      if (place !== column) {
+        flush();
+        if (!Number.isNaN(last)) parts.push(`M${column} ${y(last).toFixed(1)}L${place} ${y(value).toFixed(1)}`);
+        column = place; low = high = value;
+      }
+      last = value;
       low = Math.min(low, value); high = Math.max(high, value);
     }
     flush();
@@ -76,7 +81,8 @@ class Plot {
 
   follow() {
     if (!drive.count) return;
-    const x = this.chart.x(drive.along[this.page.current]);
+    // On the page of a running node a new scan may lie beyond the end of the plot, which is drawn once a second.
+    const {left, w} = this.chart, x = Math.min(this.chart.x(drive.along[this.page.current]), left + w);
     this.cursor.setAttribute('x1', x);
     this.cursor.setAttribute('x2', x);
   }
@@ -95,8 +101,8 @@ class StatusPlot extends Plot {
   height() { return 178; }
 
   axis() {
-    return {y: [-0.5, data.drive.statusNames.length + 0.5],
-            yticks: [...data.drive.statusNames.map((name, level) => [level, word(name)]), [data.drive.statusNames.length, 'to review']]};
+    const rows = [...data.drive.statusNames.map(word), ...(this.page.marks.length ? ['to review'] : [])];
+    return {y: [-0.5, rows.length - 0.5], yticks: rows.map((name, level) => [level, name])};
   }
 
   describe() {
@@ -106,11 +112,15 @@ class StatusPlot extends Plot {
 
   series() {
     const {x, y, inside, front} = this.chart, seen = new Set(), parts = ['', ''];
+    // The bar of a scan goes up to the next scan.
     for (let k = 0; k < drive.count; k++) {
       const level = this.values[k], place = Math.round(x(drive.along[k]));
-      if (seen.has(place * 8 + level)) continue;
-      seen.add(place * 8 + level);
-      parts[level ? 1 : 0] += `M${place} ${(y(level - 0.28)).toFixed(1)}V${(y(level + 0.28)).toFixed(1)}`;
+      const next = k + 1 < drive.count ? Math.round(x(drive.along[k + 1])) : place;
+      for (let column = place; column === place || column < next; column++) {
+        if (seen.has(column * 8 + level)) continue;
+        seen.add(column * 8 + level);
+        parts[level ? 1 : 0] += `M${column} ${(y(level - 0.28)).toFixed(1)}V${(y(level + 0.28)).toFixed(1)}`;
+      }
     }
     svg(inside, 'path', {class: 'series', d: parts[0]});
     svg(inside, 'path', {class: 'series bad', d: parts[1]});
