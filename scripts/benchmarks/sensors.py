@@ -45,7 +45,7 @@ def measure(args) -> Report:
         raise BenchmarkError(f'--sensor {unknown[0]}: expected {", ".join(files)}')
     lidars = [(file, lidar) for file in chosen for lidar in LIDARS_OF.get(file, (file,))]
     with workers(args.processes or os.cpu_count()) as executor:
-        jobs = {pair: [executor.submit(drive, pair[1], world, seed, args.seconds, files)
+        jobs = {pair: [executor.submit(drive, pair[1], world, seed, args, files)
                        for world in WORLDS for seed in range(args.seeds)] for pair in lidars}
         rows = {lidar: judged(file, [job.result() for job in jobs[file, lidar]])
                 for file, lidar in tqdm(lidars, 'sensors', unit=' lidars', leave=False, disable=None)}
@@ -61,16 +61,17 @@ def field_of_view(name) -> float:
     return float(np.degrees(abs(lidar.angle_increment) * lidar.beams))
 
 
-def drive(lidar, world, seed, seconds, files) -> dict:
+def drive(lidar, world, seed, args, files) -> dict:
     """Return file -> (errors ``(M,)`` [m] over 1 m, fraction of `OK`) on one drive.
 
     Files whose limits remove no return of the drive and whose other parameters are equal give equal results: one of
     them is run.
     """
     made = WORLDS[world](seed=seed)
-    path = follow(made.tour).until(seconds + PRESETS[lidar].duration)
+    path = follow(made.tour).until(args.seconds + PRESETS[lidar].duration)
     simulation = simulate(made, path, PRESETS[lidar], seed)
-    ranges = np.concatenate([scan.ranges[scan.valid] for scan in simulation.scans])
+    scans = simulation.scans[:args.limit]
+    ranges = np.concatenate([scan.ranges[scan.valid] for scan in scans])
     found, results = {}, {}
     for file in (DEFAULTS, *files):
         parameters = Parameters() if file == DEFAULTS else read_parameters(file)
@@ -81,16 +82,16 @@ def drive(lidar, world, seed, seconds, files) -> dict:
         key = (limits.noise_min, limits.noise_max, limits.direction)
         key += () if used.all() else (limits.range_min, limits.range_max)
         if key not in found:
-            found[key] = followed(simulation, parameters)
+            found[key] = followed(scans, simulation.truth[:len(scans)], parameters)
         results[file] = found[key]
     return results
 
 
-def followed(simulation, parameters):
-    """Run the odometry over a simulation; return the errors over 1 m ``(M,)`` [m] and the fraction of `OK`."""
+def followed(scans, truth, parameters):
+    """Run the odometry over a drive; return the errors over 1 m ``(M,)`` [m] and the fraction of `OK`."""
     odometry, poses, ok = Odometry(parameters), [], []
     pose = (0.0, 0.0, 0.0)
-    for scan in simulation.scans:
+    for scan in scans:
         try:
             update = odometry.process(scan)
         except ScanError:
@@ -100,7 +101,7 @@ def followed(simulation, parameters):
         pose = update.pose.x, update.pose.y, update.pose.theta
         poses.append(pose)
         ok.append(update.status is Status.OK)
-    poses, truth = np.array(poses), simulation.truth
+    poses = np.array(poses)
     first, last = apart(truth, OVER)
     metres, _ = errors(relative(poses[first], poses[last]), relative(truth[first], truth[last]))
     return metres, float(np.mean(ok))

@@ -19,6 +19,7 @@ from benchmarks.odometry.drift import drive
 from benchmarks.registration import pairs, relations, speed, synthetic
 from benchmarks.registration.covariance import calibration
 from benchmarks.report import Report
+from benchmarks.sensors import measure
 from benchmarks.trials import Outcome, Trial, summarise
 
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
@@ -350,6 +351,21 @@ def test_what_a_benchmark_would_ignore_is_refused(words, capsys):
     with pytest.raises(SystemExit, match='2'):
         main([*words, '--limit', '1'])
     assert f'unrecognized arguments: {words[1]} {words[2]}' in capsys.readouterr().err
+
+
+def test_the_file_of_a_lidar_is_compared_with_the_defaults_and_all_other_files(tmp_path, capsys):
+    path = tmp_path / 'figures.json'
+    status = main(['sensors', '--sensor', 'lds_01', '--seeds', '1', '--seconds', '5', '--limit', '22', '--processes',
+                   '1', '--json', str(path)])
+    figures = json.loads(path.read_text())['dbscan']
+    assert figures['lds_01_drives_count'] == 3 and status == ('missed' in capsys.readouterr().out)
+    own, defaults, best = (figures[f'lds_01_{name}_m'] for name in ('rpe_1m', 'defaults', 'best'))
+    # The driver of this lidar reverses the beams, which only some files know.
+    assert best <= own < 0.8 * defaults
+    assert figures['lds_01_ratio_defaults'] == pytest.approx(own / defaults)
+    assert figures['lds_01_ratio_best'] == pytest.approx(own / best)
+    with pytest.raises(BenchmarkError, match='absent: expected hokuyo_urg04lx, '):
+        measure(SimpleNamespace(sensor=['absent']))
 
 
 def test_the_script_runs_with_the_chosen_python(root, data):
