@@ -159,7 +159,7 @@ class NodeCore:
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
-        if not update.waits and self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
+        if not (sensor.rank and update.waits) and self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
             self._sender.send(state)
             self._outputs.publish(update, state, self._origin)
         else:

@@ -188,6 +188,9 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     assert logged.count('disagrees') == 1 and logged.endswith(
         f'{expected}; it is not used until it agrees; if the first one is right, set its transform to x -0.360 m, '
         'y 0.230 m, yaw 1.5184 rad (87.00 deg) and set input.time_offset of it to -0.060\n')
+    rear.counters.compared = dataclasses.replace(rear.counters.compared, apart=-2.04)
+    assert disagreements.clocks([front, rear]) == ['/rear/scan: its clock is 2.0 s behind that of the first lidar']
+    assert 'it is not used; synchronise the clocks' in capfd.readouterr().err
     rear.counters.compared.error = None
     assert not list(disagreements.found([front, rear]))
 

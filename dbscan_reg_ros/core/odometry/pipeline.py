@@ -122,13 +122,14 @@ class Odometry:
         state, p = self._state, self._parameters
         scan = scan.as_measured(p.scan.direction)
         # Stamp: how long the scan took, and whether its motion can be removed.
-        own = self._sensor_state(scan, sensor)
+        uses = self._uses(scan, sensor)
+        own = self._sensor_state(scan, sensor, uses)
         timing = own.stamps.timing(scan, p)
         # Features of the deskewed scan.
         twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, own)
         interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
-        if not self._uses(scan, sensor) or self._waits(scan, sensor):
+        if not uses or self._waits(scan, sensor):
             return report_waiting(state, features, sensor)
         interval = self._since_last(scan, sensor, interval)
         if state.window is None or interval.jump is Jump.BACKWARD:
@@ -164,10 +165,10 @@ class Odometry:
             interval = dataclasses.replace(interval, length=elapsed, elapsed=elapsed, of_others=True)
         return state.motion.predict(interval, p)
 
-    def _sensor_state(self, scan: Scan, sensor: Sensor) -> SensorState:
-        """Return the state stored for a sensor; raise `ScanError` if the scan is too old."""
+    def _sensor_state(self, scan: Scan, sensor: Sensor, uses: bool) -> SensorState:
+        """Return the state stored for a sensor; raise `ScanError` if a scan that is used is too old."""
         late = self._state.order.lateness(sensor.name, scan.stamp, self._parameters.time)
-        if late:
+        if late and uses:
             raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
                             'expected scans in the order of their stamps')
         return self._state.sensors.setdefault(sensor.name, SensorState())

@@ -141,9 +141,10 @@ class Diagnostics:
         warnings += [*self._overload(), *self._disagreements.found(self._lidars)]
         if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
-        if conflict:
+        clocks = self._disagreements.clocks(self._lidars)
+        if conflict or clocks:
             level = DiagnosticStatus.ERROR
-        return level, '; '.join(filter(None, [message, conflict, *warnings]))
+        return level, '; '.join(filter(None, [message, conflict, *clocks, *warnings]))
 
     def _overload(self) -> list[str]:
         """Return and log a sentence for each lidar of which scans were dropped since the last call."""

@@ -13,6 +13,20 @@ class Disagreements:
     def __init__(self) -> None:
         self._logged: set[str] = set()
 
+    @staticmethod
+    def clocks(lidars: Sequence[Lidar]) -> list[str]:
+        """Return and log a sentence for each lidar whose clock differs from that of the first one."""
+        texts = []
+        for lidar in lidars:
+            apart = lidar.counters.compared.apart if lidar.counters.compared else 0.0
+            if apart:
+                side = 'ahead of' if apart > 0.0 else 'behind'
+                text = f'its clock is {abs(apart):.1f} s {side} that of the first lidar'
+                lidar.log.warn(f'{text}: it is not used; synchronise the clocks (NTP, PTP), or let the driver stamp '
+                               'the scans when it receives them')
+                texts.append(f'{lidar.label}{text}')
+        return texts
+
     def found(self, lidars: Sequence[Lidar]) -> Iterator[str]:
         """Yield a sentence for each lidar that disagrees; log it when it is new, with what to do."""
         for lidar in lidars:

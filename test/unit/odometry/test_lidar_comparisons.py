@@ -36,13 +36,13 @@ class Drive:
     """A drive of two lidars, 12.5 and 15 Hz; the first one may be silent for a while."""
 
     def __init__(self, update, given, late=0.0, seed=1, bias=0.003):
-        self.comparisons, self._update, self._late = LidarComparisons(), update, late
+        self.comparisons, self._update, self.late = LidarComparisons(), update, late
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
         self._rng, self._bias, self.used, self.now = np.random.default_rng(seed), bias, [], 0.0
 
     def _locate(self, update):
         """Locate a scan with noise, and an error for each metre of the drive."""
-        seconds = 1e-9 * update.stamp - self._late
+        seconds = 1e-9 * update.stamp - self.late
         pose, group = pose_at(seconds), int(seconds)
         common = np.random.default_rng(group).normal(0.0, self._bias, 3) * [1.0, 1.0, 0.5]
         sigmas = np.array([0.002, 0.002, 0.001])
@@ -53,9 +53,11 @@ class Drive:
         """Drive on."""
         end = self.now + seconds
         events = [(time, self.first, time) for time in np.arange(0.0, end, 0.08) if time >= self.now and not silent]
-        events += [(time + self._late, self.rear, time) for time in np.arange(0.019, end, 1 / 15) if time >= self.now]
-        for stamp, sensor, time in sorted(events, key=lambda event: event[0]):
-            if sensor.rank:
+        events += [(time + self.late, self.rear, time) for time in np.arange(0.019, end, 1 / 15) if time >= self.now]
+        for stamp, sensor, time in sorted(events, key=lambda event: event[2]):
+            if not sensor.rank:
+                self.comparisons.uses(sensor, round(1e9 * stamp))
+            else:
                 self.used.append(self.comparisons.uses(self.rear, round(1e9 * stamp)))
             sensor = self.rear if sensor.rank else sensor
             update = dataclasses.replace(self._update, stamp=round(1e9 * stamp), pose=pose_at(time), sensor=sensor)
@@ -112,3 +114,18 @@ def test_a_mounting_that_is_corrected_is_used_at_once(update):
     before = len(drive.used)
     drive.run(10.0)
     assert not any(drive.used[before - 5:before]) and all(drive.used[before:])
+
+
+@pytest.mark.parametrize('late', [-5.0, 5.0, 0.4])
+def test_a_lidar_with_another_clock_is_not_used(update, late):
+    drive = Drive(update, TRUE, late=late).run(3.0)
+    assert not any(drive.used[3:]) and drive.lidar.apart == pytest.approx(late, abs=0.1)
+    drive.run(6.0, silent=True)
+    assert drive.used[-1] and drive.lidar.apart == 0.0
+    # The first one returns, and the clocks are synchronised.
+    before = len(drive.used)
+    drive.run(2.0)
+    assert not any(drive.used[before + 3:]) and drive.lidar.apart != 0.0
+    drive.late = 0.0
+    drive.run(3.0)
+    assert drive.lidar.apart == 0.0 and drive.used[-1]

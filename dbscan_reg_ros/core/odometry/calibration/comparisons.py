@@ -13,6 +13,7 @@ from ...registration.records import Status
 from ...scan import SECOND
 from ..records import OdometryUpdate
 from ..sensor import Sensor
+from .clocks import ClockCheck
 from .first_lidar import HALF_SPAN, FirstLidar
 from .location import Location
 from .relative_pose import Comparison, RelativePose, estimate_relative_pose
@@ -54,6 +55,8 @@ class ComparedLidar:
         Distance [m] and angle [rad] over which it has been compared.
     on_trial : bool
         Whether the lidar is not used before there are enough comparisons.
+    apart : float [s]
+        By how much its clock is ahead of that of the first lidar; it is not used unless this is 0.
     estimate : RelativePose or None
         The latest estimate.
     disagrees : bool
@@ -67,6 +70,7 @@ class ComparedLidar:
     driven: float = 0.0
     turned: float = 0.0
     on_trial: bool = True
+    apart: float = 0.0
     estimate: RelativePose | None = None
     disagrees: bool = False
     error: Disagreement | None = None
@@ -158,6 +162,7 @@ class LidarComparisons:
         self.lidars: dict[str, ComparedLidar] = {}
         self._spacing, self._only, self._most = spacing, only, most
         self._first = FirstLidar()
+        self._clocks: dict[str, ClockCheck] = {}
 
     def restart(self) -> None:
         """Forget the poses of the first lidar: the odometry is reset."""
@@ -166,13 +171,20 @@ class LidarComparisons:
     def uses(self, sensor: Sensor, stamp: int) -> bool:
         """Whether the scan of a `sensor` at a `stamp` [ns] may change the track."""
         if not sensor.rank:
+            for clock in self._clocks.values():
+                clock.add_first(stamp)
             return True
+        clock = self._clocks.setdefault(sensor.name, ClockCheck())
+        clock.add_further(stamp)
         lidar = self.lidars.get(sensor.name)
         if lidar is None or _differs(lidar.given, sensor.pose):
             lidar = self.lidars[sensor.name] = ComparedLidar(
                 sensor.pose, deque(maxlen=self._most), on_trial=lidar is None)
-        if self._only or not self._first.is_heard(stamp):
-            return not self._only
+        lidar.apart = clock.apart
+        if self._only or lidar.apart:
+            return False
+        if not self._first.is_heard(stamp):
+            return True
         return not lidar.disagrees and (lidar.known or not lidar.on_trial)
 
     def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None]) -> None:
@@ -180,7 +192,7 @@ class LidarComparisons:
         sensor = update.sensor
         if sensor.rank:
             lidar = self.lidars[sensor.name]
-            if self._first.is_heard(update.stamp) and lidar.is_due(update.pose, self._spacing):
+            if not lidar.apart and self._first.is_heard(update.stamp) and lidar.is_due(update.pose, self._spacing):
                 location = locate(update)
                 if location is not None:
                     lidar.wait(location)
