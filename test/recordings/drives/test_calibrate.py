@@ -74,25 +74,39 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
     assert 'not observable' not in printed
 
 
+def driven(drive, path, rear, late, rank):
+    """Yield each update, and the error [m] of its pose; `late` [ns] are the stamps of the rear lidar."""
+    odometry, start = Odometry(), FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
+    sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
+    begin = min(scan.stamp for scans in drive.values() for scan in scans)
+    scans = [(topic, scan) for topic, each in drive.items() for scan in each]
+    for topic, scan in sorted(scans, key=lambda each: each[1].stamp):
+        stamp = scan.stamp + late * (topic == '/rear')
+        update = odometry.process(dataclasses.replace(scan, stamp=stamp), None, sensors[topic])
+        if not update.waits:
+            true = start @ SE2.from_array(path.poses_at(np.array([1e-9 * (scan.stamp - begin)]))[0]) @ FRONT
+            yield update, math.hypot(update.pose.x - true.x, update.pose.y - true.y)
+
+
 @pytest.mark.parametrize('rear, late', [(REAR, 0), (WRONG, 0), (REAR, LATE), (REAR, -3 * SECOND), (REAR, 3 * SECOND)],
                          ids=['right', 'mounting', 'late', 'clock behind', 'clock ahead'])
 def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, late):
     """The largest error is at most 2 cm; if the scans of the rear lidar are used although it disagrees, it is more."""
     def largest_error(rank):
-        odometry = Odometry()
-        sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
-        scans = [(scan.stamp + late * (topic == '/rear'), topic, scan) for topic in drive for scan in drive[topic]]
-        errors = []
-        for stamp, topic, scan in sorted(scans, key=lambda each: (each[2].stamp, each[1])):
-            update = odometry.process(dataclasses.replace(scan, stamp=stamp), None, sensors[topic])
-            if topic == '/front':
-                seconds = 1e-9 * (stamp - drive['/front'][0].stamp)
-                true = start @ SE2.from_array(path.poses_at(np.array([seconds]))[0]) @ FRONT
-                errors.append(math.hypot(update.pose.x - true.x, update.pose.y - true.y))
-        return max(errors)
-    start = FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
+        return max(error for update, error in driven(drive, path, rear, late, rank) if update.sensor.name == 'front')
     assert largest_error(1) < 0.02
     assert late not in (0, LATE) or (rear is REAR and not late) or largest_error(0) > 0.02
+
+
+@pytest.mark.parametrize('dead', ['/front', '/rear'])
+def test_either_lidar_may_be_silent_for_ten_seconds(drive, path, dead):
+    """No gap above 0.2 s, and no pose off by more than 2 cm."""
+    begin = drive['/front'][0].stamp
+    left = [scan for scan in drive[dead] if not 1.5 < 1e-9 * (scan.stamp - begin) < 11.5]
+    updates = list(driven(drive | {dead: left}, path, REAR, 0, 1))
+    assert max(error for _, error in updates) < 0.02
+    assert max(np.diff([update.stamp for update, _ in updates])) < 200_000_000
+    assert {update.sensor.name for update, _ in updates[-5:]} == {'front', 'rear'}
 
 
 def test_what_a_straight_corridor_does_not_determine_is_not_observable(tmp_path, capsys):
