@@ -30,7 +30,7 @@ def calibrate(args):
 
     from ..recordings import find_recording, open_recording
     from ..replays.lidar_calibration import calibrate_lidars
-    from ..replays.lidars import further_lidars, mounting_in, parse_mountings
+    from ..replays.lidars import further_lidars, given_mountings, mounting_in, parse_mountings
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import NodeParameters
     from .workers import watched
@@ -40,9 +40,10 @@ def calibrate(args):
                            'compared with')
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     recording = open_recording(find_recording(args.file, args.data), args.topic[0])
-    mountings, base_frame = parse_mountings(args.mounting), parameters.base_frame
+    mountings = given_mountings(parameters, args.topic) | parse_mountings(args.mounting)
+    base_frame = parameters.base_frame
     first = mounting_in(recording, mountings, base_frame)
-    others = further_lidars(recording, args.topic[1:], mountings, base_frame)
+    others = further_lidars(recording, args.topic[1:], mountings, parameters)
     results = calibrate_lidars(recording, first, others, parameters,
                                lambda scans: watched(scans, recording.name, recording.count))
     for each in (recording, *(other.recording for other in others)):

@@ -66,7 +66,7 @@ def replay(args):
     else 0.
     """
     from ..recordings import find_recording
-    from ..replays.lidars import parse_mountings, scan_topics
+    from ..replays.lidars import given_mountings, parse_mountings, scan_topics
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
@@ -76,7 +76,7 @@ def replay(args):
     topics = scan_topics(args.topic, parameters)
     note_unused('replay', args.params_file, parameters, REPLAYED | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
-    mountings = parse_mountings(args.mounting)
+    mountings = given_mountings(parameters, topics) | parse_mountings(args.mounting)
     jobs = [Job(place(find_recording(file, args.data)), topics, parameters, place(Path(args.out)),
                 args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1, args.grid)
             for file in args.files]
@@ -222,10 +222,10 @@ def _mountings(job, recording):
 
     topics, base_frame = job.topics[1:], job.parameters.base_frame
     if not topics or job.parameters.mounting == 'laser_pose':
-        mounting = job.mountings.get(recording.topic) or mounting_of(job.parameters)
+        mounting = job.mountings.get(recording.topic) or mounting_of(job.parameters.lidar(recording.topic))
     else:
         mounting = mounting_in(recording, job.mountings, base_frame)
-    return mounting, further_lidars(recording, topics, job.mountings, base_frame) if topics else []
+    return mounting, further_lidars(recording, topics, job.mountings, job.parameters) if topics else []
 
 
 def _odometry(parameters, others, recording, mounting):

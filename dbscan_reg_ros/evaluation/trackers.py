@@ -21,7 +21,7 @@ from ..core.odometry.pipeline import Odometry
 from ..core.parameters.tree import Parameters
 from ..core.registration.records import Prior, Status
 from ..recordings.poses import relative
-from ..robot.parameters import NodePriorParameters
+from ..robot.parameter_groups import NodePriorParameters
 from .baselines import Result
 from .methods import BenchmarkError, Method, kiss_config, lifted, method, planar
 

@@ -53,6 +53,7 @@ class NodeCore:
 
     def __init__(self, node: Node, live: LiveParameters) -> None:
         parameters = live.value
+        lidars = [parameters.lidar(topic) for topic in parameters.scan_topics]
         self._node = node
         self._live = live
         self._entities = GraphEntities(node)
@@ -60,14 +61,14 @@ class NodeCore:
         self._log = ThrottledLog(node.get_logger())
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
-            node, self._on_transform, 'tf' in (parameters.mounting, parameters.prior.source), self._has_pending,
+            node, self._on_transform,
+            any(lidar.mounting == 'tf' for lidar in lidars) or parameters.prior.source == 'tf', self._has_pending,
             self._sender
         ) if transform_type() else None
-        self._mountings = Mountings(parameters, self._listener)
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
-        topics = parameters.scan_topics
-        self._lidars = [Lidar(topic, len(topics) > 1, node) for topic in topics]
-        self._trigger = OdometryTrigger(len(topics))
+        self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
+                              Mountings(parameters.base_frame, lidar, self._listener)) for lidar in lidars]
+        self._trigger = OdometryTrigger(len(lidars))
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
         self._diagnostics = Diagnostics(node, self._lidars, self._log, self._sender, self._outputs.odom,
@@ -111,10 +112,10 @@ class NodeCore:
             lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
-    def _is_ready(self, message: ScanMessage) -> bool:
+    def _is_ready(self, lidar: Lidar, message: ScanMessage) -> bool:
         """Whether a scan need not wait: its mounting and external prior are known, or will stay unknown."""
         frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
-        return self._mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
+        return lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
 
     def _followed_frame(self, frame: str) -> str:
         """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""
@@ -138,7 +139,7 @@ class NodeCore:
     def _process(self, lidar: Lidar, message: ScanMessage) -> None:
         began = time.perf_counter()
         try:
-            scan, mounting = lidar.reader.read(message, self._mountings, lidar.input)
+            scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
                 self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
             followed = mounting if len(self._lidars) == 1 else Mounting()

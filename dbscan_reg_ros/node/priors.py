@@ -14,7 +14,8 @@ from ..core.errors import ParameterError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
-from ..robot.parameters import NodeParameters, NodePriorParameters
+from ..robot.parameter_groups import NodePriorParameters
+from ..robot.parameters import NodeParameters
 from ..robot.pose_history import HeadingHistory, PoseHistory
 from .errors import NoTransformError
 from .frames.transforms import TransformListener

@@ -139,7 +139,7 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
     """
     comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
     odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
-    sensors = [Sensor(recording.topic)]
+    sensors = [Sensor(recording.topic, limits=parameters.lidar(recording.topic).scan)]
     scans = [turned(received(progress(recording.scans()), parameters.input_of(recording.topic)), mounting.pose.theta,
                     mounting.upside_down)]
     for other in others:

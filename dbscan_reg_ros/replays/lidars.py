@@ -10,12 +10,15 @@ from ..core.errors import RecordingError, ScanError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.sensor import Sensor
+from ..core.parameters.features import ScanParameters
 from ..core.registration.records import Status
 from ..recordings import open_recording
 from ..recordings.bags.static_transforms import static_mounting
 from ..recordings.opening import is_bag
 from ..recordings.recording import Recording
-from ..robot.parameters import InputParameters
+from ..robot.mounting import mounting_from_parameters
+from ..robot.parameter_groups import InputParameters
+from ..robot.sensors import NAMELESS
 from .sensor_mounting import received, turned
 
 UPSIDE_DOWN = 'upside_down'
@@ -81,22 +84,33 @@ class FurtherLidar:
     recording : Recording
         Recording with the topic of this lidar.
     mounting : Mounting
+    limits : ScanParameters
+        Limits of its ranges and of its range noise.
     """
 
     recording: Recording
     mounting: Mounting
+    limits: ScanParameters
 
     def sensor(self, first: Mounting) -> Sensor:
         """Return the `Sensor` of the scans of this lidar, which are rotated by the yaw of its mounting."""
         offset = first.aligned_pose.inverse() @ self.mounting.aligned_pose
-        return Sensor(self.recording.topic, offset)
+        return Sensor(self.recording.topic, offset, limits=self.limits)
 
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
         return turned(received(self.recording.scans(), parameters), self.mounting.pose.theta, self.mounting.upside_down)
 
 
-def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
+def given_mountings(parameters, topics) -> dict:
+    """Return topic -> `Mounting` of those of several lidars whose poses the `parameters` (`NodeParameters`) contain."""
+    if len(topics) <= 1 or parameters.sensors == NAMELESS:
+        return {}
+    found = {topic: mounting_from_parameters(parameters.lidar(topic)) for topic in topics}
+    return {topic: mounting for topic, mounting in found.items() if mounting}
+
+
+def further_lidars(first: Recording, topics, mountings, parameters) -> list:
     """Open the other `topics` of the recording `first`; return a `FurtherLidar` for each.
 
     Raises
@@ -109,7 +123,8 @@ def further_lidars(first: Recording, topics, mountings, base_frame) -> list:
     if len({first.topic, *topics}) <= len(topics):
         raise RecordingError(f'{first.path}: expected each topic once: {", ".join((first.topic, *topics))}')
     opened = [open_recording(first.path, topic) for topic in topics]
-    return [FurtherLidar(recording, mounting_in(recording, mountings, base_frame)) for recording in opened]
+    return [FurtherLidar(recording, mounting_in(recording, mountings, parameters.base_frame),
+                         parameters.lidar(recording.topic).scan) for recording in opened]
 
 
 @dataclass(eq=False)
@@ -163,7 +178,7 @@ class OdometryWithOthers:
     mounting : Mounting
         Mounting of the first lidar.
     parameters : NodeParameters
-        Their `input_of` has mask and time offset of each lidar.
+        Their `lidar` has mask, time offset and limits of each lidar.
 
     Attributes
     ----------
@@ -174,7 +189,7 @@ class OdometryWithOthers:
     """
 
     def __init__(self, odometry, others, first, mounting, parameters):
-        self._odometry, self._first = odometry, Sensor(first)
+        self._odometry, self._first = odometry, Sensor(first, limits=parameters.lidar(first).scan)
         self.recordings = [other.recording for other in others]
         self._others = [
             (dataclasses.replace(other.sensor(mounting), rank=rank),

@@ -10,7 +10,7 @@ from ..robot.mounting import mounting_from_parameters
 
 
 def mounting_of(parameters) -> Mounting:
-    """Return the mounting in `parameters` (`NodeParameters`); identity with ``mounting: tf``."""
+    """Return the mounting in `parameters` (`LidarParameters`); identity with ``mounting: tf``."""
     return mounting_from_parameters(parameters) or Mounting()
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..core.geometry.mounting import Mounting
 from ..core.scan import SECOND, Scan
 from ..core.scan_geometry import ScanGeometry
-from .parameters import InputParameters
+from .parameter_groups import InputParameters
 
 BEARING_TOLERANCE = 1e-6
 """Tolerance [rad] for rounded bearings at the border of a masked sector."""

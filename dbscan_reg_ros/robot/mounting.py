@@ -3,9 +3,10 @@
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from .parameters import NodeParameters
+from .sensors import LidarParameters
 
 
-def mounting_from_parameters(parameters: NodeParameters) -> Mounting | None:
+def mounting_from_parameters(parameters: NodeParameters | LidarParameters) -> Mounting | None:
     """Return the mounting that the parameters define; None if they contain ``mounting: tf``."""
     if parameters.mounting == 'tf':
         return None

@@ -185,7 +185,7 @@ def _flatten(section: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, A
 
 def _ordered(parameters: NodeParameters) -> list[Description]:
     """Descriptions of all parameters: first parameters without a group, then the basic and the advanced ones."""
-    return sorted(parameters.describe(), key=lambda d: ('.' in d.name, d.name.startswith(ADVANCED)))
+    return sorted(parameters.descriptions(), key=lambda d: ('.' in d.name, d.name.startswith(ADVANCED)))
 
 
 def _about(group: str) -> str:

@@ -11,7 +11,7 @@ from ..core.beams import Header
 from ..core.errors import ScanError
 from ..core.scan import SECOND, Scan
 from ..core.scan_geometry import ScanGeometry
-from .parameters import InputParameters
+from .parameter_groups import InputParameters
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import LATCHED, Loudspeaker, changed, diagnosis, pose_of, said, transform
+from ros_helpers import LATCHED, Loudspeaker, Parameters, changed, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
@@ -174,7 +174,7 @@ def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive,
 
 def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):
     """Mounted with a yaw of 90 deg, which is wrong by 3 deg, and stamped 60 ms late, 20 ms of which are corrected."""
-    front, rear = (Lidar(f'{name}/scan', True, peer.node) for name in ('front', 'rear'))
+    front, rear = (Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'rear'))
     rear.input = dataclasses.replace(rear.input, time_offset=[-0.02])
     rear.counters.mounting = Mounting(SE2(-0.4, 0.2, math.radians(90.0)))
     estimate = RelativePose(SE2(-0.36, 0.23, math.radians(-3.0)), -0.04, np.eye(4))
@@ -195,7 +195,53 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     assert not list(disagreements.found([front, rear]))
 
 
+def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, drive, tmp_path):
+    """No transforms: the poses are parameters. The mask of the rear lidar is set while the node runs."""
+    scans, base_at = drive
+    file = tmp_path / 'lidars.yaml'
+    file.write_text(f"""/**:
+  ros__parameters:
+    sensors: [front, back]
+    front.laser_pose: {FRONT.as_array().tolist()}
+    back:
+      topic: rear/scan
+      laser_pose: {REAR.as_array().tolist()}
+      time_offset: [-0.06]
+      range_max: 4.0
+    scan.noise_min: 0.006
+    snapshot.folder: {tmp_path}
+""")
+    node = start_command('scan_matcher', '--ros-args', '--params-file', str(file), '-p', 'front.rang_max:=5.0')
+    said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)
+    assert "unknown parameter 'front.rang_max' is ignored; did you mean 'front.range_max'" in node.output()
+    parameters = Parameters(peer)
+    assert parameters.get('back.range_max', 'front.range_max', 'back.noise_min', 'front.topic', 'back.mounting') == [
+        4.0, 0.0, 0.006, 'front/scan', 'laser_pose']
+    refused, = parameters.set(back__mask=[0.5])
+    assert refused.reason == 'back.mask = [0.5]: expected 8 numbers'
+    assert parameters.set(back__mask=[0.5, 1.0, *[0.0] * 6])[0].successful
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    found = peer.subscribe(Odometry, '/odom')
+    for scan in scans[:20]:
+        count, rear = len(found), scan.frame_id == 'rear'
+        lidars[scan.frame_id].tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + 60 * MS * rear)))
+        if not rear:
+            peer.until(lambda count=count: len(found) > count)
+    origin = base_at(scans[0].stamp)
+    for message in found:
+        true, pose = origin.inverse() @ base_at(stamp_from_message(message.header.stamp)), pose_of(message)
+        assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
+    used = [update.scan for update in read_snapshot(
+        peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request()).message).updates]
+    assert {(scan.frame_id, scan.stamp) for scan in used} <= {(scan.frame_id, scan.stamp) for scan in scans}
+    sector = (scans[0].geometry.bearings > 0.5) & (scans[0].geometry.bearings < 1.0)
+    for name, masked in (('front', False), ('rear', True)):
+        sectors = [np.isnan(scan.ranges[sector]).all() for scan in used if scan.frame_id == name]
+        assert len(sectors) > 5 and set(sectors) == {masked}
+
+
 @pytest.mark.parametrize('words, expected', [
+    (['-p', 'scan_topics:=[a, b]', '-p', 'sensors:=[front, rear]'], 'expected only one of both parameters'),
     (['-p', 'scan_topics:=[a, b]', '-p', 'mounting:=none'], "expected mounting 'tf' for several lidars"),
     (['-p', 'scan_topics:=[a, b]', '-p', 'input.time_offset:=[0.0, 0.1, 0.2]'],
      'expected one number, or 2: 1 for each topic of scan_topics'),

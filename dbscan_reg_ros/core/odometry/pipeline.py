@@ -13,6 +13,7 @@ from ..features.records import Features
 from ..features.returns import admitted_returns
 from ..features.small_objects import with_poles
 from ..geometry.se2 import SE2
+from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
 from ..registration.pipeline import load_strategies
 from ..registration.records import Prior
@@ -71,6 +72,7 @@ class Odometry:
     def parameters(self, parameters: Parameters) -> None:
         load_strategies(parameters)
         self._parameters, self._search_parameters = parameters, search_parameters(parameters)
+        self._limited: dict[ScanParameters, Parameters] = {}
 
     def reset(self, pose: SE2 = SE2()) -> None:
         """Forget everything except the number of scans; the next scan starts a track at `pose`."""
@@ -120,14 +122,14 @@ class Odometry:
     def _process(self, scan: Scan, prior: Prior | None, sensor: Sensor) -> OdometryUpdate:
         """Register a scan; the steps of `process`."""
         state, p = self._state, self._parameters
-        scan = scan.as_measured(p.scan.direction)
+        scan = scan.as_measured(self._with_limits(sensor.limits).scan.direction)
         # Stamp: how long the scan took, and whether its motion can be removed.
         uses = self._uses(scan, sensor)
         own = self._sensor_state(scan, sensor, uses)
         timing = own.stamps.timing(scan, p)
         # Features of the deskewed scan.
         twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
-        features = self._extract(scan, twist, own)
+        features = self._extract(scan, twist, sensor)
         interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
         if not uses or self._waits(scan, sensor):
             return report_waiting(state, features, sensor)
@@ -204,7 +206,7 @@ class Odometry:
         return (sensor.name not in state.key_frames.sensors and state.tracking.mode is Mode.TRACKING
                 and predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin)
 
-    def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, own: SensorState,
+    def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, sensor: Sensor,
                  again: bool = False) -> Features:
         """Extract the features of a scan.
 
@@ -213,12 +215,12 @@ class Odometry:
         scan : Scan
         twist : (3,) float or None
             Velocity of the sensor [m/s, m/s, rad/s] with which the scan is deskewed; None: not deskewed.
-        own : SensorState
-            State stored for this sensor.
+        sensor : Sensor
+            The sensor of the scan, for which a state is stored.
         again : bool
             Whether features of this scan were extracted before: it is then left out of the range noise estimate.
         """
-        p = self._parameters
+        p, own = self._with_limits(sensor.limits), self._state.sensors[sensor.name]
         if twist is not None:
             scan = deskew(scan, twist)
         returns = admitted_returns(scan, p.scan, self._backend)
@@ -228,6 +230,14 @@ class Odometry:
         if not p.odometry.pole_size:
             return features
         return self._backend.step(with_poles)(features, p.odometry.pole_size, p.segments)
+
+    def _with_limits(self, limits: ScanParameters | None) -> Parameters:
+        """Return the parameters with the `limits` of a sensor; None: as they are."""
+        if limits is None or limits == self._parameters.scan:
+            return self._parameters
+        if limits not in self._limited:
+            self._limited[limits] = dataclasses.replace(self._parameters, scan=limits)
+        return self._limited[limits]
 
     def _search(self, features: Features, gate: Gate) -> Outcome:
         """Register the scan to the local map and, if needed, to other references."""
@@ -248,8 +258,8 @@ class Odometry:
         own = state.sensors[sensor.name]
         ratio = own.stamps.ratio(own.stamps.duration)
         twist = (sensor.pose_at(state.pose).inverse() @ outcome.match.pose).as_array() / predictions.interval.length
-        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, own, again=True)
-        features = self._extract(scan, ratio * twist, own, again=True)
+        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, sensor, again=True)
+        features = self._extract(scan, ratio * twist, sensor, again=True)
         interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, sensor.first_twist(twist), interval)
         return features, gate.after(interval)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se2 import SE2
+from ..parameters.features import ScanParameters
 from ..registration.records import Prior
 
 _IDENTITY = SE2()
@@ -27,11 +28,14 @@ class Sensor:
         Pose of the sensor in the frame of the first sensor; the identity for the first.
     rank : int
         0 for a sensor whose mounting counts as right. Others are compared with these, and used only if they agree.
+    limits : ScanParameters or None
+        Limits of its ranges and range noise, and its direction; None: those of the parameters of the odometry.
     """
 
     name: str = ''
     pose: SE2 = _IDENTITY
     rank: int = 0
+    limits: ScanParameters | None = None
 
     @cached_property
     def is_first(self) -> bool:

@@ -44,6 +44,11 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
         'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices, 'read_only': read_only})
 
 
+def internal(default: Any) -> Any:
+    """Make a dataclass field of a `ParameterTree` that is no parameter."""
+    return dataclasses.field(default=default, metadata={'internal': True})
+
+
 @dataclass(frozen=True)
 class Description:
     """Description of one parameter, with its full name.
@@ -124,13 +129,17 @@ class ParameterTree:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            if not _is_group(field):
+            if not _is_group(field) and not _is_internal(field):
                 object.__setattr__(self, field.name, check(_describe(field.name, field), getattr(self, field.name)))
 
     @classmethod
     def describe(cls) -> tuple[Description, ...]:
         """Return a `Description` of every parameter, in order."""
         return tuple(_describe(name, field) for name, _, field in _parameter_fields(cls))
+
+    def descriptions(self) -> tuple[Description, ...]:
+        """Return a `Description` of every parameter that `flatten` contains, in order."""
+        return self.describe()
 
     def flatten(self) -> dict[str, Value]:
         """Map the full name of every parameter to its value."""
@@ -145,6 +154,10 @@ class ParameterTree:
         ParameterError
             When a name is unknown, a value has the wrong type or is out of bounds, or two values contradict each other.
         """
+        return dataclasses.replace(self, **self._changed_fields(values))
+
+    def _changed_fields(self, values: Mapping[str, object]) -> dict[str, Any]:
+        """Return the dataclass fields that are changed by `values`; errors are those of `replace`."""
         known = {name: (group, field) for name, group, field in _parameter_fields(type(self))}
         own: dict[str, Any] = {}
         groups: dict[str, dict[str, Any]] = {}
@@ -153,8 +166,7 @@ class ParameterTree:
                 raise ParameterError(f'unknown parameter {name!r}; {suggest(name, known)}')
             group, field = known[name]
             (groups.setdefault(group, {}) if group else own)[field.name] = check(_describe(name, field), value)
-        return dataclasses.replace(self, **own, **{
-            group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()})
+        return own | {group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()}
 
 
 def check(description: Description, value: object) -> Any:
@@ -183,7 +195,8 @@ def check(description: Description, value: object) -> Any:
 def _check_list(d: Description, values: Any) -> tuple[Any, ...]:
     default: Any = d.default
     if isinstance(default[0], str):
-        if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or not all(values):
+        if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or not (
+                all(values) or tuple(values) == default):
             raise ParameterError(f'{d.name} = {_shown(values)}: expected a list of one or more texts')
         default = default[:1]
     if isinstance(values, str) or not hasattr(values, '__len__') or not len(values) or len(values) % len(default):
@@ -204,9 +217,15 @@ def _is_group(field: 'dataclasses.Field[Any]') -> bool:
     return field.default is dataclasses.MISSING
 
 
+def _is_internal(field: 'dataclasses.Field[Any]') -> bool:
+    return bool(field.metadata.get('internal'))
+
+
 def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, str, dataclasses.Field[Any]]]':
     """Yield (full name, group or '', dataclass field) of every parameter of the class `tree`, in order."""
     for field in dataclasses.fields(tree):
+        if _is_internal(field):
+            continue
         group: Any = field.default_factory
         if _is_group(field):
             for inner in dataclasses.fields(group):

@@ -6,19 +6,20 @@ from numpy.typing import NDArray
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...robot.mounting import mounting_from_parameters
-from ...robot.parameters import NodeParameters
+from ...robot.sensors import LidarParameters
 from ..errors import NoTransformError
 from ..throttled_log import ThrottledLog
 from .transforms import TransformListener
 
 
 class Mountings:
-    """Finds the `Mounting` of each scan, from the parameters or from transforms.
+    """Finds the `Mounting` of each scan of one lidar, from the parameters or from transforms.
 
     Parameters
     ----------
-    parameters : NodeParameters
-        The parameter ``mounting`` selects the source of the mounting.
+    base_frame : str
+    lidar : LidarParameters
+        The parameter ``mounting`` selects the source of the mounting of this lidar.
     transforms : TransformListener or None
         Received transforms; None if tf2_msgs is not installed.
 
@@ -28,11 +29,11 @@ class Mountings:
         When ``mounting`` is tf and tf2_msgs is not installed.
     """
 
-    def __init__(self, parameters: NodeParameters, transforms: TransformListener | None) -> None:
-        self._base_frame = parameters.base_frame
+    def __init__(self, base_frame: str, lidar: LidarParameters, transforms: TransformListener | None) -> None:
+        self._base_frame = base_frame
         self._transforms = transforms
         self._last_stamp: int | None = None
-        self._fixed = mounting_from_parameters(parameters)
+        self._fixed = mounting_from_parameters(lidar)
         if self._fixed is None and transforms is None:
             raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
                                  "'laser_pose' or 'none'")

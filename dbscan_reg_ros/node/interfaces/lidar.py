@@ -11,11 +11,13 @@ from rclpy.node import Node
 from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
-from ...robot.parameters import LASER_SCAN, InputParameters, NodeParameters
+from ...core.parameters.features import ScanParameters
+from ...robot.parameter_groups import LASER_SCAN, InputParameters
+from ...robot.parameters import NodeParameters
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
 from .scan_input import TYPES, ScanInbox, StampFilter
-from .scan_reader import ScanMessage, ScanReader
+from .scan_reader import MountingSource, ScanMessage, ScanReader
 
 
 class Lidar:
@@ -29,6 +31,8 @@ class Lidar:
         Whether there are several lidars: then the odometry estimates the pose of the base instead of that of the lidar.
     node : rclpy.node.Node
         The node that subscribes to the scans.
+    mountings : MountingSource
+        Where its mounting is found.
 
     Attributes
     ----------
@@ -45,19 +49,22 @@ class Lidar:
         Pending scans; None while the node is not subscribed to the topic.
     """
 
-    def __init__(self, topic: str, several: bool, node: Node) -> None:
+    def __init__(self, topic: str, several: bool, node: Node, mountings: MountingSource) -> None:
         self.topic, self._several, self._node = topic, several, node
+        self.mountings = mountings
         self.label = f'{node.resolve_topic_name(topic)}: ' if several else ''
         self.log = ThrottledLog(node.get_logger(), self.label)
         self.counters = Counters()
         self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
         self._type = LASER_SCAN
         self.input = InputParameters()
+        self._limits: ScanParameters | None = None
         self.inbox: ScanInbox | None = None
 
     def reconfigure(self, parameters: NodeParameters) -> None:
         """Apply the parameters of the node."""
-        given = parameters.input_of(self.topic)
+        own = parameters.lidar(self.topic)
+        given, self._limits = own.input, own.scan
         self._is_auto = given.type not in TYPES
         if not self._is_auto:
             self._type = given.type
@@ -65,11 +72,12 @@ class Lidar:
         if self.inbox:
             self.inbox.parameters = self.input
 
-    def subscribe(self, is_ready: Callable[[ScanMessage], bool],
+    def subscribe(self, is_ready: Callable[['Lidar', ScanMessage], bool],
                   handle: Callable[['Lidar', ScanMessage], None]) -> ScanInbox:
-        """Subscribe to the scans; call `handle` with this lidar and each scan; see `ScanInbox` for `is_ready`."""
+        """Subscribe to the scans; call `handle` with this lidar and each scan; both as in `ScanInbox`."""
         self._callbacks = is_ready, handle
-        self.inbox = ScanInbox(self._node, self.input, is_ready, lambda message: handle(self, message), self.topic)
+        self.inbox = ScanInbox(self._node, self.input, lambda message: is_ready(self, message),
+                               lambda message: handle(self, message), self.topic)
         return self.inbox
 
     def unsubscribe(self) -> None:
@@ -96,7 +104,7 @@ class Lidar:
 
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
-        return Sensor(self.topic, mounting.aligned_pose) if self._several else FIRST
+        return Sensor(self.topic, mounting.aligned_pose, limits=self._limits) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
         """Return the pose of the tracked frame in the base frame: the only lidar, or the base if there are several."""

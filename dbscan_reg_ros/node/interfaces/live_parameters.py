@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from ...core.errors import ParameterError
 from ...core.parameters.schema import Description, suggest
 from ...robot.parameters import NodeParameters, is_ros_parameter
+from ...robot.sensors import sensor_descriptions
 
 INTEGERS = -2**63, 2**63 - 1
 """Smallest and largest integer value of a ROS parameter."""
@@ -43,8 +44,13 @@ class LiveParameters:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.changed: Callable[[NodeParameters, set[str]], None] | None = None
-        self._descriptions = {d.name: d for d in NodeParameters.describe()}
-        self.value = NodeParameters().replace(self._given())
+        given = self._given()
+        known = NodeParameters.describe()
+        self._descriptions = {d.name: d for d in known} | sensor_descriptions(given.get('sensors'), known)
+        for name in sorted(given.keys() - self._descriptions.keys()):
+            del given[name]
+            node.get_logger().warning(f'unknown parameter {name!r} is ignored; {suggest(name, self._descriptions)}')
+        self.value = NodeParameters().replace(given)
         for name, value in self.value.flatten().items():
             declared = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(name, declared, describe(self._descriptions[name]), ignore_override=True)
@@ -53,17 +59,13 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self._apply)
 
     def _given(self) -> dict[str, Any]:
-        """Return name -> value of the parameters set in files and on the command line; log unknown parameters."""
+        """Return name -> value of the parameters set in files and on the command line, without those of every node."""
         given = {}
         for name, parameter in self._node.get_parameters_by_prefix('').items():
             if is_ros_parameter(name):
                 continue
             self._node.undeclare_parameter(name)
-            if name in self._descriptions:
-                given[name] = parameter.value
-            else:
-                self._node.get_logger().warning(
-                    f'unknown parameter {name!r} is ignored; {suggest(name, self._descriptions)}')
+            given[name] = parameter.value
         return given
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from ...core.errors import DbscanRegError
 from ...robot.parameters import NodeParameters
+from ...robot.sensors import sensor_descriptions
 
 RETRY = 1.0
 """A service call is repeated after this time [s]: the response is lost until the server has discovered the client."""
@@ -39,14 +40,12 @@ def read_remote(name: str, timeout: float, arguments: Sequence[str] = ()) -> Nod
     RemoteError
         When the node does not respond in time, or is not a scan_matcher.
     """
-    names = [description.name for description in NodeParameters.describe()]
+    known = NodeParameters.describe()
     with _Client(name, timeout, arguments) as client:
-        response = client.call(GetParameters, 'get_parameters', GetParameters.Request(names=names))
-    values = [parameter_value_to_python(value) for value in response.values]
-    if len(values) != len(names) or None in values:
-        raise RemoteError(f'{name} does not have the parameters of scan_matcher; give the name of a scan_matcher '
-                          'node with --node')
-    return NodeParameters().replace(dict(zip(names, values, strict=True)))
+        values = client.values([each.name for each in known])
+        if own := list(sensor_descriptions(values['sensors'], known)):
+            values |= client.values(own)
+    return NodeParameters().replace(values)
 
 
 def write_remote(name: str, values: Mapping[str, Any], timeout: float, arguments: Sequence[str] = ()) -> None:
@@ -91,6 +90,15 @@ class _Client:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
+
+    def values(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return name -> value of parameters of the node; raise a RemoteError if it does not have them all."""
+        response = self.call(GetParameters, 'get_parameters', GetParameters.Request(names=names))
+        values = [parameter_value_to_python(value) for value in response.values]
+        if len(values) != len(names) or None in values:
+            raise RemoteError(f'{self._name} does not have the parameters of scan_matcher; give the name of a '
+                              'scan_matcher node with --node')
+        return dict(zip(names, values, strict=True))
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service of the node and return the response."""

@@ -11,7 +11,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from ...core.scan import SECOND
 from ...robot.mask import corrected_stamp
-from ...robot.parameters import LASER_SCAN, POINT_CLOUD, InputParameters
+from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
 from .endpoints import subscription
 from .graph_checks import incompatibilities
 from .messages import stamp_from_message, stamp_to_message

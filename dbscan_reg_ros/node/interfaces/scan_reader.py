@@ -14,7 +14,7 @@ from ...core.scan import Scan
 from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
-from ...robot.parameters import InputParameters
+from ...robot.parameter_groups import InputParameters
 from ...robot.point_cloud import scan_from_cloud
 from ..throttled_log import ThrottledLog
 from .messages import stamp_from_message
@@ -25,6 +25,9 @@ ScanMessage: TypeAlias = LaserScan | PointCloud2
 
 class MountingSource(Protocol):
     """Where the mounting of a lidar is found: `Mountings`."""
+
+    def ready(self, frame: str, stamp: int) -> bool:
+        """Whether the mounting of the lidar `frame` at `stamp` [ns] is known, or no scan waits for it any more."""
 
     def find(self, frame: str, stamp: int, log: ThrottledLog) -> Mounting:
         """Return the mounting of the lidar `frame` at `stamp` [ns]."""

@@ -141,7 +141,7 @@ def _nothing(known):
 
 def _parameters(parameters):
     values = parameters.flatten()
-    for d in parameters.describe():
+    for d in parameters.descriptions():
         value = values[d.name]
         yield {'name': d.name, 'value': _text(value), 'default': _text(d.default), 'unit': d.unit, 'help': d.help,
                'changed': value != d.default}

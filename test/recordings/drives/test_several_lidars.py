@@ -91,6 +91,24 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     assert again['rpe_5m_mean_m'] == pytest.approx(found['rpe_5m_mean_m'], rel=1e-6)
 
 
+def test_the_lidars_of_a_replay_may_have_names(scans, tmp_path):
+    """The poses of both lidars are parameters; what the parameters exclude is not used."""
+    poses = [f'{name}.laser_pose: [{x}, {y}, {math.radians(degrees)}]'
+             for name, (x, y, degrees) in (('front', FRONT), ('rear', REAR))]
+    bag, file = scan_bag(tmp_path / 'bag', scans), tmp_path / 'parameters.yaml'
+    file.write_text('/**: {ros__parameters: {sensors: [front, rear], front.topic: scan, rear.topic: /scan_2, '
+                    f'{", ".join(poses)}}}}}')
+    both = replayed(bag, tmp_path / 'given', *given('/scan', '/scan_2'))
+    found = replayed(bag, tmp_path / 'named', '--params-file', str(file))
+    assert found['lidars'] == both['lidars'] and both['lidars']['/scan_2']['skipped'] == 0
+    assert trajectory(tmp_path / 'named', bag) == trajectory(tmp_path / 'given', bag)
+    # The parameters of the results contain those of the lidars.
+    front, rear = (tmp_path / 'named' / bag.name / 'latest' / 'parameters.yaml').read_text().split('    rear:\n')
+    file.write_text(f'{front}    rear:\n{rear.replace("range_max: 0.0", "range_max: 0.5", 1)}')
+    few = replayed(bag, tmp_path / 'few', '--params-file', str(file))['lidars']
+    assert few['/scan']['skipped'] == 0 and few['/scan_2']['skipped'] == few['/scan_2']['scans'] > 20
+
+
 @pytest.mark.parametrize('words, expected', [
     (('--topic', '/scan', '--topic', '/scan'), 'expected each topic once'),
     (('--topic', '/scan', '--topic', '/scan_3'), "no scans on '/scan_3'"),

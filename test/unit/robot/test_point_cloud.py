@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.errors import ScanError
-from dbscan_reg_ros.robot.parameters import InputParameters
+from dbscan_reg_ros.robot.parameter_groups import InputParameters
 from dbscan_reg_ros.robot.point_cloud import scan_from_cloud
 
 CODES = {1: 'b', 2: 'B', 3: 'h', 4: 'H', 5: 'i', 6: 'I', 7: 'f', 8: 'd'}

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Groups of parameters of the node, besides those of the registration method."""
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from ..core.errors import ParameterError
+from ..core.geometry.se2 import SE2
+from ..core.parameters.odometry import PriorParameters
+from ..core.parameters.schema import ParameterGroup, parameter
+
+SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
+SECTORS = 4
+LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
+
+
+@dataclass(frozen=True)
+class InputParameters(ParameterGroup):
+    """Selection of the scans that are processed, and of the beams that are used."""
+
+    BASIC = ('every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range', 'time_offset', 'type', 'height_min',
+             'height_max', 'bearing_step')
+
+    every_nth: int = parameter(
+        1, unit='scans', bounds=(1, 1000),
+        help='Only every n-th scan is used, where n is this value. Larger values save computing time and lengthen the '
+             'motion between the scans used; 1 uses every scan.')
+    queue_size: int = parameter(
+        3, unit='scans', bounds=(1, 50),
+        help='Number of scans that may wait to be processed; if more wait, the oldest are dropped. Larger values drop '
+             'fewer scans when the computer is busy and delay the pose; smaller values keep the delay short.')
+    max_wait: float = parameter(
+        0.05, unit='s', bounds=(0.0, 10.0),
+        help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
+             'at the stamp of the scan. It should exceed the period of the source of the prior. Larger values tolerate '
+             'slower sources and delay the pose; 0 never waits.')
+    mask: tuple[float, ...] = parameter(
+        (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
+        help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '
+             'counter-clockwise in the frame of the scans. Two equal bearings define no sector. Eight numbers apply to '
+             'every lidar; with several lidars there may be eight for each, in the order of scan_topics.')
+    mask_range: float = parameter(
+        0.0, unit='m', bounds=(0.0, 1000.0),
+        help='Returns in the sectors of input.mask are ignored when their range is below this. Larger values ignore '
+             'more returns; 0 ignores all returns in the sectors.')
+    time_offset: tuple[float, ...] = parameter(
+        (0.0,), unit='s', bounds=(-10.0, 10.0),
+        help='Added to the stamps of the scans when they arrive, except to stamps of 0. A driver that stamps its scans '
+             'too late needs a negative value. One number applies to every lidar; with several lidars there may be one '
+             'for each, in the order of scan_topics.')
+    type: str = parameter(
+        'auto', choices=('auto', LASER_SCAN, POINT_CLOUD), read_only=True,
+        help='Type of the messages of the lidar; with auto it is the type that is published on the topic. Of a '
+             'sensor_msgs/PointCloud2 the points between input.height_min and input.height_max are used.')
+    height_min: float = parameter(
+        0.2, unit='m', bounds=(-1000.0, 1000.0),
+        help='Points of a point cloud below this height in base_frame are ignored. Larger values also ignore low '
+             'objects; values near the floor take the floor of a slope for a wall.')
+    height_max: float = parameter(
+        1.5, unit='m', bounds=(-1000.0, 1000.0),
+        help='Points of a point cloud above this height in base_frame are ignored. Larger values see walls above '
+             'furniture and people, and whatever hangs from the ceiling; smaller values use fewer points.')
+    bearing_step: float = parameter(
+        0.0087, unit='rad', bounds=(0.0005, 0.1),
+        help='Angle between two beams of the scan that is made of a point cloud; each beam has the nearest point of '
+             'this angle. Larger values save computing time; values below the step of the lidar give empty beams.')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.height_min >= self.height_max:
+            raise ParameterError(f'input.height_min = {self.height_min}: expected less than input.height_max = '
+                                 f'{self.height_max}')
+
+    def of_lidar(self, number: int) -> 'InputParameters':
+        """Return the parameters of the lidar `number`, from 0: its own mask and time offset only."""
+        return dataclasses.replace(self, mask=_of_lidar(self.mask, number, 2 * SECTORS),
+                                   time_offset=_of_lidar(self.time_offset, number, 1))
+
+
+def _of_lidar(values: tuple[float, ...], number: int, size: int) -> tuple[float, ...]:
+    """Return the `size` numbers of the lidar `number`: all `values`, if every lidar has the same."""
+    return values if len(values) == size else values[size * number:size * (number + 1)]
+
+
+@dataclass(frozen=True)
+class NodePriorParameters(PriorParameters):
+    """Source of the predicted motion between scans, and standard deviations of external priors."""
+
+    BASIC = *PriorParameters.BASIC, 'source', 'frame', 'translation', 'rotation'
+
+    source: str = parameter(
+        'constant_velocity', choices=SOURCES, read_only=True,
+        help='Source of the predicted motion between scans. Without an external prior: none, or constant_velocity (the '
+             'motion model that advanced.odometry.prior selects). External priors: odometry (topic wheel_odom), imu '
+             '(yaw rate on the topic imu, translation from the motion model) or tf (pose of the base in the frame '
+             'prior.frame). While an external prior has no data, the motion model predicts.')
+    frame: str = parameter(
+        'wheel_odom', read_only=True,
+        help='Odometry frame that another node publishes on /tf. Used only if prior.source is tf.')
+    translation: float = parameter(
+        0.1, bounds=(0.0, 10.0),
+        help='Standard deviation of the translation of wheel odometry, as a fraction of the distance. Larger values '
+             'trust the wheels less; smaller values trust them more.')
+    translation_by_rotation: float = parameter(
+        0.1, unit='m/rad', bounds=(0.0, 10.0),
+        help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest '
+             'of the standard deviations from this parameter, prior.translation and prior.translation_min applies. '
+             'Larger values trust the wheels less while the robot rotates; smaller values trust them more.')
+    translation_min: float = parameter(
+        0.02, unit='m', bounds=(0.0001, 10.0),
+        help='Lower limit of the standard deviation of the translation of wheel odometry. Larger values trust small '
+             'wheel motions less; smaller values trust them more.')
+    rotation: float = parameter(
+        0.2, bounds=(0.0, 10.0),
+        help='Standard deviation of the rotation of an external prior, as a fraction of the rotation. Larger values '
+             'trust the source less; smaller values trust it more.')
+    rotation_by_distance: float = parameter(
+        0.1, unit='rad/m', bounds=(0.0, 10.0),
+        help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest '
+             'of the standard deviations from this parameter, prior.rotation and prior.rotation_min applies. '
+             'Larger values trust the wheels less while the robot drives; smaller values trust them more.')
+    rotation_min: float = parameter(
+        0.03, unit='rad', bounds=(0.0001, 3.2),
+        help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
+             'rotations less; smaller values trust them more.')
+
+    def wheel_sigma(self, motion: SE2) -> tuple[float, float, float]:
+        """Return the standard deviations of x, y, theta [m, m, rad] of a measured `motion`, in the frame at its end."""
+        distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
+        translation = max(self.translation_min, self.translation * distance, self.translation_by_rotation * angle)
+        rotation = max(self.rotation_min, self.rotation * angle, self.rotation_by_distance * distance)
+        return translation, translation, rotation
+
+
+@dataclass(frozen=True)
+class PathParameters(ParameterGroup):
+    """Spacing and number of the poses on the topic path."""
+
+    BASIC = 'step', 'size'
+
+    step: float = parameter(
+        0.1, unit='m', bounds=(0.0, 100.0),
+        help='A pose is added to the path when the base has moved this far since the last pose of the path. Larger '
+             'values give a coarser path that covers a longer distance; smaller values give a finer path.')
+    size: int = parameter(
+        2000, bounds=(2, 100000),
+        help='Largest number of poses in the path; if there are more, the oldest are dropped. Larger values keep a '
+             'longer path and make its messages larger; smaller values save bandwidth.')
+
+
+@dataclass(frozen=True)
+class SnapshotParameters(ParameterGroup):
+    """Contents and folder of the files that the service ~/snapshot writes."""
+
+    BASIC = 'scans', 'folder'
+
+    scans: int = parameter(
+        20, unit='scans', bounds=(1, 1000),
+        help='Number of the latest scans that a snapshot contains. Larger values record a longer time and '
+             'take more memory; smaller values give smaller files.')
+    folder: str = parameter(
+        '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ means the home directory.')
