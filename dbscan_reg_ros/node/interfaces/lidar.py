@@ -59,6 +59,7 @@ class Lidar:
         self._type = LASER_SCAN
         self.input = InputParameters()
         self._limits: ScanParameters | None = None
+        self._has_new_type = False
         self.inbox: ScanInbox | None = None
 
     def reconfigure(self, parameters: NodeParameters) -> None:
@@ -85,9 +86,18 @@ class Lidar:
         if self.inbox:
             self.inbox.close()
         self.inbox = None
+        self._has_new_type = False
 
     def adopt_type(self) -> bool:
-        """Subscribe again if ``input.type`` is auto and the topic has publishers of another type only; return if so."""
+        """Subscribe to another type if ``input.type`` is auto and only that is published; return whether that changed.
+
+        Unsubscribes first and subscribes when called again: the executor keeps the old subscription until it has run.
+        """
+        if self._has_new_type:
+            self._has_new_type = False
+            inbox = self.subscribe(*self._callbacks)
+            self._node.get_logger().info(f'{inbox.topic}: subscribed to {self._type}')
+            return True
         if not self.inbox or not self._is_auto:
             return False
         published = {each.topic_type.replace('/msg/', '/')
@@ -96,10 +106,9 @@ class Lidar:
         if not found or self._type in found:
             return False
         self._type = found[0]
-        self._node.get_logger().info(f'{self.inbox.topic}: subscribed to {self._type}')
         self.input = dataclasses.replace(self.input, type=self._type)
         self.unsubscribe()
-        self.subscribe(*self._callbacks)
+        self._has_new_type = True
         return True
 
     def sensor(self, mounting: Mounting) -> Sensor:
