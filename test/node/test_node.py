@@ -4,7 +4,6 @@ import array
 import contextlib
 import itertools
 import math
-import os
 import re
 import signal
 import sys
@@ -45,15 +44,6 @@ def test_every_scan_is_answered_with_its_stamp_and_the_true_pose(node, player, s
     assert (answers.lost, answers.unexpected) == (0, 0)
     assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
     assert distances(answers.messages, truth).max() < 0.05
-
-
-def test_every_scan_is_answered_and_a_signal_ends_the_node_without_an_events_executor(start_node, player, scans, root):
-    path = os.pathsep.join((str(root / 'test' / 'without'), os.environ['PYTHONPATH']))
-    node = start_node(WITHOUT_PACKAGES='rclpy.experimental', PYTHONPATH=path)
-    answers = played(player, scans)
-    assert (answers.lost, answers.unexpected) == (0, 0)
-    node.signal(signal.SIGINT)
-    assert node.wait(TIMEOUT) == 0
 
 
 def test_odometry_is_valid_from_the_first_message(node, player, scans):

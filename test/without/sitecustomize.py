@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hides packages and modules from Python and its children while this folder is on PYTHONPATH.
+"""Hides packages from Python and its children while this folder is on PYTHONPATH.
 
 ``WITHOUT_PACKAGES`` names them, with a space between two; they are as if they were not installed.
 """
@@ -12,8 +12,7 @@ _find_spec = PathFinder.find_spec
 
 @classmethod
 def find_spec(_finder, fullname, path=None, target=None):
-    hidden = not HIDDEN.isdisjoint((fullname, fullname.partition('.')[0]))
-    return None if hidden else _find_spec(fullname, path, target)
+    return None if fullname.partition('.')[0] in HIDDEN else _find_spec(fullname, path, target)
 
 
 PathFinder.find_spec = find_spec

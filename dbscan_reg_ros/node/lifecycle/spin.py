@@ -19,15 +19,13 @@ from ...version import add_version
 from .ros_arguments import split_arguments
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor, SingleThreadedExecutor
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
 BAD_INPUT = 2
 FAILED = 1
 IDLE = 1e-3
 """An executor that has waited this long [s] for a callback to execute is idle."""
-WAIT = 1.0
-"""Longest wait [s] of an events executor: that of some builds does not end if it has no limit, and loads a core."""
 
 
 def run_node(name: str, description: str, make: Callable[[str], Node], argv: Sequence[str] | None = None) -> int:
@@ -80,6 +78,7 @@ def _configure_libraries() -> None:
 def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSignals) -> int:
     """Initialise ROS, create the node and spin it until a signal; return the exit status."""
     import rclpy
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
 
     from ...core.errors import ParameterError
@@ -89,36 +88,20 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
     except RuntimeError as error:
         return _complain(name, f'ROS does not start: {error}')
     try:
-        executor, spin_once = _make_executor()
+        executor = SingleThreadedExecutor()
         # A task wakes the executor.
         stop.then(lambda: executor.create_task(lambda: None))
         node = make(name)
         executor.add_node(node)
         _exempt_from_collection()
         while not stop.requested:
-            spin_once()
+            _spin_once(executor)
         node.destroy_node()
     except ParameterError as error:
         return _complain(name, error)
     finally:
         rclpy.try_shutdown()
     return 0
-
-
-def _make_executor() -> tuple[Executor, Callable[[], None]]:
-    """Return an executor, and the function that executes its next callback.
-
-    It is rclpy's events executor where there is one: it waits without checking every entity of the node, and takes
-    less than half of the processor time for each message.
-    """
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        from rclpy.executors import SingleThreadedExecutor
-        executor = SingleThreadedExecutor()
-        return executor, lambda: _spin_once(executor)
-    events = EventsExecutor()
-    return events, lambda: events.spin_once(WAIT)
 
 
 def _exempt_from_collection() -> None:
