@@ -19,7 +19,6 @@ from ..odometry.mapping.dynamic_points import beside as beside
 from ..odometry.mapping.dynamic_points import detached_points as detached_points
 from ..odometry.mapping.dynamic_points import dynamic_points as dynamic_points
 from ..odometry.mapping.dynamic_points import information_ratio as information_ratio
-from ..odometry.mapping.dynamic_points import movable_weights as movable_weights
 from ..odometry.mapping.key_frame_window import confirm as confirm
 from ..odometry.mapping.key_frame_window import look_up_correspondences as look_up_correspondences
 from ..odometry.mapping.key_frame_window import look_up_pairs as look_up_pairs

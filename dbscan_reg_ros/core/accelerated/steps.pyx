@@ -103,7 +103,7 @@ STEPS = (
     'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'log_odds', 'assess',
     'find_rivals',
     'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
-    'confirm', 'dynamic_points', 'detached_points', 'beside', 'movable_weights', 'information_ratio', 'newest_in_cell',
+    'confirm', 'dynamic_points', 'detached_points', 'beside', 'information_ratio', 'newest_in_cell',
     'older_map_points', 'with_poles',
     'propagate_errors',
 )

@@ -63,6 +63,8 @@ class ReferenceSearch:
             static = without_dynamic_points(static, best.pose, window, self._parameters)
         latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
         match = self._match(latest, static, None)
+        if match.registration.degenerate_direction is not None and static.weights is not None:
+            match = self._match_moving(latest, static) or match
         outcome = Outcome(None, match.registration).joined(match)
         if not self._is_final(match):
             for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
@@ -72,6 +74,23 @@ class ReferenceSearch:
                 if self._is_final(match):
                     break
         return outcome
+
+    def _match_moving(self, latest: Reference, static: Features) -> Match | None:
+        """Register with full weight of movable objects; return the match if they show that the sensor moves.
+
+        Objects that move along with the sensor seem to be at rest. Where static points do not constrain the motion, an
+        object that shows a motion since the latest key frame is more likely static than one that shows none. A motion
+        counts from half of the margin beyond which the object would be dynamic. The status is ``DEGENERATE``, as the
+        object may move nevertheless.
+        """
+        match = self._match(latest, dataclasses.replace(static, weights=None), None)
+        registration, motion = match.registration, latest.key_frame.pose.inverse() @ match.pose
+        moves = math.hypot(motion.x, motion.y) >= 0.5 * self._parameters.odometry.dynamic_margin
+        if not (moves and match.verdict.decision is Decision.ACCEPT):
+            return None
+        reason = 'only movable objects constrain the translation along one direction'
+        registration = dataclasses.replace(registration, status=Status.DEGENERATE, reason=reason)
+        return dataclasses.replace(match, registration=registration)
 
     def _match_scan_before(self, tentative: Match | None) -> Match:
         """Register to the previous scan without a prediction; a `tentative` match with the map is the alternative.

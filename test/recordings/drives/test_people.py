@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from benchmarks.intel import Intel
 from benchmarks.odometry.courses import strolled
+from benchmarks.odometry.drift import drive
+from benchmarks.odometry.moving import figures
+from benchmarks.odometry.moving_courses import companions, pillar
 from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
@@ -41,6 +44,22 @@ def test_the_odometry_starts_among_the_legs_of_racks():
     first, last = (SE2.from_array(result.truth[k]) for k in (0, 99))
     off = (first.inverse() @ last).inverse() @ pose
     assert math.hypot(off.x, off.y) < 0.1
+
+
+def test_one_pillar_constrains_the_motion_along_a_wall():
+    """It might be a person, but it shows a motion of the sensor; an object that moves along with it shows none."""
+    course, = pillar(seeds=(0,))
+    found = figures(drive('dbscan', course, 'pillar'))
+    assert found['over_1m_m'] < 0.03 and found['error_m'] < 0.4
+    assert found['silent_count'] == found['stretches_count'] == 0
+
+
+def test_people_who_walk_along_do_not_stop_the_odometry():
+    """Six people whose speeds differ little from that of the robot hide a third of the view."""
+    course = companions(seeds=(0,))[0].take(slice(100))
+    found = figures(drive('dbscan', course, 'companions'))
+    assert found['over_1m_m'] < 0.1 and found['error_m'] < 0.5
+    assert found['silent_count'] == found['stretches_count'] == 0
 
 
 @pytest.mark.parametrize(('size', 'held'), [(1.1, False), (0.0, True)])

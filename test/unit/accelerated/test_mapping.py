@@ -16,7 +16,6 @@ from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
     detached_points,
     dynamic_points,
     information_ratio,
-    movable_weights,
 )
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import (
@@ -119,7 +118,9 @@ def test_dynamic_points(both, rng, window, size):
     jumps = dataclasses.replace(points, points=points.points * rng.choice([1.0, 0.5], size))
     for each in (points, noisy(rng, points), jumps):
         free_space = window.free_space(min(6, len(window.frames)))
-        both(dynamic_points, each, SE2.from_array(rng.normal(0.0, 0.3, 3)), free_space, 0.2)
+        for ratio in (0.0, 0.3, 1.0):
+            pose, static = SE2.from_array(rng.normal(0.0, 0.3, 3)), rng.uniform(size=size) < ratio
+            both(dynamic_points, each, pose, free_space, 0.2, static)
         for closed in (False, True):
             both(detached_points, each, 1.1, 0.2, closed)
         for ratio in (0.0, 0.1, 1.0):
@@ -127,12 +128,8 @@ def test_dynamic_points(both, rng, window, size):
 
 
 @pytest.mark.parametrize('size', SIZES[1:])
-def test_movable_objects(both, rng, size):
-    """One object, several, and more than are compared; also of points that have weights."""
+def test_information_ratio(both, rng, size):
     points = oriented_points(rng, size, reach=3.0)
-    for each in (points, dataclasses.replace(points, weights=rng.uniform(0.1, 1.0, size))):
-        for margin in (0.0, 1.0, 10.0):
-            both(movable_weights, each, 1.1, margin, 0.03)
     for chosen in (np.arange(size // 2), np.arange(1, size, 3), np.arange(0)):
         both(information_ratio, points, chosen)
 

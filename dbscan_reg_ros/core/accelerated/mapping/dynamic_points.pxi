@@ -2,12 +2,12 @@
 """Dynamic points and movable objects, as `core.odometry.mapping.dynamic_points`."""
 
 
-def dynamic_points(points, pose, free_space, double margin):
+def dynamic_points(points, pose, free_space, double margin, const unsigned char[::1] static):
     """Determine which points of a scan are dynamic.
 
-    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the scan seems to
-    be dynamic the pose is wrong, and no point is; unless only a few points lie in free space, as of a person beside a
-    long wall: then these alone are dynamic.
+    Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the static points
+    seem to be dynamic the pose is wrong, and no point is; unless only a few of them lie in free space, as of a person
+    beside a long wall: then the points in free space alone are dynamic.
 
     Parameters
     ----------
@@ -18,19 +18,25 @@ def dynamic_points(points, pose, free_space, double margin):
     free_space : FreeSpaceStack
     margin : float [m]
         Least distance in front of what a key frame saw; and between neighbours of two runs.
+    static : (P,) bool
+        Points that do not belong to movable objects. If there are none, all points count as static.
 
     Returns
     -------
     (P,) bool
     """
     cdef const double complex[::1] own = points.points
-    cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0
+    cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0, judged = 0, judged_free = 0
     in_free_space = contains(own, pose, free_space, margin, given_or_ones(points.inverse_noise, size))
     cdef const unsigned char[::1] flag = in_free_space
     for k in range(size):
         free += flag[k]
+        judged += static[k]
     if not free:
         return in_free_space
+    cdef bint every = not judged
+    if every:
+        judged = size
     dynamic = in_free_space.copy()
     cdef unsigned char[::1] moves = dynamic
     cdef double least = dynamic_steps._MIN_RUN_RATIO
@@ -42,11 +48,14 @@ def dynamic_points(points, pose, free_space, double margin):
                 end += 1
             for k in range(start, end):
                 moves[k] = flag[k] or <double> inside / <double> (end - start) > least
-                total += moves[k]
+                if every or static[k]:
+                    total += moves[k]
+                    judged_free += flag[k]
             start = end
-    if <double> total / size < dynamic_steps._MAX_SCAN_RATIO:
+    if <double> total / judged < dynamic_steps._MAX_SCAN_RATIO:
         return dynamic
-    return in_free_space if <double> free / size < dynamic_steps._MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
+    few = <double> judged_free / judged < dynamic_steps._MAX_FREE_SPACE_RATIO
+    return in_free_space if few else np.zeros_like(in_free_space)
 
 
 cdef contains(const double complex[::1] own, pose, free_space, double margin, const double[::1] inverse_noise):
@@ -165,59 +174,6 @@ def beside(points, const unsigned char[::1] dynamic, double margin):
                 last = k
             flag[k] = flag[k] or (last >= 0 and distance(own[last], own[k]) <= margin)
     return near
-
-
-cdef Py_ssize_t MAX_OBJECTS = dynamic_steps._MAX_OBJECTS
-
-
-def movable_weights(points, double size, double margin, double min_weight):
-    """Return the weights of points of movable objects: the more other movable objects there are, the higher.
-
-    Parameters
-    ----------
-    points : OrientedPoints
-        P points of movable objects.
-    size : float [m]
-        Objects no farther apart than this count as parts of one object.
-    margin : float [m]
-        Points farther apart than this belong to different objects, as for `detached_points`.
-    min_weight : float
-
-    Returns
-    -------
-    (P,) float
-        From `min_weight` to 1.
-    """
-    cdef PointViews own = views_of(points)
-    cdef Py_ssize_t count = own.size, objects = 0, samples, step, k, i
-    cdef Py_ssize_t[::1] label = np.zeros(max(count, 1), np.intp)
-    cdef double[:, ::1] sums = np.zeros((3, max(count, 1)))
-    cdef double complex[::1] centre = np.zeros(max(count, 1), complex)
-    cdef double total = 0.0, nearby
-    weights = np.empty(count)
-    cdef double[::1] weight = weights
-    with nogil:
-        for k in range(count):
-            objects += not k or distance(own.points[k], own.points[k - 1]) > margin
-            label[k] = objects - 1
-            sums[0, objects - 1] += own.weights[k]
-            sums[1, objects - 1] += 1.0
-            centre[objects - 1] = centre[objects - 1] + own.points[k]
-        step = max((objects + MAX_OBJECTS - 1) // MAX_OBJECTS, 1)
-        for k in range(objects):
-            centre[k] = centre[k] / sums[1, k]
-        samples = (objects + step - 1) // step
-        for k in range(samples):
-            total += sums[0, k * step]
-        for k in range(objects):
-            nearby = 0.0
-            for i in range(samples):
-                if distance(centre[k], centre[i * step]) <= size:
-                    nearby += sums[0, i * step]
-            sums[2, k] = min(max(0.5 * (total - nearby) / max(nearby, TINY) - 1.0, min_weight), 1.0)
-        for k in range(count):
-            weight[k] = sums[2, label[k]]
-    return weights
 
 
 def information_ratio(points, const Py_ssize_t[::1] chosen):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...features.oriented_points import OrientedPoints, stride
+from ...features.oriented_points import OrientedPoints
 from ...features.records import Features
-from ...geometry.se2 import SE2, grouped_sum
+from ...geometry.se2 import SE2
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from .key_frame_window import KeyFrameWindow, confirm
@@ -41,20 +41,20 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
     points = features.oriented_points.select(movable)
     confirmed = step(confirm)(window, pose, points, p.static_baseline, parameters.refinement.score_scale,
                               parameters.density.min_normal_cosine)
-    weights = step(movable_weights)(points, p.movable_size, p.dynamic_margin, p.movable_weight)
-    return features.downweighted(movable, np.maximum(confirmed, weights))
+    return features.downweighted(movable, np.maximum(confirmed, p.movable_weight))
 
 
 def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
                     parameters: Parameters) -> tuple[Features, NDArray[np.bool_]]:
     """Remove the dynamic points; also return which of the remaining wall points are movable."""
     p, walls = parameters.odometry, features.wall_points
-    step = features.backend.step
+    step, points = features.backend.step, features.oriented_points
     movable = step(detached_points)(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
     if not p.dynamic_key_frames:
         return features, movable
-    free_space = window.free_space(p.dynamic_key_frames)
-    dynamic = step(dynamic_points)(features.oriented_points, pose, free_space, p.dynamic_margin)
+    free_space, static = window.free_space(p.dynamic_key_frames), np.ones(len(points), dtype=bool)
+    static[:len(walls)] = ~movable
+    dynamic = step(dynamic_points)(points, pose, free_space, p.dynamic_margin, static)
     if not dynamic.any():
         return features, movable
     removed = dynamic[:len(walls)]
@@ -62,12 +62,14 @@ def _remove_dynamic(features: Features, pose: SE2, window: KeyFrameWindow,
     return features.without(dynamic), movable
 
 
-def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float) -> NDArray[np.bool_]:
+def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float,
+                   static: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Determine which points of a scan are dynamic.
 
     Points in free space are dynamic, and so are all points of a group of neighbouring points if many of them lie in
-    free space. If too many points of the scan would then be dynamic, only the points in free space are (a person beside
-    a long wall). If these are too many as well, the pose is wrong, and no point is dynamic.
+    free space. If too many of the static points would then be dynamic, only the points in free space are (a person
+    beside a long wall). If these are too many as well, the pose is wrong, and no point is dynamic. Movable objects in
+    free space do not show that the pose is wrong: many people may walk around the sensor.
 
     Parameters
     ----------
@@ -79,6 +81,8 @@ def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack
     margin : float [m]
         A point is in free space if it lies at least this far in front of the returns of a key frame. Neighbouring
         points farther apart than this belong to different groups.
+    static : (P,) bool
+        Points that do not belong to movable objects. If there are none, all points count as static.
 
     Returns
     -------
@@ -90,9 +94,10 @@ def dynamic_points(points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack
     run = _run_of_point(points, margin)
     ratio = np.bincount(run, in_free_space) / np.bincount(run)
     dynamic = in_free_space | (ratio[run] > _MIN_RUN_RATIO)
-    if dynamic.mean() < _MAX_SCAN_RATIO:
+    judged = static if static.any() else np.ones_like(static)
+    if dynamic[judged].mean() < _MAX_SCAN_RATIO:
         return dynamic
-    return in_free_space if in_free_space.mean() < _MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
+    return in_free_space if in_free_space[judged].mean() < _MAX_FREE_SPACE_RATIO else np.zeros_like(in_free_space)
 
 
 def beside(points: OrientedPoints, dynamic: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
@@ -159,39 +164,6 @@ def detached_points(points: OrientedPoints, size: float, margin: float, closed: 
     return np.roll(mask, shift) if shift else mask
 
 
-def movable_weights(points: OrientedPoints, size: float, margin: float, min_weight: float) -> NDArray[np.float64]:
-    """Return the weights of points of movable objects: the more other movable objects there are, the higher.
-
-    One object that moves along with the sensor fakes a standstill; several independent ones cannot. An object has full
-    weight if the sum of weights of the other objects is at least four times its own, and `min_weight` if at most twice.
-
-    Parameters
-    ----------
-    points : OrientedPoints
-        P points of movable objects.
-    size : float [m]
-        Objects no farther apart than this count as parts of one object.
-    margin : float [m]
-        Points farther apart than this belong to different objects, as for `detached_points`.
-    min_weight : float
-
-    Returns
-    -------
-    (P,) float
-        From `min_weight` to 1.
-    """
-    label = _run_of_point(points, margin)
-    each = points.weighted(np.ones(len(points)))
-    weight = np.bincount(label, each)
-    centre = grouped_sum(label, points.points)
-    centre /= np.bincount(label)
-    sample = slice(None, None, stride(len(centre), _MAX_OBJECTS))
-    nearby_weight = (np.abs(centre[:, None] - centre[sample]) <= size) @ weight[sample]
-    ratio = (weight[sample].sum() - nearby_weight) / np.maximum(nearby_weight, TINY)
-    weights: NDArray[np.float64] = np.clip(0.5 * ratio - 1.0, min_weight, 1.0)
-    return weights[label]
-
-
 def information_ratio(points: OrientedPoints, chosen: NDArray[np.intp]) -> float:
     """Return the fraction of the information about the translation that the `chosen` points (indices) provide.
 
@@ -224,11 +196,9 @@ def _run_of_point(points: OrientedPoints, margin: float) -> NDArray[np.intp]:
     return np.concatenate(([0], _cuts(points, margin).cumsum()))
 
 
-_MAX_OBJECTS = 100
-"""Each movable object is compared with at most this many others; if there are more, with a sample of them."""
 _MIN_RUN_RATIO = 0.3
 """If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic."""
 _MAX_SCAN_RATIO = 0.4
-"""If at least this fraction of the points of a scan would be dynamic, only points in free space are."""
+"""If at least this fraction of the static points of a scan would be dynamic, only points in free space are."""
 _MAX_FREE_SPACE_RATIO = 0.2
-"""If at least this fraction of the points of a scan lie in free space, the pose is wrong and no point is dynamic."""
+"""If at least this fraction of the static points lie in free space, the pose is wrong and no point is dynamic."""
