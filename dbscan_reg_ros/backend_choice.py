@@ -4,6 +4,7 @@ import hashlib
 import os
 import warnings
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 from .core.backend import REFERENCE, Backend
@@ -23,11 +24,16 @@ def source_hash(folder: Path = SOURCES) -> str:
 @lru_cache(maxsize=1)
 def compiled_backend() -> Backend | None:
     """Return the backend of the compiled steps; None if they are not built, or were built from other sources."""
+    name = f'{__package__}.core.accelerated.steps'
+    steps = None
     try:
-        from .core.accelerated import steps
-    except ImportError:
-        return None
-    if source_hash() not in ('', steps.SOURCE_HASH):
+        steps = import_module(name)
+    except ModuleNotFoundError as missing:
+        if missing.name == name:
+            return None
+    except Exception:  # noqa: BLE001 - built from other sources, they may refer to names that are gone
+        pass
+    if steps is None or source_hash() not in ('', steps.SOURCE_HASH):
         warnings.warn('the compiled steps were built from other sources: the slower numpy reference runs instead; to '
                       'build them again: python setup.py build_ext --inplace --force', RuntimeWarning, stacklevel=2)
         return None

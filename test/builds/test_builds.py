@@ -2,6 +2,7 @@
 """The compiled steps: built where a compiler is, left out where none is, never used when their sources have changed."""
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -127,6 +128,20 @@ def test_steps_of_other_sources_are_not_used(fresh_choice):
     fresh_choice.delenv(backend_choice.PURE, raising=False)
     with pytest.warns(RuntimeWarning, match='built from other sources: the slower numpy reference runs'):
         assert backend_choice.choose().name == 'reference'
+
+
+def test_steps_that_refer_to_a_name_that_is_gone_are_not_used(root, tmp_path):
+    """They are loaded before their hash can be compared."""
+    if backend_choice.compiled_backend() is None:
+        pytest.skip('the compiled steps are not built')
+    shutil.copytree(root / PACKAGE, tmp_path / PACKAGE, ignore=shutil.ignore_patterns('__pycache__'))
+    module = tmp_path / PACKAGE / 'core' / 'odometry' / 'mapping' / 'dynamic_points.py'
+    module.write_text(re.sub(r'\b(_[A-Z]+(_[A-Z]+)*)\b', r'\1_OF_TODAY', module.read_text()))
+    done = subprocess.run([sys.executable, '-c', 'from dbscan_reg_ros.backend_choice import compiled_backend; '
+                           'print(compiled_backend())'], cwd=tmp_path, env=os.environ | {'PYTHONPATH': str(tmp_path)},
+                          capture_output=True, text=True, check=False)
+    assert done.stdout == 'None\n'
+    assert 'built from other sources: the slower numpy reference runs' in done.stderr
 
 
 @pytest.mark.parametrize(('value', 'names'), [('1', ['reference']), ('0', ['compiled', 'reference']),
