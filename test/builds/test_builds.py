@@ -135,8 +135,8 @@ def test_steps_that_refer_to_a_name_that_is_gone_are_not_used(root, tmp_path):
     if backend_choice.compiled_backend() is None:
         pytest.skip('the compiled steps are not built')
     shutil.copytree(root / PACKAGE, tmp_path / PACKAGE, ignore=shutil.ignore_patterns('__pycache__'))
-    module = tmp_path / PACKAGE / 'core' / 'odometry' / 'mapping' / 'dynamic_points.py'
-    module.write_text(re.sub(r'\b(_[A-Z]+(_[A-Z]+)*)\b', r'\1_OF_TODAY', module.read_text()))
+    module = tmp_path / PACKAGE / 'core' / 'registration' / 'translation.py'
+    module.write_text(re.sub(r'\b(_END_WEIGHT)\b', r'\1_OF_TODAY', module.read_text()))
     done = subprocess.run([sys.executable, '-c', 'from dbscan_reg_ros.backend_choice import compiled_backend; '
                            'print(compiled_backend())'], cwd=tmp_path, env=os.environ | {'PYTHONPATH': str(tmp_path)},
                           capture_output=True, text=True, check=False)
