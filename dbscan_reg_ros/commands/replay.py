@@ -3,11 +3,12 @@
 import sys
 from collections import deque
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..backend_choice import reference_settings
+from ..core.errors import RecordingError
 from ..requirements import missing_line
 from .command_line import (
     INCOMPLETE,
@@ -65,7 +66,6 @@ def replay(args):
     The exit status is that of the first recording that failed, else `INCOMPLETE` if some results could not be written,
     else 0.
     """
-    from ..recordings import find_recording
     from ..replays.lidars import given_mountings, parse_mountings, scan_topics
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
@@ -77,7 +77,7 @@ def replay(args):
     note_unused('replay', args.params_file, parameters, REPLAYED | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
     mountings = given_mountings(parameters, topics) | parse_mountings(args.mounting)
-    jobs = [Job(place(find_recording(file, args.data)), topics, parameters, place(Path(args.out)),
+    jobs = [Job(place(_path(file, args)), topics, parameters, place(Path(args.out)),
                 args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1, args.grid)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
@@ -99,6 +99,14 @@ def _outcome(future, verbose):
     for fault in replayed.faults:
         print(f'replay: {fault}', file=sys.stderr)
     return replayed.code, replayed.entry
+
+
+def _path(file, args):
+    """Return the path of a recording; one of several that is not found must not stop the others."""
+    from ..recordings import find_recording
+    with suppress(RecordingError if len(args.files) > 1 else ()):
+        return find_recording(file, args.data)
+    return Path(file)
 
 
 @dataclass(frozen=True)
