@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .beams import LaserScanMessage, check_numbers, check_stamp
+from .beams import LaserScanMessage, Stamp, check_numbers, check_stamp
 from .errors import ScanError
 from .geometry.array_types import BoolArray, FloatArray
 from .scan_geometry import ScanGeometry, read_only, single_precision
@@ -17,6 +17,11 @@ MAX_RANGE = 100_000.0
 """Ranges beyond this [m] are not returns, even if the `range_max` of the sensor is larger."""
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
+
+
+def in_nanoseconds(stamp: Stamp) -> int:
+    """Convert the stamp of a message to nanoseconds."""
+    return stamp.sec * SECOND + stamp.nanosec
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +158,7 @@ class Scan:
         made = ScanGeometry(sign * message.angle_min + yaw, sign * message.angle_increment, len(message.ranges),
                             message.range_min, message.range_max)
         ranges = cast('NDArray[np.float32]', message.ranges)  # converted as any other array_like
-        return cls(stamp.sec * SECOND + stamp.nanosec, ranges, made.reuse(geometry), message.time_increment,
+        return cls(in_nanoseconds(stamp), ranges, made.reuse(geometry), message.time_increment,
                    message.header.frame_id)
 
     @classmethod

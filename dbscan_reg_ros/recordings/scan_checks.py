@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.scan import SECOND
+from ..core.scan import SECOND, in_nanoseconds
 from .stamps import equal
 
 FUTURE = 1.0
@@ -87,7 +87,7 @@ class ScanFields(NamedTuple):
     def from_message(cls, message) -> 'ScanFields':
         """Return the fields of a LaserScan message, or of any object with the same fields."""
         header = message.header
-        return cls(header.stamp.sec * SECOND + header.stamp.nanosec, header.frame_id, message.angle_min,
+        return cls(in_nanoseconds(header.stamp), header.frame_id, message.angle_min,
                    message.angle_max, message.angle_increment, message.time_increment, message.range_min,
                    message.range_max, message.ranges)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core.beams import Header
 from ..core.errors import ScanError
-from ..core.scan import SECOND, Scan
+from ..core.scan import SECOND, Scan, in_nanoseconds
 from ..core.scan_geometry import ScanGeometry
 from .parameter_groups import InputParameters
 
@@ -104,7 +104,7 @@ def scan_from_cloud(message: PointCloudMessage, matrix: Array, parameters: Input
     order = np.lexsort((ranges[chosen], bins))
     nearest = order[np.diff(bins[order], prepend=-1) > 0]
     bins, bearings, chosen = bins[nearest], bearings[nearest], chosen[nearest]
-    stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+    stamp = in_nanoseconds(message.header.stamp)
     times = _times(points, chosen, 1e-9 * stamp - parameters.time_offset[0])
     beams = _Order() if times is None else _order(bins, times, count)
     return _scan(message, count, beams, (bins, bearings, ranges[chosen]))
@@ -120,7 +120,7 @@ def _scan(message: PointCloudMessage, count: int, order: _Order,
     bearings[numbers], ranges[numbers] = found, distances
     beams = (order.first + order.sign * np.arange(count)) % count
     geometry = ScanGeometry.from_bearings(np.unwrap(bearings[beams]), order.sign * step)
-    stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec + round(order.start * SECOND)
+    stamp = in_nanoseconds(message.header.stamp) + round(order.start * SECOND)
     return Scan(stamp, ranges[beams], geometry, order.increment, message.header.frame_id)
 
 

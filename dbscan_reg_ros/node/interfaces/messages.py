@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 from ...core.errors import DbscanRegError
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
-from ...core.scan import SECOND, Scan
+from ...core.scan import Scan, in_nanoseconds
 from ...recordings.message_fields import filled, pose_fields, scan_fields, segments_fields, time_fields
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def scan_to_message(scan: Scan) -> LaserScan:
 
 def stamp_from_message(stamp: Time) -> int:
     """Convert a Time message to nanoseconds."""
-    return stamp.sec * SECOND + stamp.nanosec
+    return in_nanoseconds(stamp)
 
 
 def stamp_to_message(stamp: int) -> Time:

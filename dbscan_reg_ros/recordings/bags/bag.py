@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import MountingError
-from ...core.scan import Scan
+from ...core.scan import Scan, in_nanoseconds
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from ..poses import FARTHEST, compose, corrected, possible
 from ..recording import Record, Recording
@@ -121,7 +121,7 @@ class Bag(Recording):
         for number, _, _, message in self._messages([topic]):
             pose = _planar(message.pose.pose)
             if possible(pose):
-                rows.append((_stamp(message), *pose))
+                rows.append((in_nanoseconds(message.header.stamp), *pose))
             else:
                 self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers '
                              f'below {FARTHEST:g}')
@@ -168,10 +168,6 @@ def _at(stamps, trajectory):
     if np.array_equal(known, stamps):
         return poses
     return interpolate(known, poses, np.clip(stamps, known.min(), known.max()))
-
-
-def _stamp(message):
-    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
 def _planar(pose):
