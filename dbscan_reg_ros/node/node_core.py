@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node core: laser odometry on any rclpy node, plain or lifecycle."""
-import dataclasses
 import time
 from collections.abc import Collection
 
@@ -67,7 +66,8 @@ class NodeCore:
         ) if transform_type() else None
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
-                              Mountings(parameters.base_frame, lidar, self._listener)) for lidar in lidars]
+                              Mountings(parameters.base_frame, lidar, self._listener), rank)
+                        for rank, lidar in enumerate(lidars)]
         self._trigger = OdometryTrigger(len(lidars))
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
@@ -145,8 +145,7 @@ class NodeCore:
             followed = mounting if len(self._lidars) == 1 else Mounting()
             frame = self._followed_frame(scan.frame_id)
             prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
-            sensor = dataclasses.replace(lidar.sensor(mounting), rank=self._lidars.index(lidar))
-            update = self._odometry.process(scan, prior, sensor)
+            update = self._odometry.process(scan, prior, lidar.sensor(mounting))
         except DbscanRegError as error:
             self._skip(lidar, str(error))
             return
@@ -160,7 +159,7 @@ class NodeCore:
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
-        if not (sensor.rank and update.waits) and self._trigger.is_due(self._lidars.index(lidar), scan.stamp):
+        if not (lidar.rank and update.waits) and self._trigger.is_due(lidar.rank, scan.stamp):
             self._sender.send(state)
             self._outputs.publish(update, state, self._origin)
         else:

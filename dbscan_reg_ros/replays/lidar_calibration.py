@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration of the lidars of a recording: mounting and time offset of each relative to the first."""
-import dataclasses
-import heapq
 import math
-import operator
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -14,7 +11,7 @@ from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.odometry.calibration.comparisons import ComparedLidar, LidarComparisons
 from ..core.odometry.pipeline import Odometry
-from ..core.odometry.sensor import Sensor
+from .lidars import OdometryWithOthers
 from .sensor_mounting import received, turned
 
 NOT_OBSERVABLE = 'not observable'
@@ -138,25 +135,14 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
         When too few scans of a lidar could be compared.
     """
     comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
-    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
-    sensors = [Sensor(recording.topic, limits=parameters.lidar(recording.topic).scan)]
-    scans = [turned(received(progress(recording.scans()), parameters.input_of(recording.topic)), mounting.pose.theta,
-                    mounting.upside_down)]
-    for other in others:
-        sensors.append(dataclasses.replace(other.sensor(mounting), rank=len(sensors)))
-        scans.append(other.scans(parameters.input_of(other.recording.topic)))
-    for _, k, scan in heapq.merge(*(_stamped(each, k) for k, each in enumerate(scans)),
-                                key=operator.itemgetter(0, 1)):
+    odometry = OdometryWithOthers(Odometry(parameters.for_odometry(), comparisons=comparisons), others,
+                                  recording.topic, mounting, parameters)
+    scans = received(progress(recording.scans()), parameters.input_of(recording.topic))
+    for scan in turned(scans, mounting.pose.theta, mounting.upside_down):
         with suppress(ScanError):
-            odometry.process(scan, None, sensors[k])
+            odometry.process(scan)
     return [_calibrated(comparisons.lidars.get(other.recording.topic), other, mounting,
                         parameters.input_of(other.recording.topic).time_offset[0]) for other in others]
-
-
-def _stamped(scans, lidar):
-    """Yield (stamp, lidar, scan) for each of the `scans`."""
-    for scan in scans:
-        yield scan.stamp, lidar, scan
 
 
 def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> CalibratedLidar:

@@ -92,10 +92,10 @@ class FurtherLidar:
     mounting: Mounting
     limits: ScanParameters
 
-    def sensor(self, first: Mounting) -> Sensor:
+    def sensor(self, first: Mounting, rank: int) -> Sensor:
         """Return the `Sensor` of the scans of this lidar, which are rotated by the yaw of its mounting."""
         offset = first.aligned_pose.inverse() @ self.mounting.aligned_pose
-        return Sensor(self.recording.topic, offset, limits=self.limits)
+        return Sensor(self.recording.topic, offset, rank, self.limits)
 
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
@@ -191,9 +191,8 @@ class OdometryWithOthers:
     def __init__(self, odometry, others, first, mounting, parameters):
         self._odometry, self._first = odometry, Sensor(first, limits=parameters.lidar(first).scan)
         self.recordings = [other.recording for other in others]
-        self._others = [
-            (dataclasses.replace(other.sensor(mounting), rank=rank),
-             other.scans(parameters.input_of(other.recording.topic))) for rank, other in enumerate(others, 1)]
+        self._others = [(other.sensor(mounting, rank), other.scans(parameters.input_of(other.recording.topic)))
+                        for rank, other in enumerate(others, 1)]
         self._next = [next(scans, None) for _, scans in self._others]
         self.counts = {sensor.name: LidarCounts() for sensor in (self._first, *(sensor for sensor, _ in self._others))}
         self._numbers: dict[int, int] = {}

@@ -33,6 +33,8 @@ class Lidar:
         The node that subscribes to the scans.
     mountings : MountingSource
         Where its mounting is found.
+    rank : int
+        Number of the lidar, from 0; `Sensor.rank`.
 
     Attributes
     ----------
@@ -49,9 +51,9 @@ class Lidar:
         Pending scans; None while the node is not subscribed to the topic.
     """
 
-    def __init__(self, topic: str, several: bool, node: Node, mountings: MountingSource) -> None:
+    def __init__(self, topic: str, several: bool, node: Node, mountings: MountingSource, rank: int = 0) -> None:
         self.topic, self._several, self._node = topic, several, node
-        self.mountings = mountings
+        self.mountings, self.rank = mountings, rank
         self.label = f'{node.resolve_topic_name(topic)}: ' if several else ''
         self.log = ThrottledLog(node.get_logger(), self.label)
         self.counters = Counters()
@@ -113,7 +115,7 @@ class Lidar:
 
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
-        return Sensor(self.topic, mounting.aligned_pose, limits=self._limits) if self._several else FIRST
+        return Sensor(self.topic, mounting.aligned_pose, self.rank, self._limits) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
         """Return the pose of the tracked frame in the base frame: the only lidar, or the base if there are several."""
