@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.errors import DbscanRegError, ParameterError
 from ..paths import NO_SENSORS
-from ..robot.parameters import MOUNTINGS, SOURCES
+from ..robot.parameter_groups import SOURCES
+from ..robot.parameters import MOUNTINGS
 
 if TYPE_CHECKING:
     from launch.actions import DeclareLaunchArgument, EmitEvent

@@ -15,14 +15,14 @@ from .parameter_groups import (
     PathParameters,
     SnapshotParameters,
 )
-from .parameter_groups import SOURCES as SOURCES
 from .sensors import (
     INHERITED,
     NAMELESS,
+    OWN,
     LidarParameters,
     check_names,
     sensor_descriptions,
-    value_of,
+    sensor_values,
 )
 
 MOUNTINGS = ('none', 'laser_pose', 'tf')
@@ -114,23 +114,21 @@ class NodeParameters(Parameters):
     def _use_sensors(self) -> None:
         """Set ``scan_topics`` to the topics of the ``sensors``; raise a ParameterError if parameters contradict it."""
         check_names(self.sensors, self.describe())
-        topics = tuple(self._of_sensor(name, 'topic') for name in self.sensors)
+        given, plain = dict(self.own), super().flatten()
+        values = {name: sensor_values(name, given, plain) for name in self.sensors}
+        topics = tuple(each['topic'] for each in values.values())
         if self.scan_topics != NO_TOPICS and _absolute(self.scan_topics) != _absolute(topics):
             raise ParameterError(f'scan_topics = {list(self.scan_topics)} with sensors = {list(self.sensors)}, whose '
                                  f'topics are {list(topics)}: expected only one of both parameters')
         object.__setattr__(self, 'scan_topics', topics)
         for name in self.sensors:
             for own, size in (('laser_pose', 3), ('mask', 2 * SECTORS), ('time_offset', 1)):
-                if (full := f'{name}.{own}') in dict(self.own):
-                    _check_count(full, self._of_sensor(name, own), size, 1)
-            mounting = self._of_sensor(name, 'mounting')
-            if len(topics) > 1 and mounting != 'tf' and f'{name}.laser_pose' not in dict(self.own):
+                if (full := f'{name}.{own}') in given:
+                    _check_count(full, values[name][own], size, 1)
+            mounting = values[name]['mounting']
+            if len(topics) > 1 and mounting != 'tf' and f'{name}.laser_pose' not in given:
                 raise ParameterError(f'{name}.mounting = {mounting!r} without {name}.laser_pose: expected the pose of '
                                      "each of several lidars, or mounting 'tf'")
-
-    def _of_sensor(self, name: str, own: str) -> Any:
-        """Return the value of the parameter `own` of the sensor `name`."""
-        return value_of(name, own, dict(self.own), super().flatten())
 
     def _changed_fields(self, values: Mapping[str, object]) -> dict[str, Any]:
         names = values.get('sensors', self.sensors)
@@ -139,7 +137,7 @@ class NodeParameters(Parameters):
             first, _, last = name.partition('.')
             if name not in known and first in {each.partition('.')[0] for each in known}:
                 raise ParameterError(f'unknown parameter {name!r}; {suggest(name, known)}')
-            if name not in known | plain and last in ('topic', *INHERITED):
+            if name not in known | plain and last in OWN:
                 raise ParameterError(f'unknown parameter {name!r}: {first!r} is no lidar in sensors = {_listed(names)}')
         own = {name: check(known[name], value) for name, value in values.items() if name in known}
         changed = super()._changed_fields({name: value for name, value in values.items() if name not in known})
@@ -155,8 +153,8 @@ class NodeParameters(Parameters):
         """Map the full name of every parameter to its value; those of the ``sensors`` are inherited or their own."""
         plain, given = super().flatten(), dict(self.own)
         names = self.sensors if self.sensors != NAMELESS else ()
-        return plain | {f'{name}.{own}': value_of(name, own, given, plain)
-                        for name in names for own in ('topic', *INHERITED)}
+        return plain | {f'{name}.{own}': value
+                        for name in names for own, value in sensor_values(name, given, plain).items()}
 
     def for_odometry(self) -> Parameters:
         """Return the parameters for `Odometry`: if `prior.source` is none, `advanced.odometry.prior` is none, too.
@@ -175,7 +173,7 @@ class NodeParameters(Parameters):
         if self.sensors == NAMELESS:
             return LidarParameters(self.scan_topics[number], self.input.of_lidar(number), self.scan, self.mounting,
                                    self.laser_pose, self.upside_down)
-        values = {own: self._of_sensor(self.sensors[number], own) for own in ('topic', *INHERITED)}
+        values = sensor_values(self.sensors[number], dict(self.own), super().flatten())
         fields = {group: {own: values[own] for own, full in INHERITED.items() if full.startswith(f'{group}.')}
                   for group in ('input', 'scan')}
         return LidarParameters(values['topic'], dataclasses.replace(self.input, **fields['input']),

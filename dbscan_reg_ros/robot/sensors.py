@@ -17,6 +17,8 @@ INHERITED = {'type': 'input.type', 'mounting': 'mounting', 'laser_pose': 'laser_
              'range_min': 'scan.range_min', 'range_max': 'scan.range_max', 'noise_min': 'scan.noise_min',
              'noise_max': 'scan.noise_max', 'direction': 'scan.direction'}
 """Parameter below the name of a lidar -> parameter from which it is inherited."""
+OWN = 'topic', *INHERITED
+"""Parameters below the name of a lidar."""
 NAMELESS = ('',)
 """Value of the parameter ``sensors`` if the lidars have no names: they are those of ``scan_topics``."""
 
@@ -80,8 +82,12 @@ def check_names(names: Sequence[str], plain: Sequence[Description]) -> None:
         raise ParameterError(f'sensors = {list(names)}: expected each name once')
 
 
-def value_of(name: str, own: str, given: Mapping[str, Any], plain: Mapping[str, Any]) -> Any:
-    """Return the value of the parameter `own` of the lidar `name`: the one `given` for it, else the `plain` one."""
+def sensor_values(name: str, given: Mapping[str, Any], plain: Mapping[str, Any]) -> dict[str, Any]:
+    """Map each of the `OWN` parameters of the lidar `name` to its value: the one `given`, else the `plain` one."""
+    return {own: _value_of(name, own, given, plain) for own in OWN}
+
+
+def _value_of(name: str, own: str, given: Mapping[str, Any], plain: Mapping[str, Any]) -> Any:
     if (full := f'{name}.{own}') in given:
         return given[full]
     if own == 'topic':

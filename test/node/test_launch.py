@@ -28,7 +28,8 @@ from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.errors import ParameterError
 from dbscan_reg_ros.node.playback.player import Player
-from dbscan_reg_ros.robot.parameters import MOUNTINGS, SOURCES
+from dbscan_reg_ros.robot.parameter_groups import SOURCES
+from dbscan_reg_ros.robot.parameters import MOUNTINGS
 
 FILES = 'scan_matcher', 'play'
 SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'paper',
