@@ -61,8 +61,8 @@ class Step:
 class Ours:
     """The package's own `Odometry`."""
 
-    def __init__(self, parameters):
-        self._odometry = Odometry(parameters)
+    def __init__(self, parameters, comparisons=None):
+        self._odometry = Odometry(parameters, comparisons=comparisons)
         self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
     def process(self, scan, external=None) -> Step:

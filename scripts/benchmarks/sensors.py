@@ -5,12 +5,11 @@ from collections import Counter
 
 import numpy as np
 
-from dbscan_reg_ros.core.errors import ScanError
-from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.evaluation.metrics import apart, errors
+from dbscan_reg_ros.evaluation.trackers import Ours
 from dbscan_reg_ros.paths import ready_made
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.robot.parameter_files import read_parameters
@@ -89,22 +88,12 @@ def drive(lidar, world, seed, args, files) -> dict:
 
 def followed(scans, truth, parameters):
     """Run the odometry over a drive; return the errors over 1 m ``(M,)`` [m] and the fraction of `OK`."""
-    odometry, poses, ok = Odometry(parameters), [], []
-    pose = (0.0, 0.0, 0.0)
-    for scan in scans:
-        try:
-            update = odometry.process(scan)
-        except ScanError:
-            poses.append(pose)
-            ok.append(False)
-            continue
-        pose = update.pose.x, update.pose.y, update.pose.theta
-        poses.append(pose)
-        ok.append(update.status is Status.OK)
-    poses = np.array(poses)
+    track = Ours(parameters)
+    steps = [track.process(scan) for scan in scans]
+    poses = np.array([step.pose.as_tuple() for step in steps])
     first, last = apart(truth, OVER)
     metres, _ = errors(relative(poses[first], poses[last]), relative(truth[first], truth[last]))
-    return metres, float(np.mean(ok))
+    return metres, float(np.mean([step.status is Status.OK for step in steps]))
 
 
 def judged(file, drives) -> dict:

@@ -147,22 +147,20 @@ def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_
     assert '/front/scan: too slow' not in node.output()
 
 
-def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive, tf_type, tmp_path):
-    """The driver of the rear lidar stamps 60 ms late."""
-    scans, late = drive[0][:20], 60 * MS
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
-                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'snapshot.folder:={tmp_path}',
-                         '-p', f'input.mask:={[0.0] * 8 + [0.5, 1.0] + [0.0] * 6}')
-    said(node, 'ready: ', peer)
+def played(peer, scans, late):
+    """The odometry of the node while `scans` are sent, those of the rear lidar stamped `late` [ns]."""
     lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
-        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
     found = peer.subscribe(Odometry, '/odom')
     for scan in scans:
         count, rear = len(found), scan.frame_id == 'rear'
         lidars[scan.frame_id].tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + late * rear)))
         if not rear:
             peer.until(lambda count=count: len(found) > count)
+    return found
+
+
+def only_the_rear_is_masked(peer, scans):
+    """The scans that the node used are some of `scans`, and those of the rear lidar have no returns in the sector."""
     used = [update.scan for update in read_snapshot(
         peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request()).message).updates]
     assert {(scan.frame_id, scan.stamp) for scan in used} <= {(scan.frame_id, scan.stamp) for scan in scans}
@@ -170,6 +168,19 @@ def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive,
     for name, masked in (('front', False), ('rear', True)):
         sectors = [np.isnan(scan.ranges[sector]).all() for scan in used if scan.frame_id == name]
         assert len(sectors) > 5 and set(sectors) == {masked}
+
+
+def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive, tf_type, tmp_path):
+    """The driver of the rear lidar stamps 60 ms late."""
+    scans, late = drive[0][:20], 60 * MS
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
+                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'snapshot.folder:={tmp_path}',
+                         '-p', f'input.mask:={[0.0] * 8 + [0.5, 1.0] + [0.0] * 6}')
+    said(node, 'ready: ', peer)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    played(peer, scans, late)
+    only_the_rear_is_masked(peer, scans)
 
 
 def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):
@@ -220,24 +231,12 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
     refused, = parameters.set(back__mask=[0.5])
     assert refused.reason == 'back.mask = [0.5]: expected 8 numbers'
     assert parameters.set(back__mask=[0.5, 1.0, *[0.0] * 6])[0].successful
-    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
-    found = peer.subscribe(Odometry, '/odom')
-    for scan in scans[:20]:
-        count, rear = len(found), scan.frame_id == 'rear'
-        lidars[scan.frame_id].tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + 60 * MS * rear)))
-        if not rear:
-            peer.until(lambda count=count: len(found) > count)
+    found = played(peer, scans[:20], 60 * MS)
     origin = base_at(scans[0].stamp)
     for message in found:
         true, pose = origin.inverse() @ base_at(stamp_from_message(message.header.stamp)), pose_of(message)
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
-    used = [update.scan for update in read_snapshot(
-        peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request()).message).updates]
-    assert {(scan.frame_id, scan.stamp) for scan in used} <= {(scan.frame_id, scan.stamp) for scan in scans}
-    sector = (scans[0].geometry.bearings > 0.5) & (scans[0].geometry.bearings < 1.0)
-    for name, masked in (('front', False), ('rear', True)):
-        sectors = [np.isnan(scan.ranges[sector]).all() for scan in used if scan.frame_id == name]
-        assert len(sectors) > 5 and set(sectors) == {masked}
+    only_the_rear_is_masked(peer, scans)
 
 
 @pytest.mark.parametrize('words, expected', [

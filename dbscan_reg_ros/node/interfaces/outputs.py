@@ -81,8 +81,7 @@ class Outputs:
         self._poses: list[tuple[int, SE2]] = []
         self._key_frames: list[_KeyFrame] = []
         self._latest: tuple[BaseState, SE2] | None = None
-        self._placed: tuple[int, SE2] | None = None
-        self._has_new_key_frame = False
+        self._has_new_pose = self._has_new_key_frame = False
         self._next_picture = 0.0
 
     def publish(self, update: OdometryUpdate, state: BaseState, origin: SE2) -> None:
@@ -103,8 +102,7 @@ class Outputs:
             self._segments.publish(segments_to_message(update, origin, frame))
         self._extend_path(state)
         self.keep(update)
-        self._latest = state, origin
-        self._placed = state.stamp, origin
+        self._latest, self._has_new_pose = (state, origin), True
         if time.monotonic() >= self._next_picture:
             self.publish_pictures()
 
@@ -127,10 +125,10 @@ class Outputs:
 
     def publish_pictures(self) -> None:
         """Publish ``path`` and ``local_map`` if they have changed since they were last published."""
-        if self._latest is None:
+        if self._latest is None or not self._has_new_pose:
             return
         self._next_picture = time.monotonic() + PICTURE_PERIOD
-        (state, origin), self._latest = self._latest, None
+        (state, origin), self._has_new_pose = self._latest, False
         if self._path.get_subscription_count():
             self._path.publish(self._path_message(state))
         if self._map.get_subscription_count():
@@ -139,10 +137,10 @@ class Outputs:
 
     def publish_grid(self) -> None:
         """Publish ``local_grid``, with the parameter of the same name, if there is a new key frame."""
-        if self._grid is None or self._placed is None or not self._has_new_key_frame:
+        if self._grid is None or self._latest is None or not self._has_new_key_frame:
             return
         self._has_new_key_frame = False
-        (stamp, origin), resolution = self._placed, self.parameters.grid_resolution
+        (state, origin), resolution = self._latest, self.parameters.grid_resolution
         counts = occupancy.OccupancyCounts(resolution)
         for frame in self._key_frames:
             if frame.patch is None:
@@ -150,7 +148,7 @@ class Outputs:
                 frame.patch = occupancy.trace_rays(pose.apply(frame.features.points), pose.as_array()[:2], resolution,
                                                    REACH)
             counts.add(frame.patch)
-        self._grid.publish(grid_message(counts.grid(), stamp, self.parameters.odom_frame))
+        self._grid.publish(grid_message(counts.grid(), state.stamp, self.parameters.odom_frame))
 
     def _path_message(self, state: BaseState) -> Path:
         poses = [*self._poses, (state.stamp, state.pose)]

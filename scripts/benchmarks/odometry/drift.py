@@ -10,7 +10,6 @@ import numpy as np
 
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.geometry.se2 import wrap
-from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
@@ -94,8 +93,7 @@ class SeveralLidars(Ours):
     """The package's own `Odometry` with the scans of the `others` of a `Course` besides, compared by `comparisons`."""
 
     def __init__(self, others, comparisons=None):
-        super().__init__(Parameters())
-        self._odometry = Odometry(Parameters(), comparisons=comparisons)
+        super().__init__(Parameters(), comparisons)
         self._scans = heapq.merge(*([(scan.stamp, k, sensor, scan) for scan in scans]
                                     for k, (sensor, scans) in enumerate(others)))
         self._next = next(self._scans, None)

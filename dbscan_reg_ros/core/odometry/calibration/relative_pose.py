@@ -174,7 +174,7 @@ class _Data(NamedTuple):
     def of(cls, comparisons: Sequence[Comparison]) -> '_Data':
         """Collect the comparisons."""
         relative = np.array([each.relative.as_tuple() for each in comparisons])
-        turns = np.array([_turn(each.relative.theta) for each in comparisons])
+        turns = np.array([SE2(theta=each.relative.theta).adjoint() for each in comparisons])
         covariance = turns @ np.array([each.covariance for each in comparisons]) @ turns.transpose(0, 2, 1)
         information = np.linalg.inv(covariance + np.diag(_LEAST ** 2))
         noise = np.array([each.twist_covariance for each in comparisons])
@@ -202,12 +202,6 @@ class _Data(NamedTuple):
         jacobian[:, 1, DOF] = moved_y + omega * at_x
         jacobian[:, 2, DOF] = omega
         return error, jacobian
-
-
-def _turn(angle: float) -> FloatArray:
-    """Return the ``(3, 3)`` matrix that rotates (x, y, theta) by an `angle`."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 PRIOR = np.array([0.5, 0.5, 0.3, 0.3])

@@ -78,8 +78,9 @@ class KeyFrameWindow:
 
     def without(self, sensor: str) -> 'KeyFrameWindow':
         """Return a window without the key frames of a `sensor`, unless it has no others."""
-        frames = [frame for frame in self.frames if frame.sensor.name != sensor]
-        return KeyFrameWindow(frames) if frames and len(frames) < len(self.frames) else self
+        if sensor not in self.sensors or len(self.sensors) == 1:
+            return self
+        return KeyFrameWindow([frame for frame in self.frames if frame.sensor.name != sensor])
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
         """Return a window with one more key frame: the `latest` of its sensor, or inserted before the latest.
