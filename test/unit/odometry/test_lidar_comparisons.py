@@ -37,6 +37,7 @@ class Drive:
 
     def __init__(self, update, given, late=0.0, seed=1, bias=0.003):
         self.comparisons, self._update, self.late = LidarComparisons(), update, late
+        self.true = TRUE
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
         self._rng, self._bias, self.used, self.now = np.random.default_rng(seed), bias, [], 0.0
 
@@ -46,7 +47,7 @@ class Drive:
         pose, group = pose_at(seconds), int(seconds)
         common = np.random.default_rng(group).normal(0.0, self._bias, 3) * [1.0, 1.0, 0.5]
         sigmas = np.array([0.002, 0.002, 0.001])
-        found = pose @ TRUE @ SE2(*(common + self._rng.normal(0.0, sigmas)))
+        found = pose @ self.true @ SE2(*(common + self._rng.normal(0.0, sigmas)))
         return Location(update.stamp, found, np.diag(sigmas ** 2), group)
 
     def run(self, seconds, silent=False):
@@ -114,6 +115,20 @@ def test_a_mounting_that_is_corrected_is_used_at_once(update):
     before = len(drive.used)
     drive.run(10.0)
     assert not any(drive.used[before - 5:before]) and all(drive.used[before:])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_few_scans_are_compared_while_the_lidar_agrees_and_a_knock_is_noticed_all_the_same(update, seed):
+    drive = Drive(update, TRUE, seed=seed).run(10.0)
+    before, driven, turned = len(drive.lidar.comparisons), drive.lidar.driven, drive.lidar.turned
+    drive.run(20.0)
+    motion = drive.lidar.driven - driven + drive.lidar.turned - turned
+    assert drive.used[-1] and len(drive.lidar.comparisons) - before < 1.5 * motion
+    # It is knocked by 6 cm and 3 deg; the given mounting stays.
+    drive.true, driven = TRUE @ SE2(0.05, -0.03, math.radians(3.0)), drive.lidar.driven
+    while drive.used[-1]:
+        drive.run(0.5)
+    assert drive.lidar.disagrees and drive.lidar.driven - driven < 15.0
 
 
 @pytest.mark.parametrize('late', [-5.0, 5.0, 0.4])

@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
+from ...geometry.symmetric_matrix import diagonal
 from ...registration.records import Status
 from ...scan import SECOND
 from ..records import OdometryUpdate
@@ -77,6 +79,7 @@ class ComparedLidar:
     _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
     _last: SE2 | None = None
     _new: int = 0
+    _agreeing: int = 0
 
     @property
     def known(self) -> bool:
@@ -84,7 +87,12 @@ class ComparedLidar:
         return len(self.comparisons) >= _LEAST
 
     def is_due(self, pose: SE2, spacing: float) -> bool:
-        """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`."""
+        """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`.
+
+        While the lidar agrees, fewer scans are compared: each costs as much time as a scan that is registered.
+        """
+        if self._agreeing >= _LEAST and not self.disagrees:
+            spacing *= _SPARSE
         self._last = self._last or pose
         motion = self._last.inverse() @ pose
         distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
@@ -113,9 +121,15 @@ class ComparedLidar:
         self.comparisons.append(Comparison(
             relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
         self._new += 1
+        self._agreeing = self._agreeing + 1 if self._agrees(relative, location.covariance) else 0
         if self.known and self._new * _RENEWAL >= len(self.comparisons):
             self._new = 0
             self.judge()
+
+    def _agrees(self, relative: SE2, covariance: FloatArray) -> bool:
+        """Whether a relative pose differs from the given mounting by less than what has little effect."""
+        difference = (self.given.inverse() @ relative).as_array()
+        return float(difference @ np.linalg.solve(covariance + _LITTLE, difference)) < _PROBABLE ** 2
 
     def judge(self) -> RelativePose:
         """Estimate mounting and time offset from all comparisons, and judge the lidar by them."""
@@ -222,5 +236,8 @@ _PROBABLE, _CERTAIN = 2.0, 4.0
 """Multiples of its standard deviation from which on a difference is probable, and certain."""
 _DISTANCE, _ROTATION, _TIME = 0.02, math.radians(0.5), 0.01
 """Differences below these have little effect [m, rad, s]."""
+_LITTLE = diagonal(_DISTANCE, _DISTANCE, _ROTATION) ** 2
+_SPARSE = 5.0
+"""The motion between two comparisons grows by this factor while the latest `_LEAST` of them agree."""
 _LASTING_DISTANCE, _LASTING_ROTATION = 20.0, math.pi
 """Drive [m, rad] from which on a difference counts as an error of the mounting."""
