@@ -29,6 +29,7 @@ def calibrate(args):
     import json
 
     from ..recordings import find_recording, open_recording
+    from ..recordings.bags.clouds import CloudParameters
     from ..replays.lidar_calibration import calibrate_lidars
     from ..replays.lidars import further_lidars, given_mountings, mounting_in, parse_mountings
     from ..robot.parameter_files import read_parameters
@@ -39,8 +40,9 @@ def calibrate(args):
         raise CommandError(f'--topic {args.topic[0]}: expected two topics or more: one lidar has nothing to be '
                            'compared with')
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    recording = open_recording(find_recording(args.file, args.data), args.topic[0])
     mountings = given_mountings(parameters, args.topic) | parse_mountings(args.mounting)
+    recording = open_recording(find_recording(args.file, args.data), args.topic[0],
+                               CloudParameters.of(parameters, args.topic[0], mountings))
     base_frame = parameters.base_frame
     first = mounting_in(recording, mountings, base_frame)
     others = further_lidars(recording, args.topic[1:], mountings, parameters)

@@ -173,11 +173,11 @@ def note_warnings(command, recording, most=None):
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
-def open_all(command, paths, topic, most=None) -> list:
-    """Open the recordings at `paths`; print warnings about their scans (only the first `most` of each, if given)."""
+def open_all(command, paths, topic, clouds, most=None) -> list:
+    """Open the recordings at `paths` with the `CloudParameters`; print warnings about their (first `most`) scans."""
     from ..recordings import open_recording
 
-    recordings = [open_recording(path, topic) for path in paths]
+    recordings = [open_recording(path, topic, clouds) for path in paths]
     for recording in recordings:
         note_warnings(command, recording, most)
     return recordings

@@ -19,7 +19,7 @@ from .command_line import (
     run,
     seed,
 )
-from .competitors import Competitor, follow_all
+from .competitors import Competitor, cloud_parameters, follow_all
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
@@ -77,7 +77,7 @@ def compare(args):
     if args.truth and len(paths) > 1:
         raise CommandError(f'--truth {args.truth}: expected a single recording; for several, put a '
                            'file truth.tum beside each')
-    recordings = open_all('compare', paths, args.topic)
+    recordings = open_all('compare', paths, args.topic, cloud_parameters(competitors, args.topic))
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:
@@ -105,13 +105,13 @@ def compare(args):
 
 def chosen(args) -> list:
     """Return the competitors named by the arguments, A first; print which of their parameters have no effect."""
-    from ..robot.parameters import METHOD
+    from ..robot.parameters import CLOUDS, METHOD
 
     competitors = [*map(Competitor.named, (args.a, args.b)), *map(Competitor.with_method, args.method),
                    *map(Competitor.named, args.parameters), *map(Competitor.with_trajectory, args.trajectory)]
     for competitor in competitors:
         if competitor.parameters:
-            note_unused('compare', competitor.name, competitor.parameters, METHOD)
+            note_unused('compare', competitor.name, competitor.parameters, METHOD | CLOUDS)
     return competitors
 
 

@@ -99,16 +99,25 @@ class Competitor:
                 trajectory.statuses.append(Status.OK)
 
 
-def follow_one(path, topic, competitor):
-    """Run the competitor over the recording at `path`; return its `Trajectory`."""
+def cloud_parameters(competitors, topic):
+    """Return how point clouds become scans for the first of the `competitors` that has parameters."""
+    from ..recordings.bags.clouds import CloudParameters
+
+    return CloudParameters.of(next((each.parameters for each in competitors if each.parameters), None), topic)
+
+
+def follow_one(path, topic, competitor, clouds):
+    """Run the competitor over the recording at `path`, read with the `CloudParameters`; return its `Trajectory`."""
     from ..recordings import open_recording
     from .workers import watched
 
-    recording = open_recording(path, topic)
+    recording = open_recording(path, topic, clouds)
     return competitor.follow(recording, watched(recording.scans(), recording.name, recording.count))
 
 
 def follow_all(executor, paths, topic, competitors):
     """Run every competitor over every recording; return a list of `Trajectory` for each recording."""
-    futures = [[executor.submit(follow_one, path, topic, competitor) for competitor in competitors] for path in paths]
+    clouds = [cloud_parameters((competitor, *competitors), topic) for competitor in competitors]
+    futures = [[executor.submit(follow_one, path, topic, *each) for each in zip(competitors, clouds, strict=True)]
+               for path in paths]
     return [[future.result() for future in row] for row in futures]

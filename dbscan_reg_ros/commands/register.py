@@ -67,20 +67,20 @@ def register(args):
     from ..recordings import find_recording
     from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import METHOD
+    from ..robot.parameters import CLOUDS, METHOD
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
     if parameters:
         note_unused('register', args.params_file, parameters,
-                    [name for name in METHOD if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
+                    [name for name in METHOD | CLOUDS if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
     if args.truth and (args.figure4 or path.suffix == '.npz'):
         raise CommandError(f'--truth {args.truth}: expected two scans of a recording')
     if args.figure4:
-        pair = _moved(path, args.topic, args.numbers, parameters)
+        pair = _moved(path, args, parameters)
     elif path.suffix == '.npz':
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
-        pair = _of_recording(path, args.topic, args.numbers, parameters, args.truth)
+        pair = _of_recording(path, args, parameters)
     steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration, pair.truth)
     print('\n'.join(describe(steps.registration, pair.truth)), flush=True)
     folder = new_folder(Path(args.out) / pair.name)
@@ -149,27 +149,29 @@ def _motion(transform):
     return f'x {transform.x:.4f} m  y {transform.y:.4f} m  theta {math.degrees(transform.theta):.3f} deg'
 
 
-def _moved(path, topic, numbers, parameters):
+def _moved(path, args, parameters):
     """Return a `Pair` of a scan and the same scan moved by the motion of the example in the paper."""
     from ..core.parameters.tree import Parameters
     from ..evaluation.figure4 import PAPER_MOTION, moved
 
+    numbers = args.numbers
     if len(numbers) > 1 or min(numbers, default=0) < 0:
         raise CommandError(f'{path}: expected the number of one scan, from 0; got {numbers}')
     number = numbers[0] if numbers else 0
-    recording, scans = _scans(path, topic, [number])
+    recording, scans = _scans(path, args.topic, [number], parameters)
     return Pair(f'{recording.name}_{number}_moved', moved(scans[number]), scans[number], parameters or Parameters(),
                 truth=PAPER_MOTION)
 
 
-def _of_recording(path, topic, numbers, parameters, truth):
+def _of_recording(path, args, parameters):
     from ..core.parameters.tree import Parameters
 
+    numbers = args.numbers
     if len(numbers) != PAIR or min(numbers) < 0:
         raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
     reference, current = numbers
-    recording, scans = _scans(path, topic, numbers)
-    motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, truth)
+    recording, scans = _scans(path, args.topic, numbers, parameters)
+    motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, args.truth)
     return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current],
                 parameters or Parameters(), truth=motion)
 
@@ -188,11 +190,12 @@ def _true_motion(recording, first, second, truth):
     return motion
 
 
-def _scans(path, topic, numbers):
+def _scans(path, topic, numbers, parameters):
     """Return a recording, and a dictionary number -> scan of its scans with the given numbers."""
     from ..recordings import open_recording
+    from ..recordings.bags.clouds import CloudParameters
 
-    recording = open_recording(path, topic)
+    recording = open_recording(path, topic, CloudParameters.of(parameters, topic))
     last, scans, count = max(numbers), {}, 0
     for count, scan in enumerate(islice(recording.scans(), last + 1), 1):
         if count - 1 in numbers:

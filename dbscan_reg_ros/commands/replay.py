@@ -149,6 +149,13 @@ class Job:
         """Topic of the first lidar; None if the recording has only one topic of scans."""
         return self.topics[0] if self.topics else None
 
+    def open(self):
+        """Open the recording with the topic of the first lidar."""
+        from ..recordings import open_recording
+        from ..recordings.bags.clouds import CloudParameters
+
+        return open_recording(self.path, self.topic, CloudParameters.of(self.parameters, self.topic, self.mountings))
+
 
 @dataclass(frozen=True)
 class Replayed:
@@ -181,8 +188,9 @@ def replay_one(job) -> Replayed:
         When the recording cannot be read, or fewer than two of its scans can be used.
     """
     from ..figures.plots import MapPoints
-    from ..recordings import open_recording, write_tum
+    from ..recordings import write_tum
     from ..replays.faults import Faults
+    from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
     from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
@@ -191,8 +199,8 @@ def replay_one(job) -> Replayed:
     from ..replays.trajectory import Trajectory, too_few
     from ..robot.parameter_files import write_parameters
 
-    recording = open_recording(job.path, job.topic)
-    mounting, others = _mountings(job, recording)
+    recording = job.open()
+    mounting, others = lidars_of(recording, job.topics[1:], job.mountings, job.parameters)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
@@ -221,19 +229,6 @@ def replay_one(job) -> Replayed:
              *([f'reference   runs the steps of {", ".join(names)}'] if job.verbose and names else []),
              *(f'{name:11} {value}' for name, value in summary)]
     return _replayed(results, lines, broken)
-
-
-def _mountings(job, recording):
-    """Return the mounting of the first lidar, and a `FurtherLidar` for each other topic."""
-    from ..replays.lidars import further_lidars, mounting_in
-    from ..replays.sensor_mounting import mounting_of
-
-    topics, base_frame = job.topics[1:], job.parameters.base_frame
-    if not topics or job.parameters.mounting == 'laser_pose':
-        mounting = job.mountings.get(recording.topic) or mounting_of(job.parameters.lidar(recording.topic))
-    else:
-        mounting = mounting_in(recording, job.mountings, base_frame)
-    return mounting, further_lidars(recording, topics, job.mountings, job.parameters) if topics else []
 
 
 def _odometry(parameters, others, recording, mounting):

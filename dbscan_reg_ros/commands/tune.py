@@ -75,7 +75,7 @@ def tune(args):
     """Search, write the best parameters and print how much they decrease the error."""
     from ..evaluation.comparison import known_motion
     from ..robot.parameter_files import read_parameters, write_parameters
-    from ..robot.parameters import METHOD, NodeParameters
+    from ..robot.parameters import CLOUDS, METHOD, NodeParameters
     from ..tuning.objective import HOPELESS
     from ..tuning.space import read_axis
     from ..tuning.study import Study
@@ -83,9 +83,9 @@ def tune(args):
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    note_unused('tune', args.params_file, start, METHOD)
+    note_unused('tune', args.params_file, start, METHOD | CLOUDS)
     axes = [read_axis(text, start) for text in args.parameters]
-    searched, held_out = _recordings(args)
+    searched, held_out = _recordings(args, start)
     known = [known_motion(recording) for recording in held_out]
     task = Task([recording.path for recording in searched], args.topic, args.objective, args.scans)
     settings = _settings(args, task, start, axes)
@@ -124,15 +124,16 @@ def _set_live(node, values):
     print(f'live        set on {node}')
 
 
-def _recordings(args):
+def _recordings(args, start):
     """Open the recordings used in the search and the held-out recordings; print the warnings about their scans."""
     from ..recordings import find_recording
+    from ..recordings.bags.clouds import CloudParameters
 
     paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
                        for files in (args.files, args.held_out))
     if both := set(paths) & set(held_out):
         raise CommandError(f'{next(iter(both))}: is used in the search, so it cannot be held out')
-    recordings = open_all('tune', (*paths, *held_out), args.topic, args.scans)
+    recordings = open_all('tune', (*paths, *held_out), args.topic, CloudParameters.of(start, args.topic), args.scans)
     return recordings[:len(paths)], recordings[len(paths):]
 
 

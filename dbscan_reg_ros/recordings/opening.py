@@ -11,7 +11,7 @@ from .files import UNREADABLE, reason_of
 from .recording import Recording
 
 
-def open_recording(path, topic=None) -> 'Recording':
+def open_recording(path, topic=None, point_clouds=None) -> 'Recording':
     """Return the recording at `path`: CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag (folder, sqlite3 or mcap file).
 
     Parameters
@@ -19,6 +19,8 @@ def open_recording(path, topic=None) -> 'Recording':
     path : str or Path
     topic : str, optional
         The topic of the scans; in a CARMEN log the name of the message. Needed if several topics have scans.
+    point_clouds : CloudParameters, optional
+        How the point clouds of a bag become scans; without it only laser scans can be read.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def open_recording(path, topic=None) -> 'Recording':
     path = Path(path)
     if is_bag(path):
         from .bags.bag import Bag
-        return Bag(path, topic)
+        return Bag(path, topic, point_clouds)
     from .carmen.log import CarmenLog
     return CarmenLog(path, topic)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core.errors import RecordingError
+from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
 from .message_fields import pose_only_fields
 from .playback import ODOMETRY, Channel, Played
@@ -41,11 +42,15 @@ class Recording:
         The coordinate frame of the first scan.
     count : int
         Number of scans according to the recording, damaged ones included.
+    mounting : Mounting or None
+        Mounting of scans that have the axes of the base, as they were made of point clouds; None: the scans are in the
+        frame of the lidar.
     """
 
     topic: str
     frame_id: str
     count: int
+    mounting: Mounting | None = None
 
     def __init__(self, path):
         self.path = Path(path)

@@ -75,18 +75,20 @@ class ScanFields(NamedTuple):
 
     stamp: int
     frame_id: str
-    angle_min: float
-    angle_max: float
-    angle_increment: float
-    time_increment: float
-    range_min: float
-    range_max: float
-    ranges: object
+    angle_min: float = 0.0
+    angle_max: float = 0.0
+    angle_increment: float = 1.0
+    time_increment: float = 0.0
+    range_min: float = 0.0
+    range_max: float = math.inf
+    ranges: object = (math.inf,)
 
     @classmethod
     def from_message(cls, message) -> 'ScanFields':
-        """Return the fields of a LaserScan message, or of any object with the same fields."""
+        """Return the fields of a LaserScan message; of a PointCloud2 message only those that both have."""
         header = message.header
+        if not hasattr(message, 'ranges'):
+            return cls(in_nanoseconds(header.stamp), header.frame_id)
         return cls(in_nanoseconds(header.stamp), header.frame_id, message.angle_min,
                    message.angle_max, message.angle_increment, message.time_increment, message.range_min,
                    message.range_max, message.ranges)

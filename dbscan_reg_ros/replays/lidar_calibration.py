@@ -132,8 +132,12 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
     Raises
     ------
     CalibrationError
-        When too few scans of a lidar could be compared.
+        When too few scans of a lidar could be compared, or a further lidar has point clouds.
     """
+    for other in others:
+        if other.recording.mounting:
+            raise CalibrationError(f'{other.recording.path}: {other.recording.topic} has point clouds; expected laser '
+                                   'scans: only the first lidar may have point clouds')
     comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
     odometry = OdometryWithOthers(Odometry(parameters.for_odometry(), comparisons=comparisons), others,
                                   recording.topic, mounting, parameters)

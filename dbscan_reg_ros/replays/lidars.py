@@ -13,13 +13,14 @@ from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
 from ..core.registration.records import Status
 from ..recordings import open_recording
+from ..recordings.bags.clouds import CloudParameters
 from ..recordings.bags.static_transforms import static_mounting
 from ..recordings.opening import is_bag
 from ..recordings.recording import Recording
 from ..robot.mounting import mounting_from_parameters
 from ..robot.parameter_groups import InputParameters
 from ..robot.sensors import NAMELESS
-from .sensor_mounting import received, turned
+from .sensor_mounting import mounting_of, received, turned
 
 UPSIDE_DOWN = 'upside_down'
 """Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
@@ -65,6 +66,8 @@ def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
     MountingError
         When the mounting is neither given nor recorded on ``/tf_static``.
     """
+    if recording.mounting:
+        return recording.mounting
     if recording.topic in mountings:
         return mountings[recording.topic]
     found = static_mounting(recording.path, base_frame, recording.frame_id) if is_bag(recording.path) else None
@@ -122,9 +125,24 @@ def further_lidars(first: Recording, topics, mountings, parameters) -> list:
     """
     if len({first.topic, *topics}) <= len(topics):
         raise RecordingError(f'{first.path}: expected each topic once: {", ".join((first.topic, *topics))}')
-    opened = [open_recording(first.path, topic) for topic in topics]
+    opened = [open_recording(first.path, topic, CloudParameters.of(parameters, topic, mountings)) for topic in topics]
     return [FurtherLidar(recording, mounting_in(recording, mountings, parameters.base_frame),
                          parameters.lidar(recording.topic).scan) for recording in opened]
+
+
+def lidars_of(first: Recording, topics, mountings, parameters) -> tuple:
+    """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `topics`.
+
+    Raises
+    ------
+    RecordingError, MountingError
+        As `further_lidars`.
+    """
+    if topics and parameters.mounting != 'laser_pose':
+        mounting = mounting_in(first, mountings, parameters.base_frame)
+    else:
+        mounting = first.mounting or mountings.get(first.topic) or mounting_of(parameters.lidar(first.topic))
+    return mounting, further_lidars(first, topics, mountings, parameters) if topics else []
 
 
 @dataclass(eq=False)

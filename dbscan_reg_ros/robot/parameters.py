@@ -28,9 +28,10 @@ from .sensors import (
 MOUNTINGS = ('none', 'laser_pose', 'tf')
 METHOD = frozenset(each.name for each in Parameters.describe())
 """Full names of the parameters of the method."""
-REPLAYED = METHOD | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
-                     'input.mask_range', 'input.time_offset', 'input.type', 'input.height_min', 'input.height_max',
-                     'input.bearing_step', 'sensors'}
+CLOUDS = frozenset({'input.type', 'input.height_min', 'input.height_max', 'input.bearing_step'})
+"""Full names of the parameters that only point clouds need."""
+REPLAYED = METHOD | CLOUDS | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
+                              'input.mask_range', 'input.time_offset', 'sensors'}
 """Full names of the parameters that a replay uses."""
 NO_TOPICS = ('scan',)
 """Value of ``scan_topics`` if it is not given."""

@@ -110,6 +110,20 @@ def scan_from_cloud(message: PointCloudMessage, matrix: Array, parameters: Input
     return _scan(message, count, beams, (bins, bearings, ranges[chosen]))
 
 
+def no_points(message: PointCloudMessage, matrix: Array, parameters: InputParameters) -> str:
+    """Return a sentence on a point cloud of which `scan_from_cloud` uses no point, with the heights of its points."""
+    points = _read(message)
+    x, y, z = (points[name].astype(float) for name in 'xyz')
+    measured = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & ((x != 0.0) | (y != 0.0))
+    band = f'between input.height_min = {parameters.height_min:g} m and input.height_max = {parameters.height_max:g} m'
+    if not measured.any():
+        return f'the point cloud has no point, {band} or elsewhere'
+    heights = np.column_stack((x, y, z))[measured] @ matrix[2, :3] + matrix[2, 3]
+    low, high = (round(float(height), 2) + 0.0 for height in (heights.min(), heights.max()))
+    return (f'the point cloud has no point {band}; the heights of its points in base_frame are from {low:.2f} m to '
+            f'{high:.2f} m')
+
+
 def _scan(message: PointCloudMessage, count: int, order: _Order,
           nearest: tuple[NDArray[np.int64], Array, Array]) -> Scan:
     """Make the scan of `count` beams in the given order from numbers, bearings and ranges of the `nearest` points."""

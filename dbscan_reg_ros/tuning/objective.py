@@ -15,6 +15,7 @@ from ..evaluation.comparison import METRES, TooShort, paired
 from ..evaluation.known_motion import KnownMotion
 from ..evaluation.metrics import apart, errors, path_lengths
 from ..recordings import open_recording
+from ..recordings.bags.clouds import CloudParameters
 from ..recordings.poses import relative
 from ..replays.trajectory import Trajectory, trajectory_of
 
@@ -39,8 +40,9 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
     RecordingError
         When the recording cannot be read, or `objective` is ``truth`` and its true motion is unknown.
     """
-    known, parameters = _known(path, topic), parameters.for_odometry()
-    scans = list(itertools.islice(open_recording(path, topic).scans(), limit))
+    clouds = CloudParameters.of(parameters, topic)
+    known, parameters = _known(path, topic, clouds), parameters.for_odometry()
+    scans = list(itertools.islice(open_recording(path, topic, clouds).scans(), limit))
     if objective == 'truth' or (objective == 'auto' and (known.truth or known.relations)):
         trajectory = trajectory_of(scans, parameters)
         try:
@@ -51,9 +53,9 @@ def cost_of(path, topic, parameters, objective='auto', limit=None):
 
 
 @lru_cache
-def _known(path, topic):
+def _known(path, topic, clouds):
     """Return the known motion of a recording, read once and cached for all trials."""
-    return KnownMotion.of(open_recording(path, topic))
+    return KnownMotion.of(open_recording(path, topic, clouds))
 
 
 def _inconsistency(scans, parameters):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of messages of a lidar to scans without masked beams, and warnings about the messages."""
-import math
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -15,7 +14,7 @@ from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
 from ...robot.parameter_groups import InputParameters
-from ...robot.point_cloud import scan_from_cloud
+from ...robot.point_cloud import no_points, scan_from_cloud
 from ..throttled_log import ThrottledLog
 from .messages import stamp_from_message
 
@@ -57,9 +56,7 @@ class ScanReader:
 
     def check(self, message: ScanMessage) -> list[ScanWarning]:
         """Return the warnings about a scan; log each warning once while its cause lasts."""
-        fields = (_without_beams(message) if isinstance(message, PointCloud2)
-                  else ScanFields.from_message(message))
-        found: list[ScanWarning] = self._checks.look(fields, self._clock.now().nanoseconds)
+        found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
                 self._log.warn(warning.text)
@@ -91,14 +88,11 @@ class ScanReader:
         if isinstance(message, PointCloud2):
             matrix = mountings.matrix(frame, stamp, self._log)
             mounting = Mounting(SE2(float(matrix[0, 3]), float(matrix[1, 3])))
-            return self._mask.apply(scan_from_cloud(message, matrix, parameters), mounting, parameters), mounting
+            scan = scan_from_cloud(message, matrix, parameters)
+            if not scan.valid.any():
+                self._log.warn(no_points(message, matrix, parameters))
+            return self._mask.apply(scan, mounting, parameters), mounting
         mounting = mountings.find(frame, stamp, self._log)
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         self._geometry = scan.geometry
         return self._mask.apply(scan, mounting, parameters), mounting
-
-
-def _without_beams(message: PointCloud2) -> ScanFields:
-    """Return the fields of a point cloud that are checked: its stamp and its frame."""
-    header = message.header
-    return ScanFields(stamp_from_message(header.stamp), header.frame_id, 0.0, 0.0, 1.0, 0.0, 0.0, math.inf, (math.inf,))

@@ -2,11 +2,12 @@
 """ROS 1 and ROS 2 bags as recordings of scans."""
 import math
 from collections import Counter
+from itertools import islice
 
 import numpy as np
 
 from ...core.errors import RecordingError, ScanError
-from ...core.geometry.mounting import MountingError
+from ...core.geometry.mounting import Mounting, MountingError
 from ...core.scan import Scan, in_nanoseconds
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from ..poses import FARTHEST, compose, corrected, possible
@@ -14,10 +15,13 @@ from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
 from .bag_faults import other_contents
+from .clouds import POINT_CLOUD, CloudParameters, CloudReader
 from .reading import open_reader, own, safely
 from .static_transforms import static_mounting
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
+WITHOUT_POINTS = 50
+"""A recording is refused if its first point clouds, of this number, have no point between the heights."""
 
 
 class Bag(Recording):
@@ -26,15 +30,28 @@ class Bag(Recording):
     Messages come in order of record time. An odometry topic with *truth* in its name is the ground truth; an odometry
     topic with *laser_pose* in its name contains the poses of the laser. The wheel odometry is the only other odometry
     topic, or the only one of them with *wheel* in its name.
+
+    Parameters
+    ----------
+    path : Path
+    topic : str, optional
+    point_clouds : CloudParameters, optional
+        How point clouds become scans; without it only laser scans can be read. A topic of point clouds is chosen if
+        `topic` names it, or no topic has laser scans.
     """
 
-    def __init__(self, path, topic=None):
+    def __init__(self, path, topic=None, point_clouds: CloudParameters | None = None):
         super().__init__(path)
         with open_reader(self.path) as reader:
-            scans, odometry = (_topics(reader.connections, kind) for kind in (LASER_SCAN, ODOMETRY))
+            scans, points, odometry = (_topics(reader.connections, kind)
+                                       for kind in (LASER_SCAN, POINT_CLOUD, ODOMETRY))
+            if point_clouds and (not scans or topic in points):
+                scans |= points
             if not scans:
                 raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
         self._choose(scans, topic)
+        self._clouds = point_clouds if self.topic in points else None
+        self._reader: CloudReader | None = None
         self._truth_topic = only(name for name in odometry if 'truth' in name)
         self._laser_topic = only(name for name in odometry if 'laser_pose' in name)
         self._wheel_topic = _wheel_topic(odometry)
@@ -43,6 +60,10 @@ class Bag(Recording):
             problem = self.problems[0] if self.problems else 'there is no message'
             raise RecordingError(f'{self.path}: no readable scan on {self.topic}: {problem}')
         self.frame_id = first.frame_id
+        if self._reader:
+            self.mounting = self._reader.mounting
+            if not any(scan.valid.any() for scan in islice(self.scans(), WITHOUT_POINTS)):
+                raise RecordingError(f'{self.path}: no point on {self.topic} can be used: {self._reader.problem}')
 
     def scans(self):
         """Return an iterator over the scans on the chosen topic, in order of record time."""
@@ -68,12 +89,19 @@ class Bag(Recording):
                 continue
             self._look(watch, ScanFields.from_message(message))
             try:
-                scan = Scan.from_message(message, geometry)
+                scan = self._scan_of(message, geometry)
             except ScanError as error:
                 self._report(f'{self.path.name}: scan {number} on {topic} skipped: {error}')
                 continue
             geometry = scan.geometry
             yield Played(scan, time)
+
+    def _scan_of(self, message, geometry) -> Scan:
+        """Return the scan of a message; `geometry` is that of the last scan."""
+        if not self._clouds:
+            return Scan.from_message(message, geometry)
+        self._reader = self._reader or self._clouds.reader(self.path, self.topic, message.header.frame_id)
+        return self._reader.scan(message)
 
     def records(self):
         """Yield the `Record` of each scan, with the laser pose and the wheel pose interpolated at its stamp."""
@@ -100,10 +128,10 @@ class Bag(Recording):
         """Convert the poses of the frame that the truth names as its child frame to poses of the lidar."""
         message = next((message for *_, message in self._messages([self._truth_topic])), None)
         frame, own_frame = message.child_frame_id.strip('/') if truth else '', self.frame_id.strip('/')
-        if frame in ('', own_frame):
+        if not frame or (frame == own_frame and not self._clouds):
             return truth
         try:
-            mounting = static_mounting(self.path, frame, own_frame)
+            mounting = self._mounting_on(frame)
         except MountingError:
             mounting = None
         if mounting is None or mounting.upside_down:
@@ -113,6 +141,13 @@ class Bag(Recording):
         self._note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
         stamps, poses = truth
         return stamps, compose(poses, mounting.pose.as_array()[None])
+
+    def _mounting_on(self, frame) -> Mounting | None:
+        """Return the mounting of the scans on another frame; None if it is unknown."""
+        if not self._clouds or not self.mounting:
+            return static_mounting(self.path, frame, self.frame_id.strip('/'))
+        base = static_mounting(self.path, frame, self._clouds.base_frame)
+        return base and Mounting(base.pose @ self.mounting.pose, base.upside_down)
 
     def _odometry(self, topic):
         if topic is None:

@@ -17,11 +17,15 @@ def static_mounting(path, base_frame, frame) -> Mounting | None:
     MountingError
         When the lidar is tilted too far.
     """
+    matrix = static_matrix(path, base_frame, frame)
+    return None if matrix is None else Mounting.from_matrix(matrix)
+
+
+def static_matrix(path, base_frame, frame):
+    """Return the matrix ``(4, 4)`` from the lidar `frame` to `base_frame`, as `static_mounting`, for any tilt."""
     parents = _transforms(path)
     base, laser = _chain(parents, base_frame), _chain(parents, frame)
-    if base[0] != laser[0]:
-        return None
-    return Mounting.from_matrix(np.linalg.inv(base[1]) @ laser[1])
+    return np.linalg.inv(base[1]) @ laser[1] if base[0] == laser[0] else None
 
 
 def _transforms(path) -> dict:
