@@ -84,7 +84,7 @@ class NodeCore:
 
     def activate(self) -> None:
         """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
-        inboxes = [lidar.subscribe(self._is_ready, self._on_scan) for lidar in self._lidars]
+        inboxes = [lidar.subscribe(self._patience, self._on_scan, self._retry_others) for lidar in self._lidars]
         self._diagnostics.restart()
         topics = ', '.join(inbox.topic for inbox in inboxes)
         self._node.get_logger().info(f'ready: {topics} -> {self._outputs.odom.topic_name}')
@@ -112,10 +112,16 @@ class NodeCore:
             lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
 
-    def _is_ready(self, lidar: Lidar, message: ScanMessage) -> bool:
-        """Whether a scan need not wait: its mounting and external prior are known, or will stay unknown."""
-        frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
-        return lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)
+    def _patience(self, lidar: Lidar, message: ScanMessage) -> float:
+        """Return how long [s] after its arrival a scan may wait.
+
+        It waits while its mounting or external prior is not known yet, or a scan of another lidar is due before it.
+        """
+        frame, stamp, given = message.header.frame_id, stamp_from_message(message.header.stamp), lidar.input
+        if not (lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)):
+            return max(given.max_wait, given.reorder)
+        others = (other.inbox for other in self._lidars if other is not lidar and other.inbox)
+        return given.reorder if any(inbox.has_older(stamp) for inbox in others) else 0.0
 
     def _followed_frame(self, frame: str) -> str:
         """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""
@@ -209,6 +215,12 @@ class NodeCore:
         for lidar in self._lidars:
             if lidar.inbox:
                 lidar.inbox.retry_pending()
+
+    def _retry_others(self, lidar: Lidar) -> None:
+        """Retry the scans that may have waited for one of `lidar`."""
+        for other in self._lidars:
+            if other is not lidar and other.inbox:
+                other.inbox.retry_pending()
 
     def _on_transform(self, transform: TransformStamped, topic: str) -> None:
         self._sender.on_transform(transform, topic)

@@ -18,8 +18,8 @@ LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
 class InputParameters(ParameterGroup):
     """Selection of the scans that are processed, and of the beams that are used."""
 
-    BASIC = ('every_nth', 'queue_size', 'max_wait', 'mask', 'mask_range', 'time_offset', 'type', 'height_min',
-             'height_max', 'bearing_step')
+    BASIC = ('every_nth', 'queue_size', 'max_wait', 'reorder', 'mask', 'mask_range', 'time_offset', 'type',
+             'height_min', 'height_max', 'bearing_step')
 
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
@@ -34,6 +34,11 @@ class InputParameters(ParameterGroup):
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
              'at the stamp of the scan. It should exceed the period of the source of the prior. Larger values tolerate '
              'slower sources and delay the pose; 0 never waits.')
+    reorder: float = parameter(
+        0.02, unit='s', bounds=(0.0, 1.0),
+        help='With several lidars, longest time that a scan waits for an older scan of another lidar that is due, so '
+             'that scans are used in the order of their stamps. Larger values tolerate slower lidars and delay the '
+             'pose; 0 never waits. A scan that comes later still updates the map, but not the published pose.')
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
         help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '

@@ -147,9 +147,13 @@ def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_
     assert '/front/scan: too slow' not in node.output()
 
 
-def played(peer, scans, late):
+def loudspeakers(peer):
+    return {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+
+
+def played(peer, scans, late, lidars=None):
     """The odometry of the node while `scans` are sent, those of the rear lidar stamped `late` [ns]."""
-    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    lidars = lidars or loudspeakers(peer)
     found = peer.subscribe(Odometry, '/odom')
     for scan in scans:
         count, rear = len(found), scan.frame_id == 'rear'
@@ -181,6 +185,27 @@ def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive,
         transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
     played(peer, scans, late)
     only_the_rear_is_masked(peer, scans)
+
+
+def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive, tf_type, tmp_path):
+    """Six scans come at once, first those of the rear lidar; all have come before the wait for them ends."""
+    scans, _ = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
+                         '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=10', '-p', f'snapshot.folder:={tmp_path}')
+    said(node, 'ready: ', peer)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    lidars = loudspeakers(peer)
+    found = played(peer, scans[:8], 0, lidars)
+    count, more = len(found), sorted(scans[8:14], key=lambda scan: scan.frame_id, reverse=True)
+    for scan in more:
+        lidars[scan.frame_id].tell(scan_to_message(scan))
+    peer.until(lambda: len(found) == count + sum(scan.frame_id == 'front' for scan in more))
+    used = [update.scan.stamp for update in read_snapshot(
+        peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request()).message).updates]
+    last = max(scan.stamp for scan in more if scan.frame_id == 'front')
+    assert [stamp for stamp in used if scans[8].stamp <= stamp <= last] == sorted(
+        scan.stamp for scan in more if scan.stamp <= last)
 
 
 def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lidars that the node subscribes to, and the choice of the lidar whose scans trigger the published odometry."""
 import dataclasses
-import itertools
-from collections import deque
 from collections.abc import Callable
-from statistics import median
 
 from rclpy.node import Node
 
@@ -14,6 +11,7 @@ from ...core.odometry.sensor import FIRST, Sensor
 from ...core.parameters.features import ScanParameters
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
+from ...robot.recent_stamps import RecentStamps
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
 from .scan_input import TYPES, ScanInbox, StampFilter
@@ -75,12 +73,12 @@ class Lidar:
         if self.inbox:
             self.inbox.parameters = self.input
 
-    def subscribe(self, is_ready: Callable[['Lidar', ScanMessage], bool],
-                  handle: Callable[['Lidar', ScanMessage], None]) -> ScanInbox:
-        """Subscribe to the scans; call `handle` with this lidar and each scan; both as in `ScanInbox`."""
-        self._callbacks = is_ready, handle
-        self.inbox = ScanInbox(self._node, self.input, lambda message: is_ready(self, message),
-                               lambda message: handle(self, message), self.topic)
+    def subscribe(self, patience: Callable[['Lidar', ScanMessage], float],
+                  handle: Callable[['Lidar', ScanMessage], None], passed: Callable[['Lidar'], None]) -> ScanInbox:
+        """Subscribe to the scans; call `handle` with this lidar and each scan; all as in `ScanInbox`."""
+        self._callbacks = patience, handle, passed
+        self.inbox = ScanInbox(self._node, self.input, lambda message: patience(self, message),
+                               lambda message: handle(self, message), lambda: passed(self), self.topic)
         return self.inbox
 
     def unsubscribe(self) -> None:
@@ -132,7 +130,7 @@ class OdometryTrigger:
     """
 
     def __init__(self, count: int) -> None:
-        self._stamps: list[deque[int]] = [deque(maxlen=_STAMPS) for _ in range(count)]
+        self._stamps = [RecentStamps() for _ in range(count)]
         self._last: int | None = None
 
     def restart(self) -> None:
@@ -147,22 +145,14 @@ class OdometryTrigger:
         Odometry is published unless an earlier lidar of the list published a scan within its last two scan periods, or,
         with several lidars, the stamp is not newer than that of the last odometry.
         """
-        self._stamps[lidar].append(stamp)
-        if any(self._is_alive(stamps, stamp) for stamps in self._stamps[:lidar]):
+        self._stamps[lidar].add(stamp)
+        if any(stamps.is_heard(stamp, _SILENT_PERIODS) for stamps in self._stamps[:lidar]):
             return False
         if len(self._stamps) > 1 and self._last is not None and stamp <= self._last:
             return False
         self._last = stamp
         return True
 
-    @staticmethod
-    def _is_alive(stamps: deque[int], now: int) -> bool:
-        """Whether the last of the `stamps` [ns] of a lidar is at most two of its scan periods before `now` [ns]."""
-        steps = [later - stamp for stamp, later in itertools.pairwise(stamps)]
-        return bool(steps) and now - stamps[-1] <= _SILENT_PERIODS * median(steps)
-
 
 _SILENT_PERIODS = 2
 """Number of scan periods without a scan after which a lidar counts as silent."""
-_STAMPS = 9
-"""Number of stamps of a lidar from which its scan period is estimated."""

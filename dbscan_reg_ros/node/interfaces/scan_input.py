@@ -12,6 +12,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from ...core.scan import SECOND
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
+from ...robot.recent_stamps import RecentStamps
 from .endpoints import subscription
 from .graph_checks import incompatibilities
 from .messages import stamp_from_message, stamp_to_message
@@ -36,16 +37,21 @@ class ScanInbox:
         The node that subscribes.
     parameters : InputParameters
         Parameters of this lidar, with the type of its messages in `TYPES`; may be replaced at any time.
-    is_ready : callable
-        Function that returns whether a scan can be processed now; otherwise it waits for its mounting or prior.
+    patience : callable
+        Function that returns how long [s] after its arrival a scan may wait: for its mounting, its prior or older scans
+        of other lidars; 0 if it can be processed now.
     handle : callable
         Function that processes each scan.
+    passed : callable
+        Function that is called when a scan has arrived or was processed: scans of other lidars may have waited for it.
     topic : str
 
     Attributes
     ----------
     received, dropped : int
         Number of scans received or dropped so far.
+    stamps : RecentStamps
+        Stamps of the scans that arrived.
 
     Raises
     ------
@@ -53,13 +59,14 @@ class ScanInbox:
         When the quality of service that the parameters set is invalid.
     """
 
-    def __init__(self, node: Node, parameters: InputParameters, is_ready: Callable[[ScanMessage], bool],
-                 handle: Callable[[ScanMessage], None], topic: str = 'scan') -> None:
+    def __init__(self, node: Node, parameters: InputParameters, patience: Callable[[ScanMessage], float],
+                 handle: Callable[[ScanMessage], None], passed: Callable[[], None], topic: str = 'scan') -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
+        self.stamps = RecentStamps()
         self._node = node
-        self._is_ready = is_ready
-        self._handle = handle
+        self._patience = patience
+        self._handle, self._passed = handle, passed
         self._pending: deque[tuple[ScanMessage, float]] = deque()
         self._subscription = subscription(node, TYPES[parameters.type], topic, self._on_message, QUALITY)
         self._timer = node.create_timer(1.0, self._process_next, callback_group=WakingCallbackGroup(self.has_pending),
@@ -75,11 +82,16 @@ class ScanInbox:
         return incompatibilities(self._node, self._subscription)
 
     def has_pending(self) -> bool:
-        """Whether a scan waits for its mounting or external prior."""
+        """Whether a scan waits for its mounting, its external prior or other lidars."""
         return bool(self._pending)
 
+    def has_older(self, stamp: int) -> bool:
+        """Whether a scan with a stamp before `stamp` [ns] is pending, or is due and has not come."""
+        pending = self._pending and stamp_from_message(self._pending[0][0].header.stamp) < stamp
+        return bool(pending) or self.stamps.expects_before(stamp)
+
     def retry_pending(self) -> None:
-        """Process the oldest pending scan if it is ready now: a transform or data of the prior has arrived."""
+        """Process the oldest pending scan if it is ready now: what it waits for may have arrived."""
         if self._pending:
             self._retry_after(0.0)
 
@@ -92,22 +104,24 @@ class ScanInbox:
     def _on_message(self, message: ScanMessage) -> None:
         self._queue(message)
         self._process_next()
+        self._passed()
 
     def _process_next(self) -> None:
-        """Process the oldest pending scan if it is ready, or has waited for ``input.max_wait``."""
+        """Process the oldest pending scan if it need not wait any longer."""
         self._timer.cancel()
         for message in taken(self._subscription):
             self._queue(message)
         if not self._pending:
             return
         message, arrival = self._pending[0]
-        remaining = arrival + self.parameters.max_wait - time.monotonic()
-        if remaining > 0.0 and not self._is_ready(message):
+        remaining = arrival + self._patience(message) - time.monotonic()
+        if remaining > 0.0:
             self._retry_after(remaining)
             return
         self._pending.popleft()
         self._handle(message)
         self.retry_pending()
+        self._passed()
 
     def _retry_after(self, delay: float) -> None:
         """Call `_process_next` once, after `delay` [s]."""
@@ -119,6 +133,7 @@ class ScanInbox:
         if (self.received - 1) % self.parameters.every_nth:
             return
         self._correct_stamp(message)
+        self.stamps.add(stamp_from_message(message.header.stamp))
         self._pending.append((message, time.monotonic()))
         while len(self._pending) > self.parameters.queue_size:
             self._pending.popleft()
