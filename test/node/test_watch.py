@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live page of the real node, each in a process of its own, over DDS."""
+import dataclasses
 import re
 
 import numpy as np
 import pytest
 from events import Reader
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, mounted, pose_of, said
+from ros_helpers import TIMEOUT, Loudspeaker, mounted, pose_of, said
+from sensor_msgs.msg import LaserScan, PointCloud2
+from test_node_point_cloud import cloud_of
 
 from dbscan_reg_ros import SE2
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
+
+ALIVE = 14
+"""Number of scans that the first lidar sends before it is silent."""
 
 
 @pytest.fixture
@@ -64,6 +71,47 @@ def test_ten_browsers_see_the_scans_of_the_node_where_it_has_placed_them(start_n
         reader.close()
     said(process, 'no browser is connected', peer)
     peer.until(lambda: peer.node.count_subscribers('/odom') == 2)
+
+
+def test_scans_of_several_lidars_are_drawn_where_their_own_parameters_place_them(start_command, watch, peer, scans,
+                                                                                 tmp_path):
+    """The mast has a 3D lidar, whose driver stamps 20 ms late; no lidar has a transform."""
+    places = {'mast': SE2(0.2, -0.1), 'rear': SE2(-0.3, 0.1, 3.0)}
+    file = tmp_path / 'lidars.yaml'
+    file.write_text(f"""/**:
+  ros__parameters:
+    sensors: [mast, rear]
+    mast: {{type: sensor_msgs/PointCloud2, laser_pose: {places['mast'].as_array().tolist()}, time_offset: [-0.02],
+            height_min: -0.6}}
+    rear.laser_pose: {places['rear'].as_array().tolist()}
+""")
+    start_command('scan_matcher', '--ros-args', '--params-file', str(file), '-r', '__ns:=/robot')
+    process, port = watch('--ros-args', '-r', '__ns:=/robot')
+    mast, rear = (Loudspeaker(peer, kind, f'/robot/{name}/scan')
+                  for kind, name in ((PointCloud2, 'mast'), (LaserScan, 'rear')))
+    reader = Reader('127.0.0.1', port)
+    watched_from(reader, '/robot/scan_matcher')
+    odometry = peer.listen(Odometry, '/robot/odom')
+    peer.until(lambda: all(peer.node.count_subscribers(each.publisher.topic_name) == 2 for each in (mast, rear)))
+    for number, scan in enumerate(scans[:24]):
+        count = len(odometry)
+        if number < ALIVE:
+            mast.tell(cloud_of(dataclasses.replace(scan, stamp=scan.stamp + 20_000_000), tilted=False))
+        rear.tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + 5_000_000)))
+        # Two periods after the last scan of the mast there is odometry for those of the rear lidar.
+        if not ALIVE <= number < ALIVE + 3:
+            peer.until(lambda count=count: len(odometry) > count)
+    placed = {round(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, 6): pose_of(message)
+              for message in odometry}
+    drawn = {'mast': 0, 'rear': 0}
+    while not all(drawn.values()):
+        event = reader.next('scan')[1]
+        name = 'mast' if any(abs(event['time'] - 1e-9 * scan.stamp) < 1e-4 for scan in scans) else 'rear'
+        np.testing.assert_allclose(event['pose'], (placed[round(event['time'], 6)] @ places[name]).as_array(),
+                                   atol=1e-3)
+        drawn[name] += 1
+    reader.close()
+    assert process.running()
 
 
 def test_the_page_goes_on_when_the_node_is_restarted(start_node, watch, player, peer, scans):

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mounting of the lidar at the time of each scan."""
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,13 @@ from ...robot.mounting import mounting_from_parameters
 from ...robot.sensors import LidarParameters
 from ..errors import NoTransformError
 from ..throttled_log import ThrottledLog
-from .transforms import TransformListener
+
+
+class Transforms(Protocol):
+    """Received transforms: `TransformListener`, or one of its stores."""
+
+    def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
+        """Look up the transform from `source` to `target` at `stamp` [ns], as `TransformStore.lookup`."""
 
 
 class Mountings:
@@ -20,7 +28,7 @@ class Mountings:
     base_frame : str
     lidar : LidarParameters
         The parameter ``mounting`` selects the source of the mounting of this lidar.
-    transforms : TransformListener or None
+    transforms : Transforms or None
         Received transforms; None if tf2_msgs is not installed.
 
     Raises
@@ -29,7 +37,7 @@ class Mountings:
         When ``mounting`` is tf and tf2_msgs is not installed.
     """
 
-    def __init__(self, base_frame: str, lidar: LidarParameters, transforms: TransformListener | None) -> None:
+    def __init__(self, base_frame: str, lidar: LidarParameters, transforms: Transforms | None) -> None:
         self._base_frame = base_frame
         self._transforms = transforms
         self._last_stamp: int | None = None

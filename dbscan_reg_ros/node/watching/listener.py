@@ -10,40 +10,33 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from rcl_interfaces.srv import GetParameters
-from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.task import Future
-from sensor_msgs.msg import LaserScan
 
 from ...core.errors import ScanError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.geometry.se2 import SE2
 from ...core.scan import Scan
-from ...robot.mounting import mounting_from_parameters
-from ...robot.parameters import NodeParameters
-from ..errors import NoTransformError
+from ...robot.parameter_groups import LASER_SCAN
 from ..frames.transform_sender import transform_type
 from ..frames.transform_store import make_store
 from ..interfaces.graph_checks import UNNAMED, full_name, publishers
 from ..interfaces.messages import PoseError, planar_from_message, stamp_from_message
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
+from ..interfaces.scan_input import TYPES
+from ..interfaces.scan_reader import ScanMessage
+from .watched_lidars import WatchedLidars
 
 DEPTH = 20
 QUALITY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 WAITING = 50
 """Largest number of scans that wait for the odometry with the same stamp, and of odometry messages that wait for the
 scan."""
 PLANAR = np.array((0, 1, 5))
 """Rows of x, y and yaw in the 6x6 covariance of an odometry message."""
-NAMES = 'mounting', 'laser_pose', 'upside_down'
-"""Parameters of the node that define the mounting of its lidar."""
 
 
 class WatchedScan(NamedTuple):
@@ -71,8 +64,8 @@ class WatchedScan(NamedTuple):
 class Listener:
     """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
 
-    If the node has several lidars, `Listener` subscribes to the scans of each, and passes on the scans whose stamps are
-    those of odometry messages.
+    If the node has other or several lidars, `Listener` subscribes to the scans of each, and passes on the scans whose
+    stamps are those of odometry messages.
 
     Parameters
     ----------
@@ -96,16 +89,18 @@ class Listener:
         self._executor.add_node(self._node)
         self._subscriptions: list[Subscription] = []
         self._timer = self._node.create_timer(0.5, self._look_for_node)
-        self._client: Client | None = None
+        self._lidars: WatchedLidars | None = None
         self._begin()
 
     def _begin(self) -> None:
         """Clear the name of the node, its parameters, the transforms and the pending messages."""
         self._source: bytes | None = None
         self._name = ''
-        self._scans: OrderedDict[int, LaserScan] = OrderedDict()
+        self._scans: OrderedDict[int, tuple[Scan, Mounting]] = OrderedDict()
         self._poses: OrderedDict[int, Odometry] = OrderedDict()
-        self._parameters: NodeParameters | None = None
+        if self._lidars:
+            self._lidars.close()
+        self._lidars = None
         self._transforms = make_store()
 
     def __enter__(self) -> 'Listener':
@@ -132,12 +127,13 @@ class Listener:
         self._begin()
         reports = QoSProfile(depth=DEPTH)
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        wanted = [(LaserScan, 'scan', self._take_scan, QUALITY), (Odometry, 'odom', self._take_odometry, QUALITY),
+        wanted = [(Odometry, 'odom', self._take_odometry, QUALITY),
                   (DiagnosticArray, '/diagnostics', self._take_reports, reports)]
         if (kind := transform_type()) is not None:
             wanted += [(kind, '/tf_static', lambda message: self._take_transforms(message, True), latched)]
         self._subscriptions = [self._node.create_subscription(*each, event_callbacks=NO_SUBSCRIPTION_EVENTS)
                                for each in wanted]
+        self._subscribe_to_lidar(self._node.resolve_topic_name('scan'), LASER_SCAN)
 
     def unsubscribe(self) -> None:
         """End all subscriptions."""
@@ -161,36 +157,41 @@ class Listener:
         self._begin()
         self._source, self._name = source, name
         self._on_node(self._name)
-        if self._client:
-            self._node.destroy_client(self._client)
-        self._client = self._node.create_client(GetParameters, f'{self._name}/get_parameters')
-        self._ask()
+        self._lidars = WatchedLidars(self._node, self._name, self._transforms)
+        self._lidars.ask()
 
     def _subscribe_to_scans(self) -> None:
         """Subscribe to all topics of scans that the node subscribes to: it may have several lidars."""
         namespace, _, name = self._name.rpartition('/')
-        known = {subscription.topic_name for subscription in self._subscriptions}
         try:
             found = self._node.get_subscriber_names_and_types_by_node(name, namespace or '/')
         except RuntimeError:
             return
-        self._subscriptions += [
-            self._node.create_subscription(LaserScan, topic, self._take_scan, QUALITY,
-                                           event_callbacks=NO_SUBSCRIPTION_EVENTS)
-            for topic, kinds in found if LASER_SCAN in kinds and self._node.resolve_topic_name(topic) not in known]
+        known = {subscription.topic_name: subscription for subscription in self._subscriptions}
+        for topic, kinds in found:
+            kind = next((each for each in TYPES if each.replace('/', '/msg/') in kinds), None)
+            there = known.get(topic)
+            if kind and there and there.msg_type is not TYPES[kind]:
+                # The new subscription follows at the next call: the executor keeps the old one until it has run.
+                self._subscriptions.remove(there)
+                self._node.destroy_subscription(there)
+            elif kind and not there:
+                self._subscribe_to_lidar(topic, kind)
 
-    def _ask(self) -> None:
-        assert self._client
-        if self._parameters is None and self._client.service_is_ready():
-            self._client.call_async(GetParameters.Request(names=list(NAMES))).add_done_callback(self._take_parameters)
-
-    def _take_parameters(self, future: Future) -> None:
-        values = [parameter_value_to_python(value) for value in future.result().values]
-        known = {name: value for name, value in zip(NAMES, values, strict=False) if value is not None}
-        self._parameters = NodeParameters().replace(known)
-
-    def _take_scan(self, message: LaserScan) -> None:
-        self._keep(self._scans, stamp_from_message(message.header.stamp), message)
+    def _subscribe_to_lidar(self, topic: str, kind: str) -> None:
+        """Subscribe to the messages of the type `kind`, one of `TYPES`, on the full name of a topic."""
+        self._subscriptions.append(self._node.create_subscription(
+            TYPES[kind], topic, lambda message: self._take_scan(topic, message), QUALITY,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS))
+    def _take_scan(self, topic: str, message: ScanMessage) -> None:
+        """Keep a scan; skip damaged scans, and scans whose mounting is unknown."""
+        if self._lidars is None:
+            return
+        try:
+            scan, mounting = self._lidars.read(topic, message)
+        except (ScanError, MountingError):
+            return
+        self._keep(self._scans, scan.stamp, (scan, mounting))
 
     def _take_odometry(self, message: Odometry) -> None:
         self._keep(self._poses, stamp_from_message(message.header.stamp), message)
@@ -201,33 +202,20 @@ class Listener:
         while len(waiting) > WAITING:
             waiting.popitem(last=False)
         if stamp in self._scans and stamp in self._poses:
-            self._join(self._scans.pop(stamp), self._poses.pop(stamp))
+            self._join(*self._scans.pop(stamp), self._poses.pop(stamp))
 
-    def _join(self, message: LaserScan, odometry: Odometry) -> None:
-        """Pass a scan with its odometry to `on_scan`; skip damaged scans, and scans whose mounting is unknown."""
+    def _join(self, scan: Scan, mounting: Mounting, odometry: Odometry) -> None:
+        """Pass a scan of a sensor at the `aligned_pose` of a mounting, with its odometry, to `on_scan`."""
         try:
-            mounting = self._mounting(message.header.frame_id, odometry.child_frame_id)
-            scan = Scan.from_message(message, upside_down=mounting.upside_down)
             pose = planar_from_message(odometry.pose.pose) @ mounting.pose
-        except (ScanError, PoseError, MountingError, NoTransformError):
+        except PoseError:
             return
         covariance = np.array(odometry.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
         if not np.isfinite(covariance).all():
             return
         velocity = odometry.twist.twist.linear
-        self._on_scan(WatchedScan(scan.stamp, scan.points[scan.valid], pose, covariance,
-                                  math.hypot(velocity.x, velocity.y)))
-
-    def _mounting(self, frame: str, base: str) -> Mounting:
-        """Return the mounting of the lidar from the parameters of the node, or else from the transforms."""
-        if self._parameters is None:
-            if self._client:
-                self._ask()
-            raise MountingError('the node has not yet reported the mounting of its lidar')
-        fixed = mounting_from_parameters(self._parameters)
-        if fixed or frame == base:
-            return fixed or Mounting()
-        return Mounting.from_matrix(self._transforms.lookup(base, frame, 0)[0])
+        points = SE2(theta=-mounting.pose.theta).apply(scan.points[scan.valid])
+        self._on_scan(WatchedScan(scan.stamp, points, pose, covariance, math.hypot(velocity.x, velocity.y)))
 
     def _take_transforms(self, message: Any, static: bool) -> None:
         for transform in message.transforms:
