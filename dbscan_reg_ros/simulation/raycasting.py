@@ -4,12 +4,15 @@ import numpy as np
 
 EDGE = 1e-9
 """Segments are extended by this fraction of their length at both ends, so that joints of walls have no gaps."""
-_RAYS_AT_ONCE = 128
-"""Number of rays in one batch; the arrays of rays and surfaces then stay in the processor cache."""
+_MARGIN = 1e-6
+"""Margin [m] by which a ray may miss a surface that is looked at closely; far above all rounding errors."""
 
 
 def cast(origins, directions, segments, circles):
     """Compute the distance from the origin of each ray to the first surface along its direction.
+
+    The line of most rays passes most surfaces at a distance. Those pairs are sorted out first, by the cross products of
+    the directions and the vectors to ends of segments and to centres of circles, which are products of matrices.
 
     Parameters
     ----------
@@ -27,21 +30,30 @@ def cast(origins, directions, segments, circles):
     (B,) float [m]
         Distance along each ray; `inf` if it hits no surface.
     """
-    distances, shared = np.empty(len(directions)), len(origins) == 1
-    for first in range(0, len(directions), _RAYS_AT_ONCE):
-        some = slice(first, first + _RAYS_AT_ONCE)
-        rays = origins if shared else origins[some], directions[some]
-        distances[some] = np.minimum(_to_segments(*rays, segments).min(axis=1, initial=np.inf),
-                                     _to_circles(*rays, circles).min(axis=1, initial=np.inf))
+    distances = np.full(len(directions), np.inf)
+    origins = np.broadcast_to(origins, directions.shape)
+    x, y = directions.T
+    lines = np.column_stack((y, -x, origins[:, 1] * x - origins[:, 0] * y))
+    starts, ends, centres = (lines @ np.vstack((points.T, np.ones(len(points))))
+                             for points in (segments[:, 0], segments[:, 1], circles[:, :2]))
+    reach = np.abs(segments[:, 1] - segments[:, 0]).sum(axis=1) + 1.0
+    starts *= ends
+    rays, surfaces = _pairs(starts <= _MARGIN * reach**2)
+    np.minimum.at(distances, rays, _to_segments(origins[rays], directions[rays], segments[surfaces]))
+    rays, surfaces = _pairs(np.abs(centres, out=centres) <= circles[:, 2] + _MARGIN)
+    np.minimum.at(distances, rays, _to_circles(origins[rays], directions[rays], circles[surfaces]))
     return distances
 
 
+def _pairs(near):
+    """Return the indices of rays and surfaces where the (B, S) array is true."""
+    return np.divmod(np.flatnonzero(near), max(near.shape[1], 1))
+
+
 def _to_segments(origins, directions, segments):
-    # Components one by one, as arrays without gaps, which is faster than with pairs of numbers.
-    x, y = np.ascontiguousarray(directions.T)[..., None]
-    (first_x, first_y), edges = segments[:, 0].T, segments[:, 1] - segments[:, 0]
-    edge_x, edge_y = np.ascontiguousarray(edges.T)
-    offset_x, offset_y = first_x - origins[:, :1], first_y - origins[:, 1:]
+    """Return the distance (N,) along each ray to its segment; `inf` if it does not hit it."""
+    (x, y), (offset_x, offset_y) = directions.T, (segments[:, 0] - origins).T
+    edge_x, edge_y = (segments[:, 1] - segments[:, 0]).T
     determinant = x * edge_y - y * edge_x
     crossing = determinant != 0.0
     inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=crossing)
@@ -52,8 +64,9 @@ def _to_segments(origins, directions, segments):
 
 
 def _to_circles(origins, directions, circles):
-    offsets = circles[:, :2] - origins[:, None]
-    middle = (offsets * directions[:, None]).sum(axis=-1)
+    """Return the distance (N,) along each ray to its circle, also from inside; `inf` if it does not hit it."""
+    offsets = circles[:, :2] - origins
+    middle = (offsets * directions).sum(axis=-1)
     half_chord_squared = circles[:, 2]**2 - (offsets**2).sum(axis=-1) + middle**2
     half_chord = np.sqrt(np.maximum(half_chord_squared, 0.0))
     near, far = middle - half_chord, middle + half_chord
