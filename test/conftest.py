@@ -6,10 +6,12 @@ import math
 import os
 import pathlib
 import signal
+from functools import partial
 
 import hypothesis
 import pytest
 from manifest import NOT_IN_THE_MANIFEST
+from preloaded import ForkedProcess, Preloaded
 
 from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.backend_choice import compiled_backend
@@ -100,6 +102,13 @@ def data():
 
 
 @pytest.fixture(scope='session')
+def intel_log(data):
+    """The Intel log with its references; it is read once."""
+    from benchmarks.intel import Intel
+    return Intel(data / 'intel')
+
+
+@pytest.fixture(scope='session')
 def cases():
     """The folder of small recordings that show a fault each."""
     folder = ROOT.parent / 'shared' / 'cases'
@@ -135,8 +144,8 @@ def start(tmp_path):
     """``start(*command, **environment) -> Process``; what still runs when the test ends is stopped."""
     processes = []
 
-    def start(*command, **environment):
-        process = Process(command, tmp_path / f'process_{len(processes)}.log', environment)
+    def start(*command, kind=Process, **environment):
+        process = kind(command, tmp_path / f'process_{len(processes)}.log', environment)
         processes.append(process)
         return process
 
@@ -145,10 +154,32 @@ def start(tmp_path):
         process.stop()
 
 
+@pytest.fixture(scope='session')
+def preload():
+    """``preload() -> Preloaded``: the process that nodes are forked from, which is started once."""
+    started = []
+
+    def preload():
+        if not started:
+            started.append(Preloaded())
+        return started[0]
+
+    yield preload
+    for process in started:
+        process.close()
+
+
 @pytest.fixture
-def start_command(ros_environment, start):
-    """``start_command('scan_matcher', '--ros-args', ...) -> Process``: a command, in this test's graph."""
-    return lambda *words, **environment: start(*package_command(*words), **environment)
+def start_command(ros_environment, start, preload):
+    """``start_command('scan_matcher', '--ros-args', ...) -> Process``: a command, in this test's graph.
+
+    Forked where that makes no difference; ``start(*package_command(...))`` starts an interpreter.
+    """
+    def start_command(*words, **environment):
+        if preload().serves(environment):
+            return start(*words, kind=partial(ForkedProcess, preload()), **environment)
+        return start(*package_command(*words), **environment)
+    return start_command
 
 
 @pytest.fixture

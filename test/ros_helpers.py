@@ -38,7 +38,7 @@ class Peer:
         self.node = Node(name, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._clients = {}
+        self._clients, self._answered = {}, set()
 
     def __enter__(self):
         return self
@@ -91,7 +91,11 @@ class Peer:
         self.call(GetParameters, f'{node}/get_parameters', GetParameters.Request())
 
     def call(self, kind, service, request):
-        """The response of a service; repeated, for it is lost while the other side does not know the caller yet."""
+        """The response of a service.
+
+        Until it has answered once, requests are repeated: a response is lost while the other side does not know the
+        caller yet.
+        """
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
         client = self._clients[service]
@@ -99,8 +103,9 @@ class Peer:
         deadline = time.monotonic() + TIMEOUT
         while time.monotonic() < deadline:
             future = client.call_async(request)
-            self._executor.spin_until_future_complete(future, 1.0)
+            self._executor.spin_until_future_complete(future, 0.25 * TIMEOUT if service in self._answered else 1.0)
             if future.done():
+                self._answered.add(service)
                 return future.result()
         raise AssertionError(f'{service} does not answer')
 
@@ -126,8 +131,10 @@ class Parameters:
 
     def set(self, **values):
         """One result for each, set one by one; two underlines in a name stand for the dot."""
-        request = SetParameters.Request(parameters=parameter_messages(values))
-        return self._peer.call(SetParameters, f'{self._node}/set_parameters', request).results
+        # The first request sets nothing, so that it can be repeated.
+        for request in SetParameters.Request(), SetParameters.Request(parameters=parameter_messages(values)):
+            results = self._peer.call(SetParameters, f'{self._node}/set_parameters', request).results
+        return results
 
     def set_together(self, **values):
         """The one result of setting all or none."""

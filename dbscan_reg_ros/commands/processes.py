@@ -36,11 +36,13 @@ class Process:
         self.command = [os.fspath(word) for word in command]
         self.log = log
         with open(log, 'wb') as output, held(*ENDING):
-            self._popen = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                                           env=os.environ | (environment or {}), start_new_session=True,
-                                           pass_fds=domain_locks())
+            self._popen = self._started(output, os.environ | (environment or {}))
             self._end = weakref.finalize(self, _kill_group, self._popen)
         self.pid = self._popen.pid
+
+    def _started(self, output, environment):
+        return subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment,
+                                start_new_session=True, pass_fds=domain_locks())
 
     def running(self) -> bool:
         """Whether the process has not ended."""

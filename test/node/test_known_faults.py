@@ -7,26 +7,19 @@ import math
 
 import numpy as np
 import pytest
-import rclpy
-import rclpy.qos
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import rclpy  # noqa: F401 - needs ROS
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_helpers import (
     TIMEOUT,
     Loudspeaker,
-    Parameters,
     changed,
-    diagnosis,
     distances,
     inverted,
     mounted,
-    needs_tf2_msgs,
     of_base,
     played,
     pose_of,
-    said,
-    transform,
 )
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
@@ -81,18 +74,6 @@ def test_a_sideways_motion_is_seen_in_linear_y(start_node, player, scans, truth)
     assert max(sideways) == pytest.approx(max(forward), rel=0.2)
 
 
-def test_the_first_quaternion_is_a_rotation(node, player, scans):
-    [first] = played(player, scans[:1]).messages
-    q = first.pose.pose.orientation
-    assert (q.x, q.y, q.z, q.w) == (0.0, 0.0, 0.0, 1.0)
-
-
-def test_the_log_names_topic_and_type_of_the_scans_it_waits_for(node, peer):
-    received = peer.listen(DiagnosticArray, '/diagnostics')
-    status = diagnosis(peer, received, lambda s: s.level == DiagnosticStatus.STALE)
-    assert status.message == 'no scans on /scan: no node publishes there'
-
-
 def test_beams_of_nan_and_inf_do_not_matter(node, player, scans, truth):
     rng = np.random.default_rng(2)
     spoilt = []
@@ -143,7 +124,7 @@ def recorded(request):
     if request.param == 'simulated':
         return request.getfixturevalue('scans')
     folder = request.getfixturevalue('data')
-    return list(itertools.islice(open_recording(folder / 'intel' / 'intel.log.gz').scans(), 600))
+    return list(itertools.islice(open_recording(folder / 'intel' / 'intel.log.gz').scans(), 300))
 
 
 def test_an_upside_down_lidar_turned_round_and_ahead_gives_the_trajectory_of_the_base(start_node, player, recorded):
@@ -198,72 +179,11 @@ def test_the_result_is_that_of_the_base_and_not_of_the_laser(start_node, player,
     assert distances(answers.messages, truth).max() > 0.3
 
 
-@needs_tf2_msgs
-def test_no_odometry_is_published_before_the_mounting_is_known(start_command, player, peer, scans):
-    node = start_command('scan_matcher')
-    answers = peer.listen(Odometry, 'odom')
-    player.wait_for_node(TIMEOUT)
-    player.play(scans[:5], patience=0.2)
-    said(node, "no transform from 'base_link' to 'laser'", peer)
-    peer.greet()
-    assert answers == []
-
-
-def test_two_parents_of_the_base_are_noticed_and_ours_is_withdrawn(start_node, player, peer, scans):
-    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-    node = start_node()
-    assert played(player, scans[:3]).lost == 0
-    other = Loudspeaker(peer, tf_type, '/tf')
-    other.until(lambda: "to 'base_link' too, from 'wheel_odom'; publishers on /tf: /peer" in node.output(),
-                tf_type(transforms=[transform('wheel_odom', 'base_link')]))
-    received = peer.listen(tf_type, '/tf')
-    assert player.play(scans[3:10]).lost == 0
-    peer.greet()
-    assert not [t for m in received for t in m.transforms if t.header.frame_id == 'odom']
-
-
-def test_the_odometry_can_be_reset(node, player, peer, scans):
-    assert played(player, scans[:20]).lost == 0
-    assert peer.call(Trigger, '/scan_matcher/reset', Trigger.Request()).success
-    [first] = player.play(scans[20:21]).messages
-    assert pose_of(first) == SE2()
-
-
-def test_a_parameter_that_is_set_changes_what_the_node_does(node, player, peer, scans):
-    parameters = Parameters(peer)
-    assert played(player, scans[:3]).lost == 0
-    for value, lost in ((100000, 1), (20, 0)):
-        [result] = parameters.set(advanced__scan__min_returns=value)
-        assert result.successful
-        assert player.play(scans[3:4], patience=0.5).lost == lost
-
-
 @pytest.mark.parametrize('reliability', [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE])
 def test_scans_are_received_with_any_qos_of_their_publisher(node, peer, scans, reliability):
     answers = peer.listen(Odometry, 'odom')
     speaker = Loudspeaker(peer, LaserScan, 'scan', QoSProfile(depth=5, reliability=reliability))
     assert speaker.until(lambda: answers, scan_to_message(scans[0]))
-
-
-def test_an_incompatible_qos_is_reported_in_words(start_node, peer):
-    start_node('-p', 'qos_overrides./scan.subscription.reliability:=reliable')
-    received = peer.listen(DiagnosticArray, '/diagnostics')
-    peer.node.create_publisher(LaserScan, 'scan', rclpy.qos.qos_profile_sensor_data)
-    assert diagnosis(peer, received,
-                     lambda s: 'the quality of service of /peer on /scan is incompatible with ours' in s.message)
-
-
-def test_stamps_in_the_future_are_named_and_kept(node, player, peer, scans):
-    ahead = 2_100_000_000 * 10**9
-    future = [Scan(ahead + s.stamp - scans[0].stamp, s.ranges, s.geometry, 0.0, 'laser') for s in scans[:5]]
-    assert played(player, future).lost == 0
-    said(node, 's in the future', peer)
-
-
-def test_simulated_time_needs_no_more_than_to_be_switched_on(start_node, scans):
-    start_node('-p', 'use_sim_time:=true')
-    with Player(clock=True) as player:
-        assert played(player, scans[:20]).lost == 0
 
 
 @pytest.mark.parametrize('beams', [180, 720])

@@ -143,7 +143,8 @@ def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_comman
     The laser drives away on it, and again from elsewhere.
     """
     scans, truth = scans_and_truth
-    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', **with_tf2_ros)
+    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p', 'input.queue_size:=50',
+                         **with_tf2_ros)
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     for away in (SE2(), SE2(5.0, -3.0, 2.0)):

@@ -139,10 +139,10 @@ def test_a_quality_of_service_that_does_not_exist_is_refused_with_the_reason(sta
     assert change(peer, Transition.TRANSITION_CLEANUP)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('steps', [[], [Transition.TRANSITION_CONFIGURE],
-                                   [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]])
-def test_a_signal_ends_it_in_any_state(managed, peer, number, steps):
+@pytest.mark.parametrize(('steps', 'number'), [
+    ([], signal.SIGINT), ([Transition.TRANSITION_CONFIGURE], signal.SIGTERM),
+    ([Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE], signal.SIGINT)])
+def test_a_signal_ends_it_in_any_state(managed, peer, steps, number):
     state(peer)
     for step in steps:
         assert change(peer, step)

@@ -62,8 +62,11 @@ def priors_taken(peer, folder):
 
 @pytest.fixture
 def start_with(start_command, tmp_path):
+    """``start_with(source, *words)``: a node that receives each message of the source, also on a busy machine."""
+    reliable = [word for topic in ('wheel_odom', 'imu')
+                for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
     return lambda source, *words: start_command('scan_matcher', '--ros-args', '-p', f'prior.source:={source}', '-p',
-                                                f'snapshot.folder:={tmp_path}', *words)
+                                                f'snapshot.folder:={tmp_path}', *reliable, *words)
 
 
 def play_slowly(player, peer, loudspeaker, scans, messages):

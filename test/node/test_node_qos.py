@@ -80,9 +80,10 @@ def test_the_quality_of_service_of_tf_outlives_a_withdrawal(start_node, peer):
 
 
 @pytest.mark.parametrize('name, policy, value', [
-    ('/odom.publisher', 'reliability', 'nonsense'), ('/path.publisher', 'durability', 'unknown'),
-    ('/segments.publisher', 'depth', 0), ('/diagnostics.publisher', 'history', 3),
-                                                 ('/set_pose.subscription', 'depth', 'many'),
+    ('/scan.subscription', 'reliability', 'nonsense'), ('/odom.publisher', 'reliability', 1),
+    ('/path.publisher', 'durability', 'unknown'), ('/diagnostics.publisher', 'history', 'unknown'),
+    ('/scan.subscription', 'depth', -3), ('/segments.publisher', 'depth', 0),
+    ('/set_pose.subscription', 'depth', 'many'),
 ])
 def test_a_quality_of_service_that_does_not_exist_ends_the_node_with_one_line(start_node, name, policy, value):
     node = start_node(*overridden(name, **{policy: value}))
