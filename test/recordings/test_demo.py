@@ -93,8 +93,8 @@ def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo
     assert float(metres) < 0.03 and float(degrees) < 0.5
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize('moment', ['starting', 'playing'])
+@pytest.mark.parametrize(('number', 'moment'), [(signal.SIGINT, 'starting'), (signal.SIGHUP, 'starting'),
+                                                (signal.SIGINT, 'playing'), (signal.SIGTERM, 'playing')])
 def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
     process = demo()
     node = node_of(process, 60.0)

@@ -108,13 +108,13 @@ def test_a_mounted_laser_sees_the_same_as_one_that_looks_along_the_base(kind):
 def test_a_commit_is_equal_to_itself_in_the_core_and_through_the_node(checkout, data, tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
     assert main(['fingerprint', '--against', 'HEAD', '--data', str(data), '--limit', '12', '--cache', str(tmp_path),
-                 '--only', 'aces', 'intel_wheels', 'pairs', 'mounted', 'node_upside_down', 'node_moving']) in (0, 1)
+                 '--only', 'intel_wheels', 'pairs', 'mounted', 'node_moving']) in (0, 1)
     output = capsys.readouterr().out
     changed = subprocess.run(['git', 'status', '--porcelain', 'dbscan_reg_ros'], cwd=fingerprint.root(),
                              capture_output=True,
                              text=True, check=True).stdout
-    assert 'all 6 drives are equal' in output or changed
-    assert len(list((tmp_path / 'records').rglob('*.npz'))) == 6
+    assert 'all 4 drives are equal' in output or changed
+    assert len(list((tmp_path / 'records').rglob('*.npz'))) == 4
 
 
 def test_an_absent_recording_is_left_out_and_said(tmp_path, capsys):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from benchmarks.__main__ import main
-from benchmarks.intel import Intel
 from benchmarks.odometry import courses, hard_courses, moving_courses, seeds, sparse
 from benchmarks.odometry.copies import NOISE, noised, scatter
 from benchmarks.odometry.course import Course
@@ -58,8 +57,7 @@ def test_copies_of_a_course_are_printed_and_written_with_their_scatter(data, tmp
 
 @pytest.mark.parametrize('distance, steps', [(0.8, 790), (1.2, 514), (1.6, 355), (2.0, 279), (2.4, 225)])
 def test_intel_is_thinned_to_as_many_key_frames_as_known(data, distance, steps):
-    log = Intel(data / 'intel')
-    whole = Course(log.scans, reference=log.reference)
+    whole, = courses.intel(data)
     course = hard_courses.thinned(whole, distance)
     assert np.all(np.diff(course.stamps) == 10**9)
     way = np.hypot(*np.diff(course.reference[:, :2], axis=0).T)
@@ -91,8 +89,7 @@ def test_sparse_key_frames_miss_their_bounds_where_the_odometry_is_wrong():
 
 def test_key_frames_two_metres_apart_are_tracked_at_least_as_well_as_registered(data):
     """Two metres and a second apart: the scan before decides where the prediction is weak."""
-    log = Intel(data / 'intel')
-    course = hard_courses.thinned(Course(log.scans, reference=log.reference), 2.0).take(slice(115))
+    course = hard_courses.thinned(courses.intel(data)[0], 2.0).take(slice(115))
     row = sparse.compared('dbscan', course, 'test')
     assert row['odometry'] >= 0.97 and row['odometry'] > row['pairs']
     assert row['failed_ok_count'] == row['silent_count'] == 0

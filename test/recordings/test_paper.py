@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks.intel import Intel
 from benchmarks.paper import figure4, paper, steps, table1, table3
 from benchmarks.registration.relations import common_view
 from benchmarks.report import Report
@@ -19,11 +18,6 @@ from dbscan_reg_ros.simulation import rooms
 
 ABSOLUTE = ((0.0319, 0.0185, 0.0076), (0.0031, 0.002, 0.0056), (0.0232, 0.0065, 0.0027), (0.0011, 0.007, 0.0038))
 """The absolute errors of the proposed method in Table 3."""
-
-
-@pytest.fixture(scope='module')
-def log(data):
-    return Intel(data / 'intel')
 
 
 def test_the_published_relative_errors_are_the_absolute_ones_over_the_motion():
@@ -61,14 +55,14 @@ def test_the_way_between_two_views_is_free_and_the_motion_is_the_one_asked_for()
         assert reference.ranges[np.abs(turn).argmin()] > math.hypot(truth.x, truth.y) + 0.1
 
 
-def test_pairs_of_the_log_are_within_a_fifth_of_the_motion(log):
-    trials = table3.recorded(log)
+def test_pairs_of_the_log_are_within_a_fifth_of_the_motion(intel_log):
+    trials = table3.recorded(intel_log)
     counts = [sum(trial.group == f'motion{number}' for trial in trials) for number in range(1, 5)]
     assert counts == [54, 1, 153, 336]
     for trial in trials[::50]:
         motion = table3.TABLE[int(trial.group[-1]) - 1].motion
         i, j = map(int, trial.label.split())
-        truth = SE2(*log.reference[i]).inverse() @ SE2(*log.reference[j])
+        truth = SE2(*intel_log.reference[i]).inverse() @ SE2(*intel_log.reference[j])
         np.testing.assert_allclose(trial.truth.as_array(), truth.as_array(), atol=1e-9)
         assert math.hypot(truth.x - motion.x, truth.y - motion.y) <= 0.2 * math.hypot(motion.x, motion.y)
         assert abs(truth.theta - motion.theta) <= 0.2 * motion.theta
@@ -99,12 +93,12 @@ def test_errors_of_table_1_are_those_of_each_group():
     assert metrics['a_high_median_m'] == pytest.approx(0.02) and metrics['a_low_median_m'] == 0.5
 
 
-def test_the_papers_steps_find_what_its_figures_show(log):
+def test_the_papers_steps_find_what_its_figures_show(intel_log):
     """The numbers behind the figures of the paper.
 
     Figure 6: the rotation; 8: two key clusters, one opposite; 9 to 12: the divergence has its minimum at the truth.
     """
-    trial = figure4.trial(log.scans[figure4.EXAMPLE])
+    trial = figure4.trial(intel_log.scans[figure4.EXAMPLE])
     found = steps.found(trial, paper_parameters())
     assert found['turn_deg'] < math.degrees(0.001)
     assert found['true_m'] < 0.02 and found['opposite_m'] < 0.02

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One course: scans in order, with the truth that odometry is judged by."""
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,9 +67,9 @@ class Course:
             reference=rows(self.reference), wheels=rows(self.wheels))
 
 
-def simulated(world, lidar=Lidar(), seed=0, axis=None, **motion) -> Course:
-    """Return the tour of a world, with the `motion` of `follow`."""
-    result = simulate(world, follow(world.tour, **motion), lidar, seed)
+def simulated(world, lidar=Lidar(), seed=0, axis=None, seconds=math.inf, **motion) -> Course:
+    """Return the tour of a world, or so many seconds of it, with the `motion` of `follow`."""
+    result = simulate(world, follow(world.tour, **motion).until(seconds), lidar, seed)
     wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
     course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)
     return course.take(np.isfinite(wheels).all(axis=1))

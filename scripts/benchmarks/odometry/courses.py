@@ -34,6 +34,7 @@ SCANNED = 25.0
 URG04LX_MOUNTING = np.array([(0.145, 0.0, 0.0)])
 
 
+@functools.cache
 def intel(folder) -> list:
     """Return the Intel log."""
     log = Intel(folder / 'intel')

@@ -16,7 +16,7 @@ DRIVEN = (*LIDARS, 'ldrobot_ld19', 'ydlidar_x4')
 @pytest.mark.parametrize('name', DRIVEN)
 def test_every_lidar_is_followed_with_the_parameters_of_its_file(root, name):
     world, lidar = rooms(1), PRESETS[name]
-    drive = simulate(world, follow(world.tour[:4], speed=1.0), lidar, seed=1)
+    drive = simulate(world, follow(world.tour[:4], speed=1.0).until(6.0), lidar, seed=1)
     scans = drive.scans[:int(5.0 * lidar.rate)]
     file = root / 'config' / f'{name}.yaml'
     poses = trajectory_of(scans, read_parameters(file) if file.exists() else Parameters()).pose_array()

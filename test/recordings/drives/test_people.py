@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.intel import Intel
 from benchmarks.odometry.courses import strolled
 from benchmarks.odometry.drift import drive
 from benchmarks.odometry.moving import figures
@@ -37,7 +36,7 @@ def racks():
 def test_the_odometry_starts_among_the_legs_of_racks():
     """Each of them may move, and they are all that faces along the aisle."""
     world = racks()
-    result = simulate(world, follow(world.tour), Lidar(), seed=1)
+    result = simulate(world, follow(world.tour).until(11.0), Lidar(), seed=1)
     odometry = Odometry()
     for scan in result.scans[:100]:
         pose = odometry.process(scan).pose
@@ -68,7 +67,8 @@ def test_a_person_walking_ahead_does_not_stop_the_odometry_in_a_corridor(size, h
     world = corridor(seed=1)
     start, end = world.tour
     leader = Person(np.array([start + np.array((1.2, 0.0)), end]), speed=1.0)
-    result = simulate(dataclasses.replace(world, people=(leader,)), follow(world.tour, speed=1.0), Lidar(), seed=1)
+    result = simulate(dataclasses.replace(world, people=(leader,)), follow(world.tour, speed=1.0).until(21.0), Lidar(),
+                      seed=1)
     odometry = Odometry(Parameters().replace({'advanced.odometry.movable_size': size}))
     for scan in result.scans[:200]:
         pose = odometry.process(scan).pose
@@ -80,7 +80,7 @@ def test_a_person_walking_ahead_does_not_stop_the_odometry_in_a_corridor(size, h
 def error_behind_a_person(room, walk, **changes):
     """Error [m] after 15 s with a person always a metre ahead of the sensor, and number of OK scans."""
     world = rooms(room)
-    result = simulate(world, follow(world.tour), Lidar())
+    result = simulate(world, follow(world.tour).until(16.0), Lidar())
     rng, bearing = np.random.default_rng(walk), 0.0
     parameters = Parameters().replace({f'advanced.odometry.{name}': value for name, value in changes.items()})
     odometry, ok = Odometry(parameters), 0
@@ -107,48 +107,48 @@ def test_a_co_moving_person_straight_ahead_does_not_bias_the_odometry():
     assert off < 0.01 and ok == 150
 
 
-def test_a_rotation_in_a_symmetric_corridor_is_followed(data):
+def test_a_rotation_in_a_symmetric_corridor_is_followed(intel_log):
     """A person hides the end of a symmetric corridor while the sensor turns by 180 deg: the heading stays right."""
-    log, part = Intel(data / 'intel'), slice(1780, 1900)
+    part = slice(1780, 1900)
     odometry, turned = Odometry(Parameters().replace({'advanced.odometry.movable_size': 0.0})), []
-    for scan in strolled(log.scans[part], seed=0):
+    for scan in strolled(intel_log.scans[part], seed=0):
         turned.append(odometry.process(scan).pose.theta)
-    off = np.unwrap(turned) - np.unwrap(log.reference[part, 2])
+    off = np.unwrap(turned) - np.unwrap(intel_log.reference[part, 2])
     assert np.degrees(np.abs(off - off[0]).max()) < 3.0
 
 
 @pytest.mark.parametrize(('seed', 'first', 'last'), [(0, 1130, 1187), (7, 3480, 3560)],
                          ids=['by a wall', 'while it turns'])
-def test_a_person_close_by_causes_no_jump(data, seed, first, last):
+def test_a_person_close_by_causes_no_jump(intel_log, seed, first, last):
     """A person by a long wall, or before a sensor that turns on the spot while half of its view is new."""
-    log, odometry, updates = Intel(data / 'intel'), Odometry(), []
-    for scan in strolled(log.scans[:last], seed)[first:]:
+    odometry, updates = Odometry(), []
+    for scan in strolled(intel_log.scans[:last], seed)[first:]:
         updates.append(odometry.process(scan))
     poses = np.array([update.pose.as_array() for update in updates])
-    step, true = (relative(some[:-1], some[1:]) for some in (poses, log.reference[first:last]))
-    turned = relative(poses[:1], poses[-1:])[0, 2] - relative(log.reference[first:first + 1],
-                                                              log.reference[last - 1:last])[0, 2]
+    step, true = (relative(some[:-1], some[1:]) for some in (poses, intel_log.reference[first:last]))
+    turned = relative(poses[:1], poses[-1:])[0, 2] - relative(intel_log.reference[first:first + 1],
+                                                              intel_log.reference[last - 1:last])[0, 2]
     assert np.hypot(*(step - true)[20:, :2].T).max() < 0.1
     assert abs(math.degrees(math.remainder(turned, 2.0 * math.pi))) < 3.0
     assert not any(update.restarted for update in updates)
 
 
-def test_a_symmetric_corridor_does_not_stop_a_rotation(data):
+def test_a_symmetric_corridor_does_not_stop_a_rotation(intel_log):
     """The sensor turns on the spot while a person hides most of the view.
 
     A pose rotated by 180 deg, 5 m away, fits slightly better.
     """
-    log, odometry, turned = Intel(data / 'intel'), Odometry(), []
-    for scan in strolled(log.scans[:1890], seed=0)[1650:]:
+    odometry, turned = Odometry(), []
+    for scan in strolled(intel_log.scans[:1890], seed=0)[1650:]:
         turned.append(odometry.process(scan).pose.theta)
-    off = np.unwrap(turned) - np.unwrap(log.reference[1650:1890, 2])
+    off = np.unwrap(turned) - np.unwrap(intel_log.reference[1650:1890, 2])
     assert np.degrees(np.abs(off - off[0]).max()) < 3.0
 
 
 def lag_behind_a_person(hidden, seed, **changes):
     """Lag [m] after 6 s along a bare corridor whose end a person hides in some scans, and statuses."""
     world = dataclasses.replace(corridor(length=16.0, doors=0), tour=np.array([(2.0, 0.0), (12.0, 0.0)]))
-    result = simulate(world, follow(world.tour), Lidar(), seed=seed)
+    result = simulate(world, follow(world.tour).until(7.0), Lidar(), seed=seed)
     odometry = Odometry(Parameters().replace({f'advanced.odometry.{name}': value for name, value in changes.items()}))
     statuses = []
     for k, scan in enumerate(result.scans[:60]):

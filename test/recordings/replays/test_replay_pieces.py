@@ -34,7 +34,7 @@ WHOLE = 'intel.log.gz',
 """Too long for the bounded form."""
 CUT = {'exp1.mcap': 8.0, 'kinect_55deg_25s.mcap': 8.0}
 """In the bounded form only so many seconds of these."""
-PIECES, MANY_PIECES = 40, 200
+PIECES, MANY_PIECES = 16, 200
 SHORTEST, LONGEST = 0.3, 20.0
 """Length of a piece [s]."""
 YEAR = 365.25 * 86400.0

@@ -5,7 +5,12 @@ import pytest
 from accelerated_inputs import assert_same
 
 
-@pytest.fixture(params=range(5))
+def pytest_generate_tests(metafunc):
+    if 'rng' in metafunc.fixturenames:
+        metafunc.parametrize('rng', range(5 if metafunc.config.getoption('--long') else 3), indirect=True)
+
+
+@pytest.fixture
 def rng(request):
     return np.random.default_rng(request.param)
 

@@ -2,7 +2,6 @@
 """Figure 4: real scans and the same points moved by (-1.5, 0.8, 0.3), features extracted again."""
 import numpy as np
 import pytest
-from benchmarks.intel import Intel
 from benchmarks.paper import figure4
 from benchmarks.trials import attempt
 
@@ -11,8 +10,8 @@ from dbscan_reg_ros.evaluation.methods import method
 
 
 @pytest.fixture(scope='module')
-def scans(data):
-    return Intel(data / 'intel').scans
+def scans(intel_log):
+    return intel_log.scans
 
 
 def test_the_50_scans_are_drawn_by_the_rule_and_have_more_than_150_returns(scans):

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.intel import Intel
 from benchmarks.registration import synthetic
 from rooms import FULL, HALF, L_ROOM, look, outline
 
@@ -284,12 +283,10 @@ def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
 
 
 @pytest.fixture(scope='module')
-def trial_of(data):
-    """``trial_of(group, label, seed)``: that trial of ``bench synthetic``; the log is read once."""
-    intel = Intel(data / 'intel')
-
+def trial_of(intel_log):
+    """``trial_of(group, label, seed)``: that trial of ``bench synthetic``."""
     def trial_of(group, label, seed=0):
-        trial, = (each for each in synthetic.trials(intel, seed=seed) if (each.group, each.label) == (group, label))
+        trial, = (each for each in synthetic.trials(intel_log, seed=seed) if (each.group, each.label) == (group, label))
         return trial
     return trial_of
 
