@@ -65,8 +65,8 @@ class NodeParameters(Parameters):
     scan_topics: tuple[str, ...] = parameter(
         NO_TOPICS, read_only=True,
         help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar; '
-             'while that lidar is silent for two scan periods, for each scan of the next lidar. Several lidars '
-             'require mounting tf.')
+             'while that lidar is silent for two scan periods, for each scan of the next lidar. Several '
+             'scan_topics require mounting tf; with sensors, each lidar may have its own laser_pose.')
     sensors: tuple[str, ...] = parameter(
         NAMELESS, read_only=True,
         help='Names of the lidars, in place of scan_topics. Each has its own parameters NAME.topic (default: '

@@ -98,7 +98,7 @@ def test_missing_scans_are_logged_at_growing_intervals(start_node, peer):
     said(node, 'no scans on /scan: no node publishes there; scans are published on /front/scan: start the node with -r '
          'scan:=/front/scan (10 s so far)', peer)
     peer.node.create_publisher(LaserScan, '/scan', 10)
-    said(node, 'no scans on /scan: published there by /peer (20 s so far)', peer)
+    said(node, 'no scans on /scan: /peer publishes there, but no scan is received (20 s so far)', peer)
     assert node.output().count('no scans on /scan') == 3
 
 

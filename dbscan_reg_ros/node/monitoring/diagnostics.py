@@ -128,16 +128,14 @@ class Diagnostics:
 
     def _level(self, silence: float) -> tuple[bytes, str]:
         """Return level and message of the report when the last scan arrived `silence` [s] ago."""
-        faults = self._graph_faults()
-        conflict = self._sender.conflict
         silent = self._silent()
+        faults = self._faults(silent)
+        conflict = self._sender.conflict
         grades = self._grades(silent)
         level, message = self._odometry_level(silence, grades)
         lost = [text for grade, text in grades if grade is Grade.LOST]
         about_scans = [lidar.label + text for lidar in self._lidars for text in lidar.counters.take_warnings()]
-        warnings = [text for text in (*about_scans, *lost, *faults,
-                                      *(self._no_scans(lidar.inbox) for lidar in silent if lidar.inbox))
-                    if text not in message]
+        warnings = [text for text in (*about_scans, *lost, *faults) if text not in message]
         warnings += [*self._overload(), *self._disagreements.found(self._lidars)]
         if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
@@ -188,7 +186,8 @@ class Diagnostics:
     def _no_scans(self, inbox: ScanInbox) -> str:
         """Describe why no scan arrives on the topic of an inbox."""
         names = named(self._node.get_publishers_info_by_topic(inbox.topic))
-        publishers = f'published there by {names}' if names else f'no node publishes there{self._other_scan_topics()}'
+        publishers = (f'{names} publishes there, but no scan is received' if names
+                      else f'no node publishes there{self._other_scan_topics()}')
         return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'
 
     def _other_scan_topics(self) -> str:
@@ -201,12 +200,17 @@ class Diagnostics:
             return f'; scans are published on {", ".join(topics)}: set scan_topics to those of your lidars'
         return f'; scans are published on {", ".join(topics)}: start the node with -r scan:={topics[0]}'
 
-    def _graph_faults(self) -> list[str]:
-        """Find incompatible publishers on our topics and other publishers of our odometry; log each finding once."""
+    def _faults(self, silent: Sequence[Lidar]) -> list[str]:
+        """Find incompatible publishers on our topics, other publishers of our odometry and `silent` lidars.
+
+        Each finding is logged once.
+        """
         faults = [text for subscription in self._node.subscriptions
                   for text in incompatibilities(self._node, subscription)]
         if self._inboxes:
             faults += filter(None, [shared(self._node, self._odom)])
+        faults += [f'{self._no_scans(lidar.inbox)}; the odometry continues with the other lidars'
+                   for lidar in silent if lidar.inbox]
         # The name of a new node may be discovered after its publisher.
         complete = {text for text in faults if UNNAMED not in text or text in self._seen}
         for text in sorted(complete - self._logged):
