@@ -73,12 +73,12 @@ def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path
 
 
 @needs_rosbags
-def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, data, tmp_path):
-    process = demo('urg04lx/exp1', '--data', data)
+def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, beginning, tmp_path):
+    process = demo('urg04lx/exp1', '--data', beginning)
     assert process.wait(120.0) == 0, process.output()
-    assert process.output().splitlines()[-1] == 'scans 756 skipped 0'
     stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
-    assert stamps.tolist() == open_recording(data / 'urg04lx' / 'exp1').stamps()
+    assert stamps.tolist() == open_recording(beginning / 'urg04lx' / 'exp1').stamps() and len(stamps) > 190
+    assert process.output().splitlines()[-1] == f'scans {len(stamps)} skipped 0'
     assert np.isfinite(poses).all()
 
 

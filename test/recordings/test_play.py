@@ -158,10 +158,10 @@ def test_scans_keep_the_timing_of_their_stamps_and_the_clock_never_goes_back(nod
 
 
 @needs_rosbags
-def test_the_command_plays_a_recording_and_counts_the_answers(node, start_command, data):
-    command = start_command('play', data / 'urg04lx' / 'exp1', '--lockstep', '--clock')
+def test_the_command_plays_a_recording_and_counts_the_answers(node, start_command, beginning):
+    command = start_command('play', beginning / 'urg04lx' / 'exp1', '--lockstep', '--clock')
     assert command.wait(120.0) == 0, command.output()
-    count = open_recording(data / 'urg04lx' / 'exp1').count
+    count = open_recording(beginning / 'urg04lx' / 'exp1').count
     assert command.output().splitlines()[-1].startswith(f'scans {count} answered ')
 
 

@@ -19,13 +19,16 @@ SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration
 TOPICS = '--topic', '/scan', '--topic', '/scan_2'
 
 
+def two_lidars(bag, *words):
+    """Write a bag of two lidars at opposite corners, 12.5 and 15 Hz, in a corridor of 37 m."""
+    front, rear = SCANNER.format(0.3, 0.2, 45, 12.5, 0.0), SCANNER.format(-0.3, -0.2, -135, 15, 0.019)
+    assert simulate([str(bag), '--world', 'corridor', '--speed', '6', *front.split(), *rear.split(), *words]) == 0
+    return bag
+
+
 @pytest.fixture(scope='module')
 def pair(tmp_path_factory):
-    """A bag of two lidars at opposite corners, 12.5 and 15 Hz, in a corridor of 37 m."""
-    bag = tmp_path_factory.mktemp('pair') / 'pair'
-    front, rear = SCANNER.format(0.3, 0.2, 45, 12.5, 0.0), SCANNER.format(-0.3, -0.2, -135, 15, 0.019)
-    assert simulate([str(bag), '--world', 'corridor', '--speed', '6', *front.split(), *rear.split()]) == 0
-    return bag
+    return two_lidars(tmp_path_factory.mktemp('pair') / 'pair')
 
 
 @needs_rosbags
@@ -87,9 +90,10 @@ def test_two_lidars_are_played_in_lockstep_and_the_page_finds_their_topics(start
 
 @needs_rosbags
 @needs_tf2_msgs
-def test_the_demo_names_a_prior_for_which_it_plays_no_data(start_command, pair, tmp_path):
+def test_the_demo_names_a_prior_for_which_it_plays_no_data(start_command, tmp_path):
     (tmp_path / 'wheels.yaml').write_text('/**:\n  ros__parameters:\n    prior.source: odometry\n')
-    process = start_command('demo', '--out', tmp_path / 'out', '--params-file', tmp_path / 'wheels.yaml', pair, *TOPICS)
+    process = start_command('demo', '--out', tmp_path / 'out', '--params-file', tmp_path / 'wheels.yaml',
+                            two_lidars(tmp_path / 'begin', '--seconds', '3'), *TOPICS)
     assert process.wait(120.0) == 0, process.output()
     assert process.output().count("prior.source 'odometry' has no effect in demo, which plays scans and static") == 1
     assert 'has no data at the time of the scan' not in (tmp_path / 'out' / 'scan_matcher.log').read_text()

@@ -72,16 +72,18 @@ def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys,
     assert read_parameters(latest / 'parameters.yaml') == NodeParameters()
 
 
-def test_the_bag_holds_what_the_node_would_have_published(replay, tmp_path):
+def test_the_bag_holds_what_the_node_would_have_published(beginning, tmp_path):
     """Poses as in the trajectory, with the scans' stamps, in their order; /tf says the same; segments near the scan."""
     from rosbags.highlevel import AnyReader
-    assert replay('urg04lx/exp1') == 0
+    assert main(['urg04lx/exp1', '--data', str(beginning), '--out', str(tmp_path)]) == 0
     stamps, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
     messages = {}
     with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
         for connection, time, raw in reader.messages():
             messages.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
-    assert {topic: len(found) for topic, found in messages.items()} == dict.fromkeys(('/odom', '/tf', '/segments'), 756)
+    assert {topic: len(found) for topic, found in messages.items()} == dict.fromkeys(('/odom', '/tf', '/segments'),
+                                                                                     len(stamps))
+    assert len(stamps) > 190
     for (time, odom), (_, tf), stamp, pose in zip(messages['/odom'], messages['/tf'], stamps, poses, strict=True):
         header, transform = odom.header, tf.transforms[0]
         assert time >= header.stamp.sec * 10**9 + header.stamp.nanosec == stamp
@@ -97,11 +99,12 @@ def test_the_bag_holds_what_the_node_would_have_published(replay, tmp_path):
     assert len(points) > 4 and np.hypot(*(points - poses[-1, :2]).T).max() < 4.5
 
 
-def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(replay, tmp_path):
+def test_the_laser_on_the_base_moves_the_odometry_not_the_trajectory(beginning, tmp_path):
     from rosbags.highlevel import AnyReader
     (tmp_path / 'a.yaml').write_text(
         '/**:\n  ros__parameters:\n    mounting: laser_pose\n    laser_pose: [0.145, 0.0, 0.0]\n    base_frame: base\n')
-    assert replay('urg04lx/exp1', '--params-file', tmp_path / 'a.yaml') == 0
+    assert main(['urg04lx/exp1', '--params-file', str(tmp_path / 'a.yaml'), '--data', str(beginning), '--out',
+                 str(tmp_path)]) == 0
     _, poses = read_tum(tmp_path / 'exp1' / 'latest' / 'trajectory.tum')
     with AnyReader([tmp_path / 'exp1' / 'latest' / 'bag']) as reader:
         odom = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()
