@@ -24,7 +24,7 @@ LIDAR = (
                     'larger than --noise'),
     ('--resolution', float, 'M', 'ranges are rounded to multiples of this'),
     ('--dropouts', float, 'FRACTION', 'fraction of beams without a return, 0..1'),
-    ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1'),
+    ('--outliers', float, 'FRACTION', 'fraction of beams with a random range, 0..1, as cross-talk of lidars causes'),
     ('--phase', float, 'S', 'time from the start of the drive to the first scan'),
 )
 LIMITS = {
@@ -39,11 +39,11 @@ class LidarOption(argparse.Action):
     """Store the options of the lidars in their order: each option belongs to the lidar named before it."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        """Add a value to the options of the last lidar; a second ``--lidar`` begins another lidar."""
+        """Add a value to the options of the last lidar; a second ``--lidar`` begins another; ``--body`` is a list."""
         lidars = [dict(options) for options in namespace.lidars]
         if self.dest == 'lidar' and 'lidar' in lidars[-1]:
             lidars.append({})
-        lidars[-1][self.dest] = values
+        lidars[-1][self.dest] = [*lidars[-1].get('body', []), values] if self.dest == 'body' else values
         namespace.lidars = lidars
 
 
@@ -77,6 +77,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         lidar.add_argument(option, type=kind, metavar=unit, action=LidarOption, help=words)
     lidar.add_argument('--mounting', '--at', type=float, action=LidarOption, nargs=3, metavar=('X', 'Y', 'DEG'),
                        help='pose of the lidar on the robot (default: 0 0 0)')
+    lidar.add_argument('--body', type=float, action=LidarOption, nargs=3, metavar=('FROM', 'TO', 'RANGE'),
+                       help='the lidar sees the robot itself between the bearings FROM and TO [deg], at RANGE [m]; may '
+                       'be repeated')
     others = parser.add_argument_group('wheels and gyroscope')
     others.add_argument('--wheel-scale', type=float, nargs=2, default=(1.02, 0.98), metavar=('DISTANCE', 'ROTATION'),
                         help='ratio of measured to true distance and rotation (default: 1.02 0.98)')
@@ -161,6 +164,8 @@ def chosen_lidar(options):
     if options.get('mounting'):
         x, y, turn = options['mounting']
         changes['mounting'] = SE2(x, y, math.radians(turn))
+    changes['body'] = tuple((math.radians(first), math.radians(last), own)
+                            for first, last, own in options.get('body', ()))
     lidar = dataclasses.replace(simulation.PRESETS[options.get('lidar', 'sick_lms200')], **changes)
     if lidar.range_min >= lidar.range_max:
         raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '

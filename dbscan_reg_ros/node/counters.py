@@ -16,6 +16,7 @@ from ..core.odometry.records import OdometryUpdate
 from ..core.odometry.verdict import LIMITS
 from ..core.registration.records import Status
 from ..recordings.scan_checks import Kind, ScanWarning
+from ..robot.own_body import OwnBody
 
 TIMED_SCANS = 200
 """Number of the latest scans whose processing times are kept."""
@@ -54,6 +55,8 @@ class Counters:
         Comparisons of this lidar with the first one.
     mounting : Mounting
         Mounting of the lidar at the latest scan.
+    body : OwnBody
+        Where the lidar sees the robot itself.
     skip_reason : str
         Why the latest scan was skipped; empty when it was processed.
     warnings : dict
@@ -70,6 +73,7 @@ class Counters:
     sensor_pose: SE2 = field(default_factory=SE2)
     compared: ComparedLidar | None = None
     mounting: Mounting = field(default_factory=Mounting)
+    body: OwnBody = field(default_factory=OwnBody)
     skip_reason: str = ''
     warnings: dict[Kind, str] = field(default_factory=dict)
 

@@ -172,6 +172,7 @@ class NodeCore:
             self._outputs.keep(update)
         lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.topic)
         lidar.counters.mounting = mounting
+        lidar.counters.body.add(scan, update.pose @ update.sensor.pose)
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
     def _log_tracking(self, lidar: Lidar, update: OdometryUpdate) -> None:
@@ -195,6 +196,7 @@ class NodeCore:
             part.restart()
         for lidar in self._lidars:
             lidar.stamps.restart()
+            lidar.counters.body.restart()
 
     def _on_timer(self) -> None:
         """Timer callback, called once a `PERIOD` whether or not scans arrive."""

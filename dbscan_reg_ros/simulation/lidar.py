@@ -48,6 +48,8 @@ class Lidar:
         The number of beams of a scan differs from `beams` by at most this.
     reversed : bool
         The driver sends the beams in the reverse order of their measurement, although its time increment is positive.
+    body : tuple of (float, float, float) [rad, rad, m]
+        Sectors in which the lidar sees the robot itself: first and last bearing, and range.
     """
 
     beams: int = 180
@@ -69,6 +71,7 @@ class Lidar:
     stated: tuple[float, float] | tuple[()] = ()
     beams_vary: int = 0
     reversed: bool = False
+    body: tuple[tuple[float, float, float], ...] = ()
 
     @cached_property
     def geometry(self) -> ScanGeometry:
@@ -98,6 +101,9 @@ class Lidar:
     def measured(self, distances, rng):
         """Return measured ranges (N,) [m] for true `distances` (N,) [m]; `no_return` for beams without a return."""
         number = len(distances)
+        for first, last, own in self.body:
+            bearings = self.geometry.bearings
+            distances = np.where((bearings >= first) & (bearings <= last), np.minimum(distances, own), distances)
         spread = np.maximum(self.noise, self.noise_ratio * np.minimum(distances, self.range_max))
         ranges = distances + rng.normal(0.0, spread)
         kind = rng.random(number)

@@ -22,7 +22,9 @@ from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
 from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
+from dbscan_reg_ros.node.monitoring.own_bodies import OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.robot.own_body import BodySector
 from dbscan_reg_ros.simulation import Lidar as SimulatedLidar
 from dbscan_reg_ros.simulation import follow, rooms, simulate
 
@@ -234,6 +236,21 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     assert 'it is not used; synchronise the clocks' in capfd.readouterr().err
     rear.counters.compared.error = None
     assert not list(disagreements.found([front, rear]))
+
+
+def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer, capfd):
+    front, rear = (Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'rear'))
+    rear.input = dataclasses.replace(rear.input, mask=(0.0, 0.0, 2.0, 2.4, 0.0, 0.0, 0.0, 0.0))
+    rear.counters.mounting = Mounting(SE2(theta=math.pi))
+    rear.counters.body.sectors = [BodySector(math.radians(90.0), math.radians(110.0), 0.3)]
+    bodies = OwnBodies()
+    expected = '/rear/scan: sees the robot itself: from -90 to -70 deg at 0.30 m'
+    assert [list(bodies.found([front, rear])) for _ in range(2)] == [[expected]] * 2
+    logged = capfd.readouterr().err
+    assert logged.count('sees') == 1 and logged.endswith(
+        f'{expected}; set input.mask of it to [2.0, 2.4, -1.571, -1.222, 0.0, 0.0, 0.0, 0.0]\n')
+    rear.counters.body.sectors = []
+    assert not list(bodies.found([front, rear]))
 
 
 def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, drive, tmp_path):

@@ -96,6 +96,18 @@ def test_noise_dropouts_and_outliers_are_those_asked_for(simulated):
     assert error[~wild].std() == pytest.approx(0.02, rel=0.05)
 
 
+def test_a_lidar_may_see_the_robot_itself(simulated):
+    scans = list(open_recording(simulated('own', '--noise', 0, '--resolution', 0, '--seconds', 2, '--body', 20, 40, 0.3,
+                                          '--body', -30.5, -20, 0.2)).scans())
+    bearings = np.degrees(scans[0].geometry.bearings)
+    for first, last, distance in ((20, 40, 0.3), (-30.5, -20, 0.2)):
+        sector = (bearings > first) & (bearings < last)
+        assert sector.sum() >= 10
+        for scan in scans:
+            np.testing.assert_allclose(scan.ranges[sector], distance, atol=1e-3)
+            assert scan.ranges[~sector].max() > 0.5
+
+
 def test_wheels_slip_and_are_off_by_their_scale(simulated):
     recording = open_recording(simulated('bag', '--wheel-scale', 1.1, 0.9, '--wheel-noise', 0, 0, '--slip', 5, 8, 1.5,
                                          '--laps', 2))

@@ -20,6 +20,7 @@ from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
 from ..throttled_log import ThrottledLog
 from .disagreements import Disagreements
+from .own_bodies import OwnBodies
 
 PERIOD = 1.0
 STALE_AFTER = 2.0
@@ -63,7 +64,7 @@ class Diagnostics:
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
         self._seen: set[str] = set()
         self._logged: set[str] = set()
-        self._disagreements = Disagreements()
+        self._disagreements, self._bodies = Disagreements(), OwnBodies()
         self.restart()
 
     @property
@@ -136,7 +137,7 @@ class Diagnostics:
         lost = [text for grade, text in grades if grade is Grade.LOST]
         about_scans = [lidar.label + text for lidar in self._lidars for text in lidar.counters.take_warnings()]
         warnings = [text for text in (*about_scans, *lost, *faults) if text not in message]
-        warnings += [*self._overload(), *self._disagreements.found(self._lidars)]
+        warnings += [*self._overload(), *self._disagreements.found(self._lidars), *self._bodies.found(self._lidars)]
         if warnings and level == DiagnosticStatus.OK:
             level = DiagnosticStatus.WARN
         clocks = self._disagreements.clocks(self._lidars)
