@@ -89,7 +89,7 @@ class Competitor:
         """Fill a `Trajectory` with the poses that a trajectory file has at the `stamps` ``(N,)`` [ns]."""
         from ..core.registration.records import Status
 
-        trajectory.explanation = matched.explanation
+        trajectory.explanation, trajectory.interpolated = matched.explanation, matched.interpolated
         for stamp, pose in zip(stamps, matched.poses.tolist(), strict=True):
             there = pose[0] == pose[0]
             trajectory.used.append(there)

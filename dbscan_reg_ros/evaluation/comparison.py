@@ -12,6 +12,8 @@ from .metrics import apart, errors, path_lengths, related
 
 METRES = 1.0
 """Distance [m] over which the errors of the motion are computed."""
+FARTHER_METRES = 5.0
+"""Distance [m] over which the mean errors are reported, too, without a verdict."""
 BLOCK_METRES = 5.0
 """Errors within this distance [m] are treated as correlated and resampled together."""
 FEWEST_BLOCKS = 8
@@ -142,11 +144,8 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     RecordingError
         When the true motion is unknown; `TooShort` when the true motion is known for too few scans.
     """
-    both = np.array(trajectory_a.used) & np.array(trajectory_b.used)
-    rows = [both[np.array(trajectory.used)] for trajectory in (trajectory_a, trajectory_b)]
-    stamps = np.array(trajectory_a.stamps, dtype=np.int64)[rows[0]]
-    poses = [trajectory.pose_array()[row] for trajectory, row in zip((trajectory_a, trajectory_b), rows, strict=True)]
-    true = _true_motions(known, stamps, poses[0], np.flatnonzero(both))
+    scans, stamps, poses = _common(trajectory_a, trajectory_b)
+    true = _true_motions(known, stamps, poses[0], scans)
     count = len(true.first)
     if not count and known.truth:
         raise TooShort(f'too few scans have a true pose: {known.true_poses(stamps).explanation}')
@@ -156,6 +155,31 @@ def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     a, b = (np.array(errors(relative(found[true.first], found[true.second]), true.motions)) for found in poses)
     block = int(np.ceil(BLOCK_METRES * count / max(true.length, BLOCK_METRES)))
     return Paired(a, b, min(block, count // FEWEST_BLOCKS))
+
+
+def mean_errors(known: KnownMotion, trajectory_a, trajectory_b, metres) -> tuple[float, float] | None:
+    """Return the mean errors of trajectory B over `metres` of the true path: translation [m], rotation [deg].
+
+    As in `paired`, only scans with poses of both A and B are used. The result is None without true poses, or if no two
+    scans are `metres` apart.
+    """
+    if not known.truth:
+        return None
+    scans, stamps, (_, poses) = _common(trajectory_a, trajectory_b)
+    truth = known.true_poses(stamps).poses
+    first, second = apart(truth, metres, scans)
+    if not len(first):
+        return None
+    metre, degree = errors(relative(poses[first], poses[second]), relative(truth[first], truth[second]))
+    return float(metre.mean()), float(degree.mean())
+
+
+def _common(trajectory_a, trajectory_b):
+    """Return the numbers of the scans with poses in both trajectories, their stamps [ns], and the poses of A and B."""
+    both = np.array(trajectory_a.used, dtype=bool) & np.array(trajectory_b.used, dtype=bool)
+    row_a, row_b = (both[np.array(trajectory.used, dtype=bool)] for trajectory in (trajectory_a, trajectory_b))
+    stamps = np.array(trajectory_a.stamps, dtype=np.int64)[row_a]
+    return np.flatnonzero(both), stamps, (trajectory_a.pose_array()[row_a], trajectory_b.pose_array()[row_b])
 
 
 class _TrueMotions(NamedTuple):

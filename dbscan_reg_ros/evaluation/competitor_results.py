@@ -8,12 +8,16 @@ import numpy as np
 
 from ..core.registration.records import Status
 from ..recordings import read_tum, write_tum
-from .comparison import TooShort, paired
+from .comparison import FARTHER_METRES, METRES, TooShort, mean_errors, paired
 from .evo_measures import EvoMeasures, evo_measures
 from .metrics import path_lengths
 
 UNKNOWN = 'unknown'
 """Printed instead of a number that cannot be computed."""
+DEFINITION = (f'error over {METRES:g} m, {FARTHER_METRES:g} m: mean error of the motion from each scan to the first scan '
+              f'at least {METRES:g} m, {FARTHER_METRES:g} m farther along the true path; all columns: '
+              'doc/faq.md, "Comparing methods"')
+"""Printed below the table."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +27,15 @@ class CompetitorResult:
     Attributes
     ----------
     recording, letter, name : str
-    scans, poses, not_ok : int
-        Numbers of scans: all, those with a pose, and those without a pose or with another status than `OK`.
+    scans, poses, interpolated, not_ok : int
+        Numbers of scans: all, those with a pose, those whose pose is interpolated, and those without a pose or with
+        another status than `OK`.
     driven : float or None
         Path length over all poses [m].
     error_m, error_deg : float or None
         Mean errors of the motion over 1 m on the scans with poses of both A and the competitor; None if unknown.
+    error_5m_m, error_5m_deg : float or None
+        The same over 5 m.
     evo : EvoMeasures
         Measures over all poses of the competitor.
     verdict : str
@@ -42,13 +49,22 @@ class CompetitorResult:
     name: str
     scans: int
     poses: int
+    interpolated: int
     not_ok: int
     driven: float | None
     error_m: float | None
     error_deg: float | None
+    error_5m_m: float | None
+    error_5m_deg: float | None
     evo: EvoMeasures
     verdict: str
     notes: list
+
+    @property
+    def with_pose(self) -> str:
+        """How many scans have a pose, such as ``600 of 600``, or ``563 + 37 of 600`` with 37 interpolated poses."""
+        interpolated = f' + {self.interpolated}' if self.interpolated else ''
+        return f'{self.poses - self.interpolated}{interpolated} of {self.scans}'
 
     def as_json(self) -> dict:
         """Return a dictionary of all values by name, including the measures in `evo`."""
@@ -73,14 +89,20 @@ def describe(results) -> list:
     wide = max(len('recording'), *(len(each.recording) for each in results))
     named = max(len('competitor'), *(len(each.name) + 2 for each in results))
     indent = ' ' * (wide + named + 4)
-    lines = [f'{indent}{"scans with":>14}  {"error over 1 m":>18}  {"APE rmse":>11}  {"RPE rmse over 1 m":>23}',
-             f'{"recording":{wide}}  {"competitor":{named}}  {"a pose":>14}  {"[m]":>9} {"[deg]":>8}  {"[m]":>11}  '
-             f'{"[m]":>11} {"[deg]":>11}  against A']
+    counted = max(14, *(len(each.with_pose) for each in results))
+    over = f'{"error over 1 m":>18}  {"error over 5 m":>18}'
+    lines = [f'{indent}{"scans with":>{counted}}  {over}  {"APE rmse":>11}  {"RPE rmse over 1 m":>23}',
+             f'{"recording":{wide}}  {"competitor":{named}}  {"a pose":>{counted}}  {"[m]":>9} {"[deg]":>8}  '
+             f'{"[m]":>9} {"[deg]":>8}  {"[m]":>11}  {"[m]":>11} {"[deg]":>11}  against A']
     for each in results:
-        poses, evo = f'{each.poses} of {each.scans}', each.evo
-        lines.append(f'{each.recording:{wide}}  {f"{each.letter} {each.name}":{named}}  {poses:>14}  '
-                     f'{number(each.error_m, 4):>9} {number(each.error_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
+        evo = each.evo
+        lines.append(f'{each.recording:{wide}}  {f"{each.letter} {each.name}":{named}}  {each.with_pose:>{counted}}  '
+                     f'{number(each.error_m, 4):>9} {number(each.error_deg, 3):>8}  '
+                     f'{number(each.error_5m_m, 4):>9} {number(each.error_5m_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
                      f'{number(evo.rpe_m, 6):>11} {number(evo.rpe_deg, 6):>11}  {each.verdict}'.rstrip())
+    lines.append(DEFINITION)
+    if any(each.interpolated for each in results):
+        lines.append('scans with a pose: "n + k": n with a pose at their stamp, k with an interpolated pose')
     notes = [(recording, note) for recording, group in groupby(results, attrgetter('recording'))
              for note in grouped_notes(list(group))]
     return lines + [f'{recording}, {note}' for recording, note in notes]
@@ -116,13 +138,22 @@ def results_of(recording, folder, known, trajectories, comparisons) -> list:
     for (letter, name), trajectory, mean, verdict in zip(names, trajectories, means, verdicts, strict=True):
         evo, poses = _measured(folder, letter, trajectory, known), trajectory.pose_array()
         metres, degrees = mean or (None, None)
+        farther = mean_errors(known, trajectories[0], trajectory, FARTHER_METRES)
         ok = sum(status is Status.OK for status in trajectory.statuses)
         notes = [*([trajectory.explanation] if trajectory.explanation else []), *_unused(trajectory.problems),
-                 *evo.reasons]
+                 *([] if farther else [_no_farther_error(known)]), *evo.reasons]
         results.append(CompetitorResult(
-            recording, letter, name, len(trajectory.used), len(poses), len(trajectory.used) - ok,
-            float(path_lengths(poses)[-1]) if len(poses) else None, metres, degrees, evo, verdict, notes))
+            recording, letter, name, len(trajectory.used), len(poses), trajectory.interpolated,
+            len(trajectory.used) - ok, float(path_lengths(poses)[-1]) if len(poses) else None, metres, degrees,
+            *(farther or (None, None)), evo, verdict, notes))
     return results
+
+
+def _no_farther_error(known) -> str:
+    """Return why there is no error over `FARTHER_METRES`."""
+    reason = (f'no two scans with a pose are {FARTHER_METRES:g} m apart along the true path' if known.truth else
+              'the recording has no true poses, only relations between scans')
+    return f'no error over {FARTHER_METRES:g} m: {reason}'
 
 
 def _mean_errors(known, trajectory) -> list:
@@ -139,7 +170,7 @@ def _measured(folder, letter, trajectory, known) -> EvoMeasures:
         return EvoMeasures(None, None, None, ['no APE and no RPE: the recording has no true poses, only relations '
                             'between scans'])
     stamps, first = np.unique(np.array(trajectory.stamps, dtype=np.int64), return_index=True)
-    reference, explanation = known.true_poses(stamps)
+    reference, explanation, _ = known.true_poses(stamps)
     there = np.isfinite(reference).all(axis=1)
     files = folder / f'{letter}.tum', folder / f'truth_of_{letter}.tum'
     for file, content in zip(files, (trajectory.pose_array()[first], reference), strict=True):

@@ -17,10 +17,13 @@ class Matched(NamedTuple):
         NaN for scans without a pose.
     explanation : str
         How many scans have a pose, how many have no pose, and the reasons.
+    interpolated : int
+        Number of poses that are interpolated between two poses of the trajectory.
     """
 
     poses: np.ndarray
     explanation: str
+    interpolated: int = 0
 
 
 def match(own, poses, stamps, sparse=False) -> Matched:
@@ -56,14 +59,15 @@ def match(own, poses, stamps, sparse=False) -> Matched:
     in_gap = ~at_stamp & np.isfinite(found[:, 0]) & (own[after] - own[before] > longest)
     found[in_gap] = np.nan
     words = [f'{at_stamp.sum()} of {count} scans have the stamp of a pose']
-    if between := int(np.isfinite(found[:, 0]).sum() - at_stamp.sum()):
+    between = int(np.isfinite(found[:, 0]).sum() - at_stamp.sum())
+    if between:
         words.append(f'{between} lie between two poses, and their pose is interpolated')
     reasons = [times] if (times := outside(own, at)) else []
     if in_gap.any():
         reasons.append(f'{in_gap.sum()} where successive poses are more than {1e-9 * longest:.3f} s apart')
     if reasons:
         words.append(f'{np.isnan(found[:, 0]).sum()} have no pose: {" and ".join(reasons)}')
-    return Matched(found, '; '.join(words) + _other_clock(first, last, stamps))
+    return Matched(found, '; '.join(words) + _other_clock(first, last, stamps), between)
 
 
 def _interval(stamps) -> float:

@@ -168,5 +168,5 @@ def _aligned(truth, poses):
 
 def _without_truth(known, stamps):
     """Return a line of the summary on scans without a true pose; no line if all have one or none can have one."""
-    poses, explanation = known.true_poses(stamps)
+    poses, explanation, _ = known.true_poses(stamps)
     return [('true poses', explanation)] if known.truth and np.isnan(poses).any() else []

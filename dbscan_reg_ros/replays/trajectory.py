@@ -38,6 +38,8 @@ class Trajectory:
         For each scan that was not used, its number, from 0, and the reason.
     explanation : str
         For the trajectory of another program: which scans have a pose in it, and why others have none.
+    interpolated : int
+        For the trajectory of another program: how many poses are interpolated between two of its poses.
     """
 
     yaw: float = 0.0
@@ -50,6 +52,7 @@ class Trajectory:
     problems: list = field(default_factory=list)
     restarts: int = 0
     explanation: str = ''
+    interpolated: int = 0
 
     def follow(self, scans, odometry):
         """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""

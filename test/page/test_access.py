@@ -72,7 +72,7 @@ def test_axe_finds_no_violation_of_level_a_or_aa(show, page, known, axe, screen,
 
 
 @pytest.mark.parametrize(('columns', 'rows'), [
-    (COMPARISON_COLUMNS, [['A: ours', *'?' * 9], ['B: theirs', *'?' * 9]]), (REPLAY_COLUMNS, [['?'] * 7])])
+    (COMPARISON_COLUMNS, [['A: ours', *'?' * 11], ['B: theirs', *'?' * 11]]), (REPLAY_COLUMNS, [['?'] * 7])])
 def test_axe_finds_no_violation_in_an_index(browser, axe, tmp_path, columns, rows):
     entry = DriveEntry('drive', 'drive/report.html', rows, small_map(density_map([], []), []), ['A: a note'])
     write_index(tmp_path / 'index.html', 'drives', columns, [entry])

@@ -116,10 +116,10 @@ def test_the_index_of_a_comparison_has_a_row_for_each_competitor_with_its_verdic
     assert [row[0] for row in rows] == ['x', 'A: ours', 'B: half', 'C: again']
     rows = rows[1:]
     assert [row[1] for row in rows] == ['', 'not judged', 'worse in translation']
-    assert [row[8] for row in rows] == ['100 of 100', '50 of 100', '100 of 100']
+    assert [row[10] for row in rows] == ['100 of 100', '50 of 100', '100 of 100']
     assert [row[2] for row in rows[1:]] == ['0.2000', '0.2000']
     content = [json.loads(line) for line in (compared / 'rows.json').read_text().splitlines()]
-    assert [row[4:7] for row in rows] == [[f'{each[name]:.6f}' for name in ('ape_m', 'rpe_m', 'rpe_deg')]
+    assert [row[6:9] for row in rows] == [[f'{each[name]:.6f}' for name in ('ape_m', 'rpe_m', 'rpe_deg')]
                                            for each in content]
     assert 0.0 < content[0]['ape_m'] < 0.05 and content[1]['ape_m'] < 0.05
     assert browser.value('document.querySelector("tbody a").getAttribute("href")') == 'x/report.html'
