@@ -5,7 +5,7 @@ import string
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..evaluation.method_names import METHODS
+from ..evaluation.method_names import KEY_FRAME_DEGREES, KEY_FRAME_DISTANCE, METHODS
 from ..paths import ready_made
 from .command_line import (
     FAILED,
@@ -29,27 +29,34 @@ LETTERS = string.ascii_uppercase
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
-                         'worse. Prints one table of all competitors with their errors over 1 m, and APE and RPE as '
-                         'evo computes them where true poses are known; then the paired differences of the errors over '
-                         '1 m with confidence intervals (95 % for translation and rotation together). More competitors '
-                         'are compared with A and reported. Exit status 0: B is not worse; 1: B is worse (with --all: '
-                         'any is); 2: an argument or a recording cannot be used; 3: no verdict, because B has no pose '
-                         'for more than 10 % of the scans.')
-    for name in 'ab':
-        parser.add_argument(name, metavar=name.upper(), help=f'a parameter file; or the name of a ready-made '
-                            'parameter set: defaults, '
-                            f'{", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the defaults), '
-                            'MODULE:FUNCTION; or NAME=FILE, as for --trajectory')
+                         'worse. Prints one table of all competitors with their errors over 1 m and 5 m, and APE and '
+                         'RPE as evo computes them where true poses are known; then the paired differences of the '
+                         'errors over 1 m with confidence intervals (95 % for translation and rotation together; block '
+                         'bootstrap, blocks of 5 m of path; over all motions of all recordings). More competitors are '
+                         'compared with A and reported. doc/faq.md, "Comparing methods", defines every column. Exit '
+                         'status 0: B is not worse; 1: B is worse in translation or in rotation (with --all: any is); '
+                         '2: an argument or a recording cannot be used; 3: no verdict, because B has no pose for more '
+                         'than 10 % of the scans.')
+    parser.add_argument('a', metavar='A', help='a parameter file; or the name of a ready-made parameter set: '
+                        f'defaults, {", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the '
+                        'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
+                        '--trajectory')
+    parser.add_argument('b', metavar='B', help='as A')
     add_recordings(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
-                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose of the scan '
-                        'current in the frame of the scan reference; may be repeated')
+                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose (SE2) of the '
+                        'scan current in the frame of the scan reference. reference is the last key frame: a scan '
+                        f'becomes the key frame if it is more than {KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} '
+                        'deg from the last one; guess (SE2) repeats the last motion between two scans. Or '
+                        'MODULE:CLASS, a tracker made without arguments: process(scan) returns a Step with the pose in '
+                        'the frame of the first scan (doc/faq.md). May be repeated')
     parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
                         'parameter file, or the name of a ready-made parameter set (for example lds); may be repeated')
     parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
                         'the trajectory of another program in TUM format; NAME=FILE.tum@X,Y,DEG if the file contains '
                         'poses of a body, on which the sensor has the pose X,Y,DEG; NAME=FOLDER with a file '
-                        'RECORDING.tum for each recording; may be repeated')
+                        'RECORDING.tum for each recording, its name without .log.gz, .log or .bag (@X,Y,DEG as above); '
+                        'may be repeated')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, for one recording: TUM, or the '
                         'columns index,x,y,theta (default: the true poses in the recording or in a file beside it)')
     parser.add_argument('--all', action='store_true', help='the exit status is 1 if any competitor is worse than A, '

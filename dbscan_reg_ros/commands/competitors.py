@@ -112,7 +112,8 @@ def follow_one(path, topic, competitor, clouds):
     from .workers import watched
 
     recording = open_recording(path, topic, clouds)
-    return competitor.follow(recording, watched(recording.scans(), recording.name, recording.count))
+    title = f'{recording.name}, {Path(competitor.name).name}'
+    return competitor.follow(recording, watched(recording.scans(), title, recording.count))
 
 
 def follow_all(executor, paths, topic, competitors):

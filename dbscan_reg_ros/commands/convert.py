@@ -9,7 +9,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('convert', 'Write a recording in another format. Messages keep their order and their stamps '
                          'to the nanosecond; the record times of a bag increase, so that ros2 bag play works. A CARMEN '
-                         'log holds only scans and poses.')
+                         'log holds only scans and poses. Files with true poses or relations beside SOURCE are not '
+                         'copied.')
     parser.add_argument('source', metavar='SOURCE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
     parser.add_argument('target', metavar='TARGET', help='NAME.log or NAME.log.gz: CARMEN log; NAME.bag: ROS 1 bag; '

@@ -14,8 +14,8 @@ from .metrics import path_lengths
 
 UNKNOWN = 'unknown'
 """Printed instead of a number that cannot be computed."""
-DEFINITION = (f'error over {METRES:g} m, {FARTHER_METRES:g} m: mean error of the motion from each scan to the first scan '
-              f'at least {METRES:g} m, {FARTHER_METRES:g} m farther along the true path; all columns: '
+DEFINITION = (f'error over {METRES:g} m, {FARTHER_METRES:g} m: mean error of the motion from each scan to the first '
+              f'scan at least {METRES:g} m, {FARTHER_METRES:g} m farther along the true path; all columns: '
               'doc/faq.md, "Comparing methods"')
 """Printed below the table."""
 
@@ -139,13 +139,14 @@ def results_of(recording, folder, known, trajectories, comparisons) -> list:
         evo, poses = _measured(folder, letter, trajectory, known), trajectory.pose_array()
         metres, degrees = mean or (None, None)
         farther = mean_errors(known, trajectories[0], trajectory, FARTHER_METRES)
+        far_metres, far_degrees = farther or (None, None)
         ok = sum(status is Status.OK for status in trajectory.statuses)
         notes = [*([trajectory.explanation] if trajectory.explanation else []), *_unused(trajectory.problems),
                  *([] if farther else [_no_farther_error(known)]), *evo.reasons]
         results.append(CompetitorResult(
             recording, letter, name, len(trajectory.used), len(poses), trajectory.interpolated,
             len(trajectory.used) - ok, float(path_lengths(poses)[-1]) if len(poses) else None, metres, degrees,
-            *(farther or (None, None)), evo, verdict, notes))
+            far_metres, far_degrees, evo, verdict, notes))
     return results
 
 

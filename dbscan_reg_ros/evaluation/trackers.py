@@ -23,10 +23,10 @@ from ..core.registration.records import Prior, Status
 from ..recordings.poses import relative
 from ..robot.parameter_groups import NodePriorParameters
 from .baselines import Result
+from .method_names import KEY_FRAME_DEGREES, KEY_FRAME_DISTANCE
 from .methods import BenchmarkError, Method, kiss_config, lifted, method, planar
 
-KEY_FRAME_DISTANCE = 0.3
-KEY_FRAME_ANGLE = math.radians(15.0)
+KEY_FRAME_ANGLE = math.radians(KEY_FRAME_DEGREES)
 GYROSCOPE_SCALE, GYROSCOPE_NOISE = 1.01, 0.003
 """Errors of the simulated gyroscope: scale, and standard deviation of each rotation [rad]."""
 
@@ -132,7 +132,8 @@ def tracker(name):
 
     ``module:function`` is a method of the user's own, imported from the current folder as well:
     ``function(reference, current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the
-    `Scan` `reference`, starting from the `SE2` `guess`. ``module:Class`` names a tracker class without arguments.
+    `Scan` `reference`, the last key frame, starting from the `SE2` `guess`, the last motion repeated. ``module:Class``
+    names a tracker class, made without arguments: ``process(scan)`` returns a `Step`.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from matplotlib.image import imread
 from dbscan_reg_ros import Parameters, RecordingError
 from dbscan_reg_ros.commands.compare import main
 from dbscan_reg_ros.commands.competitors import Competitor
-from dbscan_reg_ros.evaluation.comparison import Paired, difference, paired
+from dbscan_reg_ros.evaluation.comparison import Paired, difference, mean_errors, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.robot.parameters import NodeParameters
@@ -109,6 +109,19 @@ def test_scans_that_only_one_could_use_are_left_out():
                 trajectory.poses.append(pose)
     pair = paired(KnownMotion((stamps, truth), None, None), full, lossy)
     assert pair.a.shape == pair.b.shape and np.abs(pair.a - pair.b).max() < 1e-12 and pair.block > 20
+
+
+def test_the_error_over_5_m_is_that_of_a_replay_and_unknown_without_true_poses():
+    rng = np.random.default_rng(0)
+    stamps = np.arange(300) * 10**8
+    truth = np.column_stack((0.05 * np.arange(300), np.zeros((300, 2))))
+    found = Trajectory(stamps=stamps.tolist(), poses=(truth + 0.01 * rng.normal(size=truth.shape)).tolist(),
+                       used=[True] * 300)
+    known = KnownMotion((stamps, truth), None, None)
+    expected = known.measures(stamps, found.pose_array())
+    assert mean_errors(known, found, found, 5.0) == (expected['rpe_5m_mean_m'], expected['rpe_5m_mean_deg'])
+    assert mean_errors(known, found, found, 15.0) is None
+    assert mean_errors(KnownMotion(None, None, None), found, found, 5.0) is None
 
 
 def test_without_truth_there_is_nothing_to_compare():

@@ -156,12 +156,14 @@ def test_one_table_has_all_competitors_printed_and_written(compare, write, tmp_p
     assert (tmp_path / 'compare/latest/table.txt').read_text() in printed.out
     assert [row['name'] for row in content['table']] == ['a', 'b', 'identity', 'c']
     for row, line in zip(content['table'], rows, strict=True):
-        values = [row[name] for name in ('error_m', 'error_deg', 'error_5m_m', 'error_5m_deg', 'ape_m', 'rpe_m', 'rpe_deg')]
+        values = [row[name] for name in ('error_m', 'error_deg', 'error_5m_m', 'error_5m_deg', 'ape_m', 'rpe_m',
+                                         'rpe_deg')]
         assert line.split()[3:6] == [str(row['poses']), 'of', str(row['scans'])]
         for value, digits, text in zip(values, (4, 3, 4, 3, 6, 6, 6), line.split()[6:], strict=False):
             assert text == ('unknown' if value is None else f'{value:.{digits}f}')
     assert content['table'][1]['error_m'] == content['differences']['hall']['m']['b']
-    assert content['table'][2]['error_5m_m'] > 4.0 and content['table'][1]['error_m'] < content['table'][1]['error_5m_m']
+    assert content['table'][2]['error_5m_m'] > 4.0
+    assert content['table'][1]['error_m'] < content['table'][1]['error_5m_m']
     page = (tmp_path / 'compare/latest/index.html').read_text()
     assert all(f'{row["rpe_m"]:.6f}</td>' in page for row in content['table'])
 

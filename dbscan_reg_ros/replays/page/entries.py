@@ -21,8 +21,9 @@ COMPARISON_COLUMNS = Columns(
      'error over 5 m [deg]', 'APE rmse [m]', 'RPE rmse [m]', 'RPE rmse [deg]', 'distance [m]', 'with a pose', 'not OK'],
     'Not OK: scans with another status than OK, or without a pose. With a pose: n + k of all scans, if k '
     'poses are interpolated. Error over 1 m, 5 m: mean error of the motion from each scan to the first scan at least '
-    '1 m, 5 m farther along the true path, over the scans with poses of both A and the competitor. APE and RPE: root mean squares of the absolute and the relative pose errors over all '
-    'poses of a competitor, as evo computes them. '
+    '1 m, 5 m farther along the true path, over the scans with poses of both A and the competitor. '
+    'APE and RPE: root mean squares of the absolute and the relative pose errors over all poses of a competitor, as '
+    'evo computes them. '
     'Better or worse: with a confidence of 95 % for translation and rotation together.')
 DRIFT = 5.0
 """Distance [m] of the motion over which the drift is measured."""
@@ -101,6 +102,7 @@ def comparison_entry(link, small, results) -> DriveEntry:
         Results of the competitors on the recording.
     """
     rows = [[f'{each.letter}: {each.name}', each.verdict, number(each.error_m, 4), number(each.error_deg, 3),
-             number(each.error_5m_m, 4), number(each.error_5m_deg, 3), number(each.evo.ape_m, 6), number(each.evo.rpe_m, 6),
-             number(each.evo.rpe_deg, 6), number(each.driven, 1), each.with_pose, str(each.not_ok)] for each in results]
+             number(each.error_5m_m, 4), number(each.error_5m_deg, 3), number(each.evo.ape_m, 6),
+             number(each.evo.rpe_m, 6), number(each.evo.rpe_deg, 6), number(each.driven, 1), each.with_pose,
+             str(each.not_ok)] for each in results]
     return DriveEntry(results[0].recording, link, rows, small, grouped_notes(results))
