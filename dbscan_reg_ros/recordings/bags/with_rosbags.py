@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 1 and ROS 2 bags, read and written with `rosbags`."""
 import contextlib
+import functools
 import io
 
 from rosbags import rosbag1, rosbag2
@@ -16,6 +17,8 @@ FOREVER = QosTime(2147483647, 4294967295)
 LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, FOREVER, FOREVER,
               QosLiveliness.AUTOMATIC, FOREVER, False)
 """Quality of service with which late subscribers receive a topic that is published once."""
+_types = functools.cache(get_typestore)
+"""Message types of a ROS version; the code that reads and writes each of them is generated once."""
 
 
 class BagReader:
@@ -39,9 +42,9 @@ class BagReader:
     def __init__(self, path):
         limit_decompression()
         self.path = path
-        self.reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        self.reader = AnyReader([path], default_typestore=_types(Stores.ROS2_JAZZY))
         self.reader.open()
-        self._store = get_typestore(Stores.ROS2_JAZZY if self.reader.is2 else Stores.ROS1_NOETIC)
+        self._store = _types(Stores.ROS2_JAZZY if self.reader.is2 else Stores.ROS1_NOETIC)
         self.connections = self.reader.connections
         self.message_count, self.start_time = self.reader.message_count, self.reader.start_time
         self.duration = self.reader.duration
@@ -66,7 +69,7 @@ class BagReader:
 
     def to_ros2(self, raw, kind):
         """Return a message as the bytes that ROS 2 sends, with the standard definition of its type."""
-        return bytes(raw if self.reader.is2 else get_typestore(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
+        return bytes(raw if self.reader.is2 else _types(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
 
 
 class BagWriter:
