@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from ..core.errors import RecordingError, ScanError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
+from ..core.odometry.calibration.majority import error_of_first
 from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
 from ..core.registration.records import Status
@@ -158,7 +159,7 @@ class LidarCounts:
     problem : str
         Why the last skipped scan could not be used.
     error : str
-        By how much the lidar disagrees with the first one; empty if it agrees.
+        With which lidars it disagrees, and by how much; empty if it agrees.
     statuses : Counter
         Number of the processed scans by `Status`.
     """
@@ -178,7 +179,7 @@ class LidarCounts:
         counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
         outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
         problem = f'; the last skipped: {self.problem}' if self.problem else ''
-        error = f'; disagrees with the first lidar: {self.error} (see calibrate)' if self.error else ''
+        error = f'; {self.error}' if self.error else ''
         return ' '.join(counts) + outside + problem + error
 
 
@@ -225,10 +226,16 @@ class OdometryWithOthers:
         return dataclasses.replace(update, number=number, reference_number=reference)
 
     def finish(self):
-        """Count the scans after the last scan of the first lidar."""
+        """Count the scans after the last scan of the first lidar, and name the lidars that disagree."""
+        found = self._odometry.comparisons.lidars
+        first = error_of_first(self._first.pose, found.values()) if len(found) == len(self._others) else None
+        if first:
+            text = f'disagrees with all others, which agree with each other: {first.error}'
+            self.counts[self._first.name].error = text
         for (sensor, scans), scan in zip(self._others, self._next, strict=True):
-            compared = self._odometry.comparisons.lidars.get(sensor.name)
-            self.counts[sensor.name].error = str(compared.error) if compared and compared.error else ''
+            compared = None if first else found.get(sensor.name)
+            if compared and compared.error:
+                self.counts[sensor.name].error = f'disagrees with the first lidar: {compared.error} (see calibrate)'
             self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
     def _take_older(self, stamp):

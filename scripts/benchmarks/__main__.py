@@ -31,6 +31,7 @@ BENCHMARKS = {
     'stops': 'odometry that stops in a corridor with doors',
     'curved': 'odometry in a smooth curved corridor',
     'lidars': 'two lidars, the second with a wrong mounting or late stamps; what calibrate finds',
+    'heights': 'twenty correct pairs of lidars at different heights, among people: accusations and errors',
     'loops': 'wrong loop closures, and the error with and without them, on Intel and ten simulated tours',
     'covered': 'odometry of a lidar with a box over it for a while',
     'spin': 'turn rates of published twists while the robot rotates in place',
@@ -54,16 +55,16 @@ MODULES = {
     'spinup': 'odometry.spinup', 'sensors': 'sensors',
     'covered': 'odometry.covered', 'spin': 'odometry.spin',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
-    'lidars': 'lidars.wrong', 'page': 'page.page', 'watch': 'node.watched',
+    'lidars': 'lidars.wrong', 'heights': 'lidars.heights', 'page': 'page.page', 'watch': 'node.watched',
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
 OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
-             'lidars', 'watch', 'sensors', 'fingerprint')
+             'lidars', 'heights', 'watch', 'sensors', 'fingerprint')
 """No other method has what they measure."""
 SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')
 """Courses with one drive for each seed."""
-SIMULATED = ('node', 'lidars', 'watch', 'soak', 'covariance', 'overlap', 'sensors', *SEEDED)
+SIMULATED = ('node', 'lidars', 'heights', 'watch', 'soak', 'covariance', 'overlap', 'sensors', *SEEDED)
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
@@ -175,7 +176,8 @@ def add_fingerprint(command):
                          'in this folder (default: results/fingerprint)')
 
 
-ADDED = {'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint}
+ADDED = {'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint,
+         'heights': add_processes}
 """Benchmark -> what adds its options."""
 
 

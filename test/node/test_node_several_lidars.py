@@ -253,6 +253,25 @@ def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer
     assert not list(bodies.found([front, rear]))
 
 
+def test_the_first_of_three_lidars_is_named_if_all_others_disagree_with_it_alike(peer, capfd):
+    """The base seems to be 5 cm to the left for the others: the first lidar is 5 cm to the right of its transform."""
+    lidars = [Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'left', 'right')]
+    lidars[0].counters.mounting = Mounting(SE2(0.4, 0.0, math.radians(90.0)))
+    for lidar, given in zip(lidars[1:], (SE2(0.0, 0.3), SE2(0.0, -0.3)), strict=True):
+        estimate = RelativePose(SE2(0.0, 0.05) @ given, 0.0, 1e-6 * np.eye(4))
+        lidar.counters.compared = ComparedLidar(given, deque(), estimate=estimate, error=Disagreement(0.05, 0.0, 0.0))
+    disagreements = Disagreements()
+    expected = '/front/scan: disagrees with all others, which agree with each other: its mounting is off by 5.0 cm and ' \
+               '0.0 deg'
+    assert [list(disagreements.found(lidars)) for _ in range(2)] == [[expected]] * 2
+    logged = capfd.readouterr().err
+    assert logged.count('disagrees') == 1 and logged.endswith(
+        f'{expected}; the others are not used until they agree with it; set its transform to x 0.400 m, y -0.050 m, yaw '
+        '1.5708 rad (90.00 deg)\n')
+    lidars[2].counters.compared = None
+    assert [text.split(':')[0] for text in disagreements.found(lidars)] == ['/left/scan']
+
+
 def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, drive, tmp_path):
     """No transforms: the poses are parameters. The mask of the rear lidar is set while the node runs."""
     scans, base_at = drive

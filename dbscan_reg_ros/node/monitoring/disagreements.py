@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
+from ...core.odometry.calibration.comparisons import ComparedLidar
+from ...core.odometry.calibration.majority import error_of_first
 from ..interfaces.lidar import Lidar
 
 
 class Disagreements:
-    """Describes each lidar whose mounting or stamps are wrong relative to the first one."""
+    """Describes each lidar with a wrong mounting or wrong stamps: relative to the first one, or the first itself."""
 
     def __init__(self) -> None:
         self._logged: set[str] = set()
@@ -29,22 +31,27 @@ class Disagreements:
 
     def found(self, lidars: Sequence[Lidar]) -> Iterator[str]:
         """Yield a sentence for each lidar that disagrees; log it when it is new, with what to do."""
-        for lidar in lidars:
-            compared = lidar.counters.compared
+        others = [lidar.counters.compared for lidar in lidars[1:]]
+        first = error_of_first(lidars[0].counters.mounting.aligned_pose, [each for each in others if each]) \
+            if all(others) else None
+        found = [first, *([None] * len(others) if first else others)]
+        for lidar, compared in zip(lidars, found, strict=True):
             if compared is None or compared.error is None:
                 self._logged.discard(lidar.topic)
                 continue
-            text = f'disagrees with the first lidar: {compared.error}'
+            text = f'disagrees with {"all others, which agree with each other" if first else "the first lidar"}: ' \
+                f'{compared.error}'
             if lidar.topic not in self._logged:
                 self._logged.add(lidar.topic)
-                lidar.log.warn(f'{text}; it is not used until it agrees; {_remedy(lidar)}')
+                use = 'the others are not used until they agree with it; ' if first else \
+                    'it is not used until it agrees; if the first one is right, '
+                lidar.log.warn(f'{text}; {use}{_remedy(lidar, compared)}')
             yield f'{lidar.label}{text}'
 
 
-def _remedy(lidar: Lidar) -> str:
-    """Return which transform and which parameter to set, and to which value, if the first lidar is right."""
-    compared = lidar.counters.compared
-    assert compared is not None and compared.estimate is not None and compared.error is not None
+def _remedy(lidar: Lidar, compared: ComparedLidar) -> str:
+    """Return which transform and which parameter of a `lidar` to set, and to which value."""
+    assert compared.estimate is not None and compared.error is not None
     remedies, estimate = [], compared.estimate
     if compared.error.distance or compared.error.rotation:
         # The scans are rotated by the yaw of the mounting, so the estimate contains its error only.
@@ -53,4 +60,4 @@ def _remedy(lidar: Lidar) -> str:
                         f'({math.degrees(pose.theta):.2f} deg)')
     if compared.error.time_offset:
         remedies.append(f'set input.time_offset of it to {lidar.input.time_offset[0] + estimate.time_offset:.3f}')
-    return f'if the first one is right, {" and ".join(remedies)}'
+    return ' and '.join(remedies)

@@ -61,8 +61,6 @@ class ComparedLidar:
         By how much its clock is ahead of that of the first lidar; it is not used unless this is 0.
     estimate : RelativePose or None
         The latest estimate.
-    disagrees : bool
-        Whether the lidar probably disagrees with the first one, so that it is not used.
     error : Disagreement or None
         The error of mounting or stamps that has lasted over a long drive; None if there is none.
     """
@@ -74,24 +72,33 @@ class ComparedLidar:
     on_trial: bool = True
     apart: float = 0.0
     estimate: RelativePose | None = None
-    disagrees: bool = False
     error: Disagreement | None = None
     _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
     _last: SE2 | None = None
     _new: int = 0
-    _agreeing: int = 0
+    _suspected: bool = False
+    _latest: deque[bool] = field(default_factory=lambda: deque(maxlen=_LEAST))
 
     @property
     def known(self) -> bool:
         """Whether there are enough comparisons to judge the lidar."""
         return len(self.comparisons) >= _LEAST
 
+    @property
+    def disagrees(self) -> bool:
+        """Whether the lidar probably disagrees with the first one, so that it is not used.
+
+        On a straight drive the estimate of position and time offset depends on few scans. So it does not count while
+        the latest scans agree with the given mounting.
+        """
+        return self._suspected and sum(self._latest) < _AGREEING
+
     def is_due(self, pose: SE2, spacing: float) -> bool:
         """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`.
 
         While the lidar agrees, fewer scans are compared: each costs as much time as a scan that is registered.
         """
-        if self._agreeing >= _LEAST and not self.disagrees:
+        if sum(self._latest) == _LEAST and not self._suspected:
             spacing *= _SPARSE
         self._last = self._last or pose
         motion = self._last.inverse() @ pose
@@ -121,7 +128,7 @@ class ComparedLidar:
         self.comparisons.append(Comparison(
             relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
         self._new += 1
-        self._agreeing = self._agreeing + 1 if self._agrees(relative, location.covariance) else 0
+        self._latest.append(self._agrees(relative, location.covariance))
         if self.known and self._new * _RENEWAL >= len(self.comparisons):
             self._new = 0
             self.judge()
@@ -129,26 +136,30 @@ class ComparedLidar:
     def _agrees(self, relative: SE2, covariance: FloatArray) -> bool:
         """Whether a relative pose differs from the given mounting by less than what has little effect."""
         difference = (self.given.inverse() @ relative).as_array()
-        return float(difference @ np.linalg.solve(covariance + _LITTLE, difference)) < _PROBABLE ** 2
+        return float(difference @ np.linalg.solve(covariance + _LITTLE, difference)) < PROBABLE ** 2
 
     def judge(self) -> RelativePose:
         """Estimate mounting and time offset from all comparisons, and judge the lidar by them."""
         estimate = self.estimate = estimate_relative_pose(self.comparisons, self.given)
-        self.disagrees = any(self._difference(estimate, _PROBABLE))
-        certain = self._difference(estimate, _CERTAIN)
+        self._suspected = any(difference(self.given, 0.0, estimate, PROBABLE))
+        certain = difference(self.given, 0.0, estimate, _CERTAIN)
         lasting = self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
-        self.error = certain if lasting and any(certain) else None
+        self.error = certain if lasting and self.disagrees and any(certain) else None
         return estimate
 
-    def _difference(self, estimate: RelativePose, sigmas: float) -> Disagreement:
-        """Return by how much an estimate differs, with 0 for what is below a multiple `sigmas` of its deviation."""
-        x, y, yaw, time = (sigmas * estimate.sigmas).tolist()
-        rotation = (self.given.inverse() @ estimate.pose).theta
-        shift = SE2(estimate.pose.x - self.given.x, estimate.pose.y - self.given.y)
-        distance = math.hypot(shift.x, shift.y)
-        shifted = distance > _DISTANCE and (abs(shift.x) > x or abs(shift.y) > y)
-        return Disagreement(distance if shifted else 0.0, rotation if abs(rotation) > max(_ROTATION, yaw) else 0.0,
-                            estimate.time_offset if abs(estimate.time_offset) > max(_TIME, time) else 0.0)
+
+def difference(given: SE2, time_offset: float, estimate: RelativePose, sigmas: float) -> Disagreement:
+    """Return by how much an estimate differs from a `given` mounting and `time_offset` [s].
+
+    What has little effect, or is below a multiple `sigmas` of the standard deviation, is 0.
+    """
+    x, y, yaw, time = (sigmas * estimate.sigmas).tolist()
+    rotation, late = (given.inverse() @ estimate.pose).theta, estimate.time_offset - time_offset
+    shift = SE2(estimate.pose.x - given.x, estimate.pose.y - given.y)
+    distance = math.hypot(shift.x, shift.y)
+    shifted = distance > _DISTANCE and (abs(shift.x) > x or abs(shift.y) > y)
+    return Disagreement(distance if shifted else 0.0, rotation if abs(rotation) > max(_ROTATION, yaw) else 0.0,
+                        late if abs(late) > max(_TIME, time) else 0.0)
 
 
 class LidarComparisons:
@@ -226,13 +237,15 @@ _CHANGED = 0.005
 """A mounting that changes by more than this [m, rad] is another one."""
 _LEAST = 10
 """Number of comparisons before a lidar is judged; the first scans are compared even at rest."""
+_AGREEING = 8
+"""So many of the latest `_LEAST` comparisons have to agree with the given mounting."""
 _STEP = 0.05
 """Motions shorter than this [m, rad] are noise."""
 _PENDING = 100
 """Number of locations that may wait for scans of the first lidar."""
 _RENEWAL = 10
 """The estimate is renewed when this ratio of the comparisons, one in ten, is new."""
-_PROBABLE, _CERTAIN = 2.0, 4.0
+PROBABLE, _CERTAIN = 2.0, 4.0
 """Multiples of its standard deviation from which on a difference is probable, and certain."""
 _DISTANCE, _ROTATION, _TIME = 0.02, math.radians(0.5), 0.01
 """Differences below these have little effect [m, rad, s]."""

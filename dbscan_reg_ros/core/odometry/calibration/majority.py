@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Error of the first of three lidars or more: all others agree with each other, but not with it."""
+from collections import deque
+from collections.abc import Collection
+
+import numpy as np
+
+from ...geometry.array_types import FloatArray
+from ...geometry.se2 import SE2
+from .comparisons import PROBABLE, ComparedLidar, difference
+from .relative_pose import RelativePose
+
+
+def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLidar | None:
+    """Return error and estimated mounting of the first lidar if it is the one that is wrong; else None.
+
+    If it is, the mountings of all others seem to be moved by the same motion of the followed frame, and their stamps by
+    the same time. A single other lidar does not show which of both is wrong.
+
+    Parameters
+    ----------
+    given : SE2
+        Mounting of the first lidar in the followed frame, as given.
+    others : collection of ComparedLidar
+        All other lidars.
+    """
+    found = [(each.given, each.estimate) for each in others if each.error is not None and each.estimate is not None]
+    if len(found) < max(len(others), _LEAST):
+        return None
+    best_given, best = min(found, key=lambda each: float(each[1].sigmas[2]))
+    motion = best.pose @ best_given.inverse()
+    for other, estimate in found:
+        expected = motion @ other
+        covariance = estimate.covariance + _at(best, expected)
+        if any(difference(expected, best.time_offset, estimate._replace(covariance=covariance), PROBABLE)):
+            return None
+    pose = motion.inverse() @ given
+    estimate = RelativePose(pose, -best.time_offset, _at(best, pose))
+    return ComparedLidar(given, deque(), estimate=estimate, error=difference(given, 0.0, estimate, PROBABLE))
+
+
+def _at(best: RelativePose, pose: SE2) -> FloatArray:
+    """Return the covariance ``(4, 4)`` of a `pose` that is rigidly connected to the `best` one, and of its time."""
+    jacobian = np.eye(len(best.covariance))
+    jacobian[:2, 2] = best.pose.y - pose.y, pose.x - best.pose.x
+    covariance: FloatArray = jacobian @ best.covariance @ jacobian.T
+    return covariance
+
+
+_LEAST = 2
+"""Number of other lidars that have to agree with each other."""
