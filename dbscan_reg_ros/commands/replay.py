@@ -233,10 +233,12 @@ def replay_one(job) -> Replayed:
 
 def _odometry(parameters, others, recording, mounting):
     """Return the odometry of the first lidar, which also uses the scans of the other lidars."""
+    from ..core.odometry.calibration.comparisons import LidarComparisons
     from ..core.odometry.pipeline import Odometry
     from ..replays.lidars import OdometryWithOthers
 
-    odometry = Odometry(parameters.for_odometry())
+    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
+    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
     return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters) if others else odometry
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.comparisons import ComparedLidar
+from ..core.odometry.calibration.compared_lidar import ComparedLidar
 from ..core.odometry.records import OdometryUpdate
 from ..core.odometry.verdict import LIMITS
 from ..core.registration.records import Status

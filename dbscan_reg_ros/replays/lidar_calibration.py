@@ -9,7 +9,8 @@ import numpy as np
 from ..core.errors import DbscanRegError, ScanError
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.comparisons import ComparedLidar, LidarComparisons
+from ..core.odometry.calibration.compared_lidar import ComparedLidar
+from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from .lidars import OdometryWithOthers
 from .sensor_mounting import received, turned

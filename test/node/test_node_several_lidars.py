@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.calibration.comparisons import ComparedLidar, Disagreement
+from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
@@ -231,6 +231,9 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     assert logged.count('disagrees') == 1 and logged.endswith(
         f'{expected}; it is not used until it agrees; if the first one is right, set its transform to x -0.360 m, '
         'y 0.230 m, yaw 1.5184 rad (87.00 deg) and set input.time_offset of it to -0.060\n')
+    rear.counters.compared.used = estimate.pose
+    list(Disagreements().found([front, rear]))
+    assert f'{expected}; its estimated mounting is used; if the first one is right, set' in capfd.readouterr().err
     rear.counters.compared = dataclasses.replace(rear.counters.compared, apart=-2.04)
     assert disagreements.clocks([front, rear]) == ['/rear/scan: its clock is 2.0 s behind that of the first lidar']
     assert 'it is not used; synchronise the clocks' in capfd.readouterr().err
@@ -258,16 +261,17 @@ def test_the_first_of_three_lidars_is_named_if_all_others_disagree_with_it_alike
     lidars = [Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'left', 'right')]
     lidars[0].counters.mounting = Mounting(SE2(0.4, 0.0, math.radians(90.0)))
     for lidar, given in zip(lidars[1:], (SE2(0.0, 0.3), SE2(0.0, -0.3)), strict=True):
-        estimate = RelativePose(SE2(0.0, 0.05) @ given, 0.0, 1e-6 * np.eye(4))
-        lidar.counters.compared = ComparedLidar(given, deque(), estimate=estimate, error=Disagreement(0.05, 0.0, 0.0))
+        lidar.counters.compared = ComparedLidar(
+            given, deque(), estimate=RelativePose(SE2(0.0, 0.05) @ given, 0.0, 1e-6 * np.eye(4)),
+            error=Disagreement(0.05, 0.0, 0.0))
     disagreements = Disagreements()
-    expected = '/front/scan: disagrees with all others, which agree with each other: its mounting is off by 5.0 cm and ' \
-               '0.0 deg'
+    expected = '/front/scan: disagrees with all others, which agree with each other: its mounting is off by 5.0 cm ' \
+               'and 0.0 deg'
     assert [list(disagreements.found(lidars)) for _ in range(2)] == [[expected]] * 2
     logged = capfd.readouterr().err
     assert logged.count('disagrees') == 1 and logged.endswith(
-        f'{expected}; the others are not used until they agree with it; set its transform to x 0.400 m, y -0.050 m, yaw '
-        '1.5708 rad (90.00 deg)\n')
+        f'{expected}; the others are not used until they agree with it; set its transform to x 0.400 m, y -0.050 m, '
+        'yaw 1.5708 rad (90.00 deg)\n')
     lidars[2].counters.compared = None
     assert [text.split(':')[0] for text in disagreements.found(lidars)] == ['/left/scan']
 

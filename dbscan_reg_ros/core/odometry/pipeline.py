@@ -125,6 +125,7 @@ class Odometry:
         scan = scan.as_measured(self._with_limits(sensor.limits).scan.direction)
         # Stamp: how long the scan took, and whether its motion can be removed.
         uses = self._uses(scan, sensor)
+        sensor = self.comparisons.mounted(sensor)
         own = self._sensor_state(scan, sensor, uses)
         timing = own.stamps.timing(scan, p)
         # Features of the deskewed scan.

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
-from ...core.odometry.calibration.comparisons import ComparedLidar
+from ...core.odometry.calibration.compared_lidar import ComparedLidar
 from ...core.odometry.calibration.majority import error_of_first
 from ..interfaces.lidar import Lidar
 
@@ -43,10 +43,16 @@ class Disagreements:
                 f'{compared.error}'
             if lidar.topic not in self._logged:
                 self._logged.add(lidar.topic)
-                use = 'the others are not used until they agree with it; ' if first else \
-                    'it is not used until it agrees; if the first one is right, '
-                lidar.log.warn(f'{text}; {use}{_remedy(lidar, compared)}')
+                lidar.log.warn(f'{text}; {_use(compared, first)}{_remedy(lidar, compared)}')
             yield f'{lidar.label}{text}'
+
+
+def _use(compared: ComparedLidar, first: ComparedLidar | None) -> str:
+    """Return which lidars are used if the `first` one is wrong, else whether the compared one is."""
+    if first:
+        return 'the others are not used until they agree with it; '
+    use = 'its estimated mounting is used' if compared.used != compared.given else 'it is not used until it agrees'
+    return f'{use}; if the first one is right, '
 
 
 def _remedy(lidar: Lidar, compared: ComparedLidar) -> str:

@@ -2,7 +2,7 @@
 """Twenty correct pairs of lidars at different heights, among people: whether the second is accused, and the errors.
 
 Walls, columns and furniture are seen by both lidars of a pair. Besides, the lower one sees the legs of tables, the
-plinths of cabinets and what lies on the floor, the higher one the cabinets and what stands on the tables; of people the
+plinths of cabinets and what lies on the floor, the higher one the cabinets and what is on the tables; of people the
 lower one sees the feet, the higher one the body.
 """
 import dataclasses
@@ -141,7 +141,7 @@ def drive(pair) -> tuple:
 
 
 def walker(tour, rng) -> Person:
-    """Return a person who walks to and fro along one leg of the `tour`, beside the robot if they meet."""
+    """Return a person walking to and fro along one leg of the `tour`, beside the robot if they meet."""
     leg = rng.integers(len(tour) - 1)
     start, end = tour[leg:leg + 2]
     along = (end - start) / max(math.dist(start, end), 1e-9)

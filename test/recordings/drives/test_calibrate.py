@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import xml.etree.ElementTree as ElementTree
+from collections import deque
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros.commands.calibrate import main as calibrate
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
+from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.scan import SECOND
@@ -74,9 +77,10 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
     assert 'not observable' not in printed
 
 
-def driven(drive, path, rear, late, rank):
+def driven(drive, path, rear, late, rank, comparisons=None):
     """Yield each update, and the error [m] of its pose; `late` [ns] are the stamps of the rear lidar."""
-    odometry, start = Odometry(), FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
+    odometry = Odometry(comparisons=comparisons)
+    start = FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
     sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
     begin = min(scan.stamp for scans in drive.values() for scan in scans)
     scans = [(topic, scan) for topic, each in drive.items() for scan in each]
@@ -96,6 +100,18 @@ def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, l
         return max(error for update, error in driven(drive, path, rear, late, rank) if update.sensor.name == 'front')
     assert largest_error(1) < 0.02
     assert late not in (0, LATE) or (rear is REAR and not late) or largest_error(0) > 0.02
+
+
+def test_the_estimated_mounting_is_used_after_a_long_drive_if_that_is_wanted(drive, path):
+    """The drive before these scans was long enough. The rear lidar is used in the end, at its true mounting."""
+    given, comparisons = FRONT.inverse() @ WRONG, LidarComparisons(calibrate=True)
+    lidar = comparisons.lidars['rear'] = ComparedLidar(
+        given, deque(maxlen=200), driven=20.0, turned=2.0 * math.pi, calibrate=True)
+    updates = list(driven(drive, path, WRONG, 0, 1, comparisons))
+    used = [update.sensor for update, _ in updates if update.sensor.name == 'rear'][-20:]
+    assert max(error for _, error in updates) < 0.02 and lidar.error.distance == pytest.approx(0.05, abs=0.005)
+    off = (FRONT.inverse() @ REAR).inverse() @ used[-1].pose
+    assert len(used) == 20 and math.hypot(off.x, off.y) < 0.005 and abs(off.theta) < math.radians(0.1)
 
 
 @pytest.mark.parametrize('dead', ['/front', '/rear'])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which lidars are used and which errors are named, on drives whose truth is known."""
 import dataclasses
+import itertools
 import math
 from collections import deque
 
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.calibration.comparisons import ComparedLidar, Disagreement, LidarComparisons
+from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
+from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.calibration.location import Location
 from dbscan_reg_ros.core.odometry.calibration.majority import error_of_first
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
@@ -18,6 +20,8 @@ from dbscan_reg_ros.simulation import rooms, simulate
 
 TRUE = SE2(-0.7, -0.5, 0.0)
 SEEDS = 1, 2, 3
+BIAS = 0.003
+"""Standard deviation of the error of the map [m]."""
 
 
 @pytest.fixture(scope='module')
@@ -43,17 +47,17 @@ def straight(seconds):
 class Drive:
     """A drive of two lidars, 12.5 and 15 Hz; the first one may be silent for a while."""
 
-    def __init__(self, update, given, late=0.0, seed=1, bias=0.003, path=pose_at):
-        self.comparisons, self._update, self.late = LidarComparisons(), update, late
+    def __init__(self, update, given, late=0.0, seed=1, path=pose_at, calibrate=False):
+        self.comparisons, self._update, self.late = LidarComparisons(calibrate=calibrate), update, late
         self.true, self._path = TRUE, path
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
-        self._rng, self._bias, self.used, self.now = np.random.default_rng(seed), bias, [], 0.0
+        self._rng, self.used, self.now = np.random.default_rng(seed), [], 0.0
 
     def _locate(self, update):
         """Locate a scan with noise, and an error for each metre of the drive."""
         seconds = 1e-9 * update.stamp - self.late
         pose, group = self._path(seconds), int(seconds)
-        common = np.random.default_rng(group).normal(0.0, self._bias, 3) * [1.0, 1.0, 0.5]
+        common = np.random.default_rng(group).normal(0.0, BIAS, 3) * [1.0, 1.0, 0.5]
         sigmas = np.array([0.002, 0.002, 0.001])
         found = pose @ self.true @ SE2(*(common + self._rng.normal(0.0, sigmas)))
         return Location(update.stamp, found, np.diag(sigmas ** 2), group)
@@ -150,6 +154,36 @@ def test_a_straight_drive_that_began_with_wrong_comparisons_does_not_accuse(upda
     before = len(drive.used)
     drive.run(40.0)
     assert drive.lidar.driven > 20.0 and drive.lidar.error is None and all(drive.used[before:])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_estimated_mounting_is_used_in_place_of_a_wrong_one_if_that_is_wanted(update, seed):
+    given = TRUE @ SE2(0.04, -0.03, math.radians(3.0))
+    drive = Drive(update, given, seed=seed, calibrate=True)
+    assert drive.comparisons.mounted(drive.run(10.0).rear) is drive.rear and not any(drive.used[3:])
+    while drive.lidar.error is None:
+        drive.run(0.5)
+    assert drive.lidar.driven == pytest.approx(20.0, abs=5.0)
+    poses = [drive.comparisons.mounted(drive.run(0.5).rear).pose for _ in range(40)]
+    # It is used, and the error of the given mounting stays known. Changes while it is used are small.
+    assert all(drive.used[-300:]) and drive.lidar.error.distance == pytest.approx(0.05, abs=0.005)
+    for pose, following in itertools.pairwise(poses):
+        assert math.hypot(following.x - pose.x, following.y - pose.y) < 0.0021
+    off = TRUE.inverse() @ poses[-1]
+    assert math.hypot(off.x, off.y) < 0.005 and abs(off.theta) < math.radians(0.1)
+    # It is knocked back to where the given mounting has it.
+    drive.true = given
+    drive.run(60.0)
+    off = given.inverse() @ drive.comparisons.mounted(drive.rear).pose
+    assert drive.used[-1] and math.hypot(off.x, off.y) < 0.015 and drive.lidar.error is None
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_mounting_that_is_right_or_not_observable_is_never_replaced(update, seed):
+    drive = Drive(update, TRUE, seed=seed, calibrate=True).run(40.0)
+    assert drive.lidar.driven > 20.0 and drive.lidar.used == TRUE
+    drive = Drive(update, TRUE @ SE2(0.06, 0.0, 0.0), seed=seed, path=straight, calibrate=True).run(40.0)
+    assert drive.lidar.driven > 20.0 and drive.lidar.used == drive.lidar.given
 
 
 def compared(moved, given, sigma=0.001, late=0.0):

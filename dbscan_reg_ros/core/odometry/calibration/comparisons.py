@@ -1,165 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparison of further lidars with the first one, and the decision whether they are used."""
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
-import numpy as np
-
-from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
-from ...geometry.symmetric_matrix import diagonal
 from ...registration.records import Status
-from ...scan import SECOND
 from ..records import OdometryUpdate
 from ..sensor import Sensor
 from .clocks import ClockCheck
-from .first_lidar import HALF_SPAN, FirstLidar
+from .compared_lidar import ComparedLidar
+from .first_lidar import FirstLidar
 from .location import Location
-from .relative_pose import Comparison, RelativePose, estimate_relative_pose
-
-
-class Disagreement(NamedTuple):
-    """By how much mounting and time offset of a further lidar differ from what the scans show; 0: insignificantly.
-
-    Attributes
-    ----------
-    distance : float [m]
-    rotation : float [rad]
-        Difference of the mounting by the scans from the given one.
-    time_offset : float [s]
-        Time to be added to the stamps.
-    """
-
-    distance: float
-    rotation: float
-    time_offset: float
-
-    def __str__(self) -> str:
-        mounting = (f'its mounting is off by {100.0 * self.distance:.1f} cm and '
-                    f'{math.degrees(abs(self.rotation)):.1f} deg') if self.distance or self.rotation else ''
-        stamps = f'its stamps are off by {1e3 * abs(self.time_offset):.0f} ms' if self.time_offset else ''
-        return ' and '.join(filter(None, (mounting, stamps)))
-
-
-@dataclass
-class ComparedLidar:
-    """Comparisons of one further lidar.
-
-    Attributes
-    ----------
-    given : SE2
-        Its mounting as given; the comparisons start again if it changes.
-    comparisons : deque of Comparison
-    driven, turned : float
-        Distance [m] and angle [rad] over which it has been compared.
-    on_trial : bool
-        Whether the lidar is not used before there are enough comparisons.
-    apart : float [s]
-        By how much its clock is ahead of that of the first lidar; it is not used unless this is 0.
-    estimate : RelativePose or None
-        The latest estimate.
-    error : Disagreement or None
-        The error of mounting or stamps that has lasted over a long drive; None if there is none.
-    """
-
-    given: SE2
-    comparisons: deque[Comparison]
-    driven: float = 0.0
-    turned: float = 0.0
-    on_trial: bool = True
-    apart: float = 0.0
-    estimate: RelativePose | None = None
-    error: Disagreement | None = None
-    _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
-    _last: SE2 | None = None
-    _new: int = 0
-    _suspected: bool = False
-    _latest: deque[bool] = field(default_factory=lambda: deque(maxlen=_LEAST))
-
-    @property
-    def known(self) -> bool:
-        """Whether there are enough comparisons to judge the lidar."""
-        return len(self.comparisons) >= _LEAST
-
-    @property
-    def disagrees(self) -> bool:
-        """Whether the lidar probably disagrees with the first one, so that it is not used.
-
-        On a straight drive the estimate of position and time offset depends on few scans. So it does not count while
-        the latest scans agree with the given mounting.
-        """
-        return self._suspected and sum(self._latest) < _AGREEING
-
-    def is_due(self, pose: SE2, spacing: float) -> bool:
-        """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`.
-
-        While the lidar agrees, fewer scans are compared: each costs as much time as a scan that is registered.
-        """
-        if sum(self._latest) == _LEAST and not self._suspected:
-            spacing *= _SPARSE
-        self._last = self._last or pose
-        motion = self._last.inverse() @ pose
-        distance, angle = math.hypot(motion.x, motion.y), abs(motion.theta)
-        if distance + angle >= max(spacing, _STEP):
-            self._last = pose
-            self.driven += distance
-            self.turned += angle
-            return True
-        return not spacing or len(self.comparisons) + len(self._pending) < _LEAST
-
-    def wait(self, location: Location) -> None:
-        """Store a `location` until the motion of the first lidar at its stamp is known."""
-        self._pending.append(location)
-
-    def resolve(self, first: FirstLidar) -> None:
-        """Make a comparison of each stored location for which the motion of the `first` lidar is known."""
-        while self._pending and not first.must_wait(self._pending[0].stamp):
-            location = self._pending.popleft()
-            motion = first.motion_at(location.stamp)
-            if motion is not None:
-                self._compare(location, motion.pose.inverse() @ location.pose, motion.twist)
-
-    def _compare(self, location: Location, relative: SE2, twist: np.ndarray) -> None:
-        # A pose of the first lidar has about the covariance of one of the further lidar.
-        span = 2.0 * HALF_SPAN / SECOND
-        self.comparisons.append(Comparison(
-            relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
-        self._new += 1
-        self._latest.append(self._agrees(relative, location.covariance))
-        if self.known and self._new * _RENEWAL >= len(self.comparisons):
-            self._new = 0
-            self.judge()
-
-    def _agrees(self, relative: SE2, covariance: FloatArray) -> bool:
-        """Whether a relative pose differs from the given mounting by less than what has little effect."""
-        difference = (self.given.inverse() @ relative).as_array()
-        return float(difference @ np.linalg.solve(covariance + _LITTLE, difference)) < PROBABLE ** 2
-
-    def judge(self) -> RelativePose:
-        """Estimate mounting and time offset from all comparisons, and judge the lidar by them."""
-        estimate = self.estimate = estimate_relative_pose(self.comparisons, self.given)
-        self._suspected = any(difference(self.given, 0.0, estimate, PROBABLE))
-        certain = difference(self.given, 0.0, estimate, _CERTAIN)
-        lasting = self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
-        self.error = certain if lasting and self.disagrees and any(certain) else None
-        return estimate
-
-
-def difference(given: SE2, time_offset: float, estimate: RelativePose, sigmas: float) -> Disagreement:
-    """Return by how much an estimate differs from a `given` mounting and `time_offset` [s].
-
-    What has little effect, or is below a multiple `sigmas` of the standard deviation, is 0.
-    """
-    x, y, yaw, time = (sigmas * estimate.sigmas).tolist()
-    rotation, late = (given.inverse() @ estimate.pose).theta, estimate.time_offset - time_offset
-    shift = SE2(estimate.pose.x - given.x, estimate.pose.y - given.y)
-    distance = math.hypot(shift.x, shift.y)
-    shifted = distance > _DISTANCE and (abs(shift.x) > x or abs(shift.y) > y)
-    return Disagreement(distance if shifted else 0.0, rotation if abs(rotation) > max(_ROTATION, yaw) else 0.0,
-                        late if abs(late) > max(_TIME, time) else 0.0)
 
 
 class LidarComparisons:
@@ -176,6 +29,8 @@ class LidarComparisons:
         Whether further lidars are compared only, and never used.
     most : int
         Number of comparisons that are kept of each lidar.
+    calibrate : bool
+        Whether the estimated mounting of a lidar is used if the given one is certainly wrong.
 
     Attributes
     ----------
@@ -183,9 +38,9 @@ class LidarComparisons:
         Name of a further lidar -> `ComparedLidar`.
     """
 
-    def __init__(self, spacing: float = 0.2, only: bool = False, most: int = 200) -> None:
+    def __init__(self, spacing: float = 0.2, only: bool = False, most: int = 200, calibrate: bool = False) -> None:
         self.lidars: dict[str, ComparedLidar] = {}
-        self._spacing, self._only, self._most = spacing, only, most
+        self._spacing, self._only, self._most, self._calibrate = spacing, only, most, calibrate
         self._first = FirstLidar()
         self._clocks: dict[str, ClockCheck] = {}
 
@@ -204,13 +59,20 @@ class LidarComparisons:
         lidar = self.lidars.get(sensor.name)
         if lidar is None or _differs(lidar.given, sensor.pose):
             lidar = self.lidars[sensor.name] = ComparedLidar(
-                sensor.pose, deque(maxlen=self._most), on_trial=lidar is None)
+                sensor.pose, deque(maxlen=self._most), on_trial=lidar is None, calibrate=self._calibrate)
         lidar.apart = clock.apart
         if self._only or lidar.apart:
             return False
         if not self._first.is_heard(stamp):
             return True
         return not lidar.disagrees and (lidar.known or not lidar.on_trial)
+
+    def mounted(self, sensor: Sensor) -> Sensor:
+        """Return a `sensor` with the mounting that is used."""
+        lidar = self.lidars.get(sensor.name) if sensor.rank else None
+        if lidar is None or lidar.used == lidar.given:
+            return sensor
+        return dataclasses.replace(sensor, pose=lidar.used)
 
     def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None]) -> None:
         """Add the `update` of a scan; `locate` returns the location of this scan in the map of the first lidar."""
@@ -235,22 +97,3 @@ def _differs(before: SE2, now: SE2) -> bool:
 
 _CHANGED = 0.005
 """A mounting that changes by more than this [m, rad] is another one."""
-_LEAST = 10
-"""Number of comparisons before a lidar is judged; the first scans are compared even at rest."""
-_AGREEING = 8
-"""So many of the latest `_LEAST` comparisons have to agree with the given mounting."""
-_STEP = 0.05
-"""Motions shorter than this [m, rad] are noise."""
-_PENDING = 100
-"""Number of locations that may wait for scans of the first lidar."""
-_RENEWAL = 10
-"""The estimate is renewed when this ratio of the comparisons, one in ten, is new."""
-PROBABLE, _CERTAIN = 2.0, 4.0
-"""Multiples of its standard deviation from which on a difference is probable, and certain."""
-_DISTANCE, _ROTATION, _TIME = 0.02, math.radians(0.5), 0.01
-"""Differences below these have little effect [m, rad, s]."""
-_LITTLE = diagonal(_DISTANCE, _DISTANCE, _ROTATION) ** 2
-_SPARSE = 5.0
-"""The motion between two comparisons grows by this factor while the latest `_LEAST` of them agree."""
-_LASTING_DISTANCE, _LASTING_ROTATION = 20.0, math.pi
-"""Drive [m, rad] from which on a difference counts as an error of the mounting."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
-from .comparisons import PROBABLE, ComparedLidar, difference
+from .compared_lidar import PROBABLE, ComparedLidar, difference
 from .relative_pose import RelativePose
 
 
