@@ -10,6 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
 
+from ..playback import TRANSFORMS
 from .decompression import limit_decompression
 from .messages import MessageMaker
 
@@ -17,8 +18,16 @@ FOREVER = QosTime(2147483647, 4294967295)
 LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, FOREVER, FOREVER,
               QosLiveliness.AUTOMATIC, FOREVER, False)
 """Quality of service with which late subscribers receive a topic that is published once."""
-_types = functools.cache(get_typestore)
-"""Message types of a ROS version; the code that reads and writes each of them is generated once."""
+
+
+@functools.cache
+def _types(version):
+    """Return the message types of a ROS version; the code that reads and writes each of them is generated once."""
+    types = get_typestore(version)
+    if version is Stores.ROS1_NOETIC:
+        # They lack the type of /tf_static, which ROS 2 has not changed.
+        types.register({TRANSFORMS: _types(Stores.ROS2_JAZZY).fielddefs[TRANSFORMS]})
+    return types
 
 
 class BagReader:

@@ -14,6 +14,7 @@ from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.clouds import CloudParameters
+from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import header_fields, pose_only_fields, scan_fields
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.robot.point_cloud import scan_from_cloud
@@ -155,6 +156,16 @@ def test_what_is_missing_is_named(bag, tmp_path, capsys, given, expected):
     file.write_text(f'/**: {{ros__parameters: {{{given}}}}}')
     assert replay([str(bag), '--topic', '/points', '--out', str(tmp_path), '--params-file', str(file)]) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_a_ros_1_bag_gives_the_same_scans(bag, tmp_path):
+    old = tmp_path / 'old.bag'
+    convert(bag, old, Kept(end=0.45))
+    found, expected = (open_recording(path, '/points', CloudParameters.of()) for path in (old, bag))
+    assert found.mounting == expected.mounting
+    for scan, same in zip(found.scans(), expected.scans(), strict=False):
+        assert scan.stamp == same.stamp
+        np.testing.assert_array_equal(scan.ranges, same.ranges)
 
 
 def test_where_point_clouds_cannot_be_read_the_topics_of_laser_scans_are_named(bag):
