@@ -39,10 +39,10 @@ the lines of the parameters that you change."""
 REFERENCE_HEAD = """\
 # Parameters
 
-All parameters of `scan_matcher`, with their defaults: first those of the node and the basic ones of the method, which
-depend on the sensor and the robot, then the advanced ones, which are seldom changed. Every command that takes
-`--params-file` accepts the same parameters of the method. In Python they are attributes of `Parameters`; the prefix
-`advanced.` is omitted there. [method.md](method.md) describes the steps of the method that use the parameters;
+This page lists all parameters of `scan_matcher` with their defaults. The parameters of the node and the basic ones of
+the method come first; they depend on the sensor and the robot. The advanced ones are seldom changed. Every command that
+takes `--params-file` accepts the same parameters of the method. In Python they are attributes of `Parameters`, without
+the prefix `advanced.`. [method.md](method.md) describes the steps of the method that use the parameters.
 [node.md](node.md) describes how to set them.
 
 Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is

@@ -32,13 +32,13 @@ class InputParameters(ParameterGroup):
     max_wait: float = parameter(
         0.05, unit='s', bounds=(0.0, 10.0),
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
-             'at the stamp of the scan. It should exceed the period of the source of the prior. Larger values tolerate '
-             'slower sources and delay the pose; 0 never waits.')
+             'at the stamp of the scan. It should exceed the period of the source of these data. Larger values '
+             'tolerate slower sources and delay the pose; 0 never waits.')
     reorder: float = parameter(
         0.02, unit='s', bounds=(0.0, 1.0),
         help='With several lidars, longest time that a scan waits for an older scan of another lidar that is due, so '
              'that scans are used in the order of their stamps. Larger values tolerate slower lidars and delay the '
-             'pose; 0 never waits. A scan that comes later still updates the map, but not the published pose.')
+             'pose; 0 never waits. A scan that arrives even later updates the map, but not the published pose.')
     mask: tuple[float, ...] = parameter(
         (0.0,) * 2 * SECTORS, unit='rad', bounds=(-6.3, 6.3),
         help='Up to four sectors in which the lidar sees the robot itself: first and last bearing of each sector, '
@@ -50,25 +50,27 @@ class InputParameters(ParameterGroup):
              'more returns; 0 ignores all returns in the sectors.')
     time_offset: tuple[float, ...] = parameter(
         (0.0,), unit='s', bounds=(-10.0, 10.0),
-        help='Added to the stamps of the scans when they arrive, except to stamps of 0. A driver that stamps its scans '
-             'too late needs a negative value. One number applies to every lidar; with several lidars there may be one '
-             'for each, in the order of scan_topics.')
+        help='Time that is added to the stamps of the scans when they arrive, except to stamps of 0. A driver that '
+             'stamps its scans too late needs a negative value. One number applies to every lidar; with several '
+             'lidars there may be one for each, in the order of scan_topics.')
     type: str = parameter(
         'auto', choices=('auto', LASER_SCAN, POINT_CLOUD), read_only=True,
-        help='Type of the messages of the lidar; with auto it is the type that is published on the topic. Of a '
-             'sensor_msgs/PointCloud2 the points between input.height_min and input.height_max are used.')
+        help='Type of the messages of the lidar; with auto it is the type that is published on the topic. From a '
+             'sensor_msgs/PointCloud2 message the points with heights between input.height_min and input.height_max '
+             'are used.')
     height_min: float = parameter(
         0.2, unit='m', bounds=(-1000.0, 1000.0),
         help='Points of a point cloud below this height in base_frame are ignored. Larger values also ignore low '
-             'objects; values near the floor take the floor of a slope for a wall.')
+             'objects; with values near the height of the floor, a ramp looks like a wall.')
     height_max: float = parameter(
         1.5, unit='m', bounds=(-1000.0, 1000.0),
-        help='Points of a point cloud above this height in base_frame are ignored. Larger values see walls above '
-             'furniture and people, and whatever hangs from the ceiling; smaller values use fewer points.')
+        help='Points of a point cloud above this height in base_frame are ignored. Larger values also use walls above '
+             'furniture and people, and objects that hang from the ceiling; smaller values use fewer points.')
     bearing_step: float = parameter(
         0.0087, unit='rad', bounds=(0.0005, 0.1),
-        help='Angle between two beams of the scan that is made of a point cloud; each beam has the nearest point of '
-             'this angle. Larger values save computing time; values below the step of the lidar give empty beams.')
+        help='Angle between two beams of the scan that is made from a point cloud; each beam has the nearest point '
+             'within this angle. Larger values save computing time; values below the angular step of the lidar give '
+             'beams without a return.')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -108,8 +110,8 @@ class NodePriorParameters(PriorParameters):
              'trust the wheels less; smaller values trust them more.')
     translation_by_rotation: float = parameter(
         0.1, unit='m/rad', bounds=(0.0, 10.0),
-        help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest '
-             'of the standard deviations from this parameter, prior.translation and prior.translation_min applies. '
+        help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest of the '
+             'standard deviations from this parameter, prior.translation and advanced.prior.translation_min is used. '
              'Larger values trust the wheels less while the robot rotates; smaller values trust them more.')
     translation_min: float = parameter(
         0.02, unit='m', bounds=(0.0001, 10.0),
@@ -121,9 +123,9 @@ class NodePriorParameters(PriorParameters):
              'trust the source less; smaller values trust it more.')
     rotation_by_distance: float = parameter(
         0.1, unit='rad/m', bounds=(0.0, 10.0),
-        help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest '
-             'of the standard deviations from this parameter, prior.rotation and prior.rotation_min applies. '
-             'Larger values trust the wheels less while the robot drives; smaller values trust them more.')
+        help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest of the '
+             'standard deviations from this parameter, prior.rotation and advanced.prior.rotation_min is used. Larger '
+             'values trust the wheels less while the robot drives; smaller values trust them more.')
     rotation_min: float = parameter(
         0.03, unit='rad', bounds=(0.0001, 3.2),
         help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
@@ -146,7 +148,8 @@ class PathParameters(ParameterGroup):
     step: float = parameter(
         0.1, unit='m', bounds=(0.0, 100.0),
         help='A pose is added to the path when the base has moved this far since the last pose of the path. Larger '
-             'values give a coarser path that covers a longer distance; smaller values give a finer path.')
+             'values give a path with wider spacing that covers a longer distance; smaller values give a path with '
+             'narrower spacing.')
     size: int = parameter(
         2000, bounds=(2, 100000),
         help='Largest number of poses in the path; if there are more, the oldest are dropped. Larger values keep a '

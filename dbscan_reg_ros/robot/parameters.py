@@ -64,14 +64,14 @@ class NodeParameters(Parameters):
              'finer walls.')
     scan_topics: tuple[str, ...] = parameter(
         NO_TOPICS, read_only=True,
-        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar; '
-             'while that lidar is silent for two scan periods, for each scan of the next lidar. Several '
-             'scan_topics require mounting tf; with sensors, each lidar may have its own laser_pose.')
+        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar. If '
+             'that lidar sends no scan for two of its periods, odometry is published for each scan of the next lidar. '
+             'Several scan_topics require mounting tf; with sensors, each lidar may have its own laser_pose.')
     sensors: tuple[str, ...] = parameter(
         NAMELESS, read_only=True,
         help='Names of the lidars, in place of scan_topics. Each has its own parameters NAME.topic (default: '
-             f'NAME/scan), {", ".join(f"NAME.{own}" for own in INHERITED)}; what is not given is inherited from the '
-             'parameter without the name. One empty text means lidars without names.')
+             f'NAME/scan), {", ".join(f"NAME.{own}" for own in INHERITED)}. A parameter that is not given is inherited '
+             'from the one without the name. A list with one empty text means that the lidars have no names.')
     mounting: str = parameter(
         'tf', choices=MOUNTINGS, read_only=True,
         help='Source of the pose of the laser on the base: tf (the transform from base_frame to the frame of the '
@@ -83,8 +83,8 @@ class NodeParameters(Parameters):
         False, read_only=True, help='If true, the laser is mounted upside down. Used only if mounting is laser_pose.')
     calibrate_mountings: bool = parameter(
         False, read_only=True,
-        help='If true, the mounting of a further lidar that is found to be wrong by 2 cm or 0.5 deg, after 20 m of '
-             'driving and 180 deg of turns, is replaced by the estimated one. The first lidar counts as right. The log '
+        help='If true, the estimated mounting of a further lidar replaces the given one, if it differs by 2 cm or 0.5 '
+             'deg. The estimate needs 20 m of driving and 180 deg of turns. The first lidar counts as right. The log '
              'has the value to put into the URDF. If false, a lidar with a wrong mounting is not used.')
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
     prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)

@@ -14,16 +14,17 @@ class PriorParameters(ParameterGroup):
 
     weight: float = parameter(
         0.15, bounds=(0.0, 2.0),
-        help='Largest score that a hypothesis loses for its distance from the prediction. Larger values follow the '
-             'prediction more closely; smaller values let the scans decide.')
+        help='Largest reduction of the score of a hypothesis for its distance from the prediction. Larger values give '
+             'the prediction more influence; smaller values give the scans more influence.')
     gate: float = parameter(
         4.0, bounds=(0.1, 100.0),
         help='Size of the gate around the prediction, in standard deviations. Larger values accept results farther '
-             'from the prediction; smaller values reject more outliers, and true motions that are sudden.')
+             'from the prediction; smaller values reject more outliers, but also sudden true motions.')
     velocity_window: int = parameter(
         3, bounds=(1, 1000),
         help='Number of past velocities whose mean the constant-velocity model predicts. Larger values give smoother '
-             'predictions that follow changes late; smaller values follow changes, and noise, at once.')
+             'predictions that follow changes of the velocity with a delay; smaller values follow changes faster, but '
+             'also noise.')
     acceleration: float = parameter(
         1.0, unit='m/s^2', bounds=(0.0, 1000.0),
         help='Standard deviation of the acceleration in the constant-velocity model. Larger values widen the gate for '
@@ -43,9 +44,9 @@ class PriorParameters(ParameterGroup):
              'prediction.')
     calibration_distance: float = parameter(
         300.0, unit='m', bounds=(0.0, 1000000.0),
-        help='Distance after which the calibration of systematic errors of an external prior forgets measurements; a '
-             'rotation of 1 rad counts as 1 m. Larger values average for longer; smaller values follow changes '
-             'sooner; 0 disables the calibration.')
+        help='Distance over which the weight of a measurement fades to 1 / e in the calibration of systematic errors '
+             'of an external prior; each rad of rotation adds 1 m. Larger values average for longer; smaller values '
+             'follow changes sooner; 0 disables the calibration.')
     unknown_sigma: float = parameter(
         0.25, unit='m', bounds=(0.001, 1000.0),
         help='Standard deviation of the predicted translation, and [rad] of the predicted rotation, while no velocity '
@@ -74,20 +75,20 @@ class OdometryParameters(ParameterGroup):
              'constant_velocity (the motion model).')
     key_frames: int = parameter(
         40, bounds=(1, 1000),
-        help='Number of key frames in the window. Larger values reduce drift where the robot comes back to known '
-             'places and take longer; smaller values are faster.')
+        help='Number of key frames in the window. Larger values reduce the drift where the robot returns to a known '
+             'place and take longer; smaller values are faster.')
     dynamic_key_frames: int = parameter(
         6, bounds=(0, 1000),
         help='A scan is compared with the free space of this many latest key frames to find dynamic points, which are '
              'left out. Larger values find more dynamic points and take longer; 0 disables the detection.')
     dynamic_margin: float = parameter(
         0.2, unit='m', bounds=(0.0, 100.0),
-        help='A point is dynamic when it lies farther than this in front of the ranges of a key frame. The detection '
-             'runs when the standard deviation of the predicted translation is smaller than this. Larger values leave '
-             'out fewer points; smaller values also leave out static points.')
+        help='A point is dynamic if it lies by more than this in front of the returns of a key frame. The detection '
+             'only runs if the standard deviation of the predicted translation is smaller than this. Larger values '
+             'leave out fewer points; smaller values also leave out static points.')
     movable_size: float = parameter(
         1.1, unit='m', bounds=(0.0, 100.0),
-        help='An object smaller than this counts as movable (a person, for example) if the ranges on both sides of it '
+        help='An object smaller than this is treated as movable, such as a person, if the ranges on both sides of it '
              'are larger, or if the scan ends there. Larger values reduce the weight of more objects; 0 treats no '
              'object as movable.')
     movable_weight: float = parameter(
@@ -101,16 +102,17 @@ class OdometryParameters(ParameterGroup):
              'often.')
     static_baseline: float = parameter(
         0.5, unit='m', bounds=(0.0, 100.0),
-        help='A movable object counts as static once a key frame from at least this far away saw it in the same place. '
-             'Larger values confirm objects later; smaller values may confirm one that moves with the sensor.')
+        help='A movable object is confirmed as static if a key frame from at least this far away contains it at the '
+             'same place. Larger values confirm objects later; smaller values may confirm an object that moves with '
+             'the sensor.')
     pole_size: float = parameter(
         0.3, unit='m', bounds=(0.0, 10.0),
-        help='An object smaller than this, without normals and with larger ranges or none on both sides, is used '
-             'as a round pole. Larger values take more objects for poles; 0 uses no poles.')
+        help='An object smaller than this is used as a round pole if its points have no normals, and if the ranges on '
+             'both sides are larger or missing. Larger values use more objects as poles; 0 uses no poles.')
     key_frame_distance: float = parameter(
         0.3, unit='m', bounds=(0.0, 100.0),
-        help='A scan becomes a key frame when it lies farther than this from the latest one. Larger values give fewer '
-             'key frames and less drift while the overlap lasts; smaller values give more key frames.')
+        help='A scan becomes a key frame if it is farther than this from the latest one. Larger values give fewer key '
+             'frames and less drift, if the overlap is sufficient; smaller values give more key frames.')
     key_frame_angle: float = parameter(
         0.26, unit='rad', bounds=(0.0, 6.4),
         help='A scan becomes a key frame when its heading differs from the latest one by more than this. Larger values '
@@ -121,8 +123,8 @@ class OdometryParameters(ParameterGroup):
              'values give more key frames; smaller values give fewer key frames.')
     older_key_frames: int = parameter(
         2, bounds=(0, 100),
-        help='Number of older key frames to which a scan is registered if the latest one gives no or a degenerate '
-             'result. Larger values register more scans and take longer; 0 tries none.')
+        help='Number of older key frames to which a scan is registered if the latest one gives no result or a '
+             'degenerate one. Larger values register more scans and take longer; 0 tries none.')
     coast_time: float = parameter(
         1.0, unit='s', bounds=(0.0, 1000.0),
         help='Time for which dead reckoning continues at the last velocity while scans cannot be registered. Larger '
@@ -130,7 +132,7 @@ class OdometryParameters(ParameterGroup):
     restart_time: float = parameter(
         5.0, unit='s', bounds=(0.0, 10000.0),
         help='Time after which a track that is still lost restarts with the current scan as reference. Larger values '
-             'wait longer for a known place to return; smaller values resume sooner at an uncertain pose.')
+             'wait longer for a scan of a known place; smaller values continue sooner, from an uncertain pose.')
     zero_velocity_gate: float = parameter(
         5.0, bounds=(0.0, 100.0),
         help='Zero-velocity update: poses within this many standard deviations of their mean are averaged after 1 s. '
@@ -161,8 +163,8 @@ class ManhattanParameters(ParameterGroup):
 
     heading_drift: float = parameter(
         0.0011, unit='rad', bounds=(0.0, 1.0),
-        help='Standard deviation of the heading drift after 1 m; it grows with the root of the distance, and a '
-             'rotation of 1 rad counts as 1 m. Larger values correct the heading more strongly; 0 disables the '
+        help='Standard deviation of the heading drift after 1 m; it grows with the square root of the distance, to '
+             'which each rad of rotation adds 1 m. Larger values correct the heading more strongly; 0 disables the '
              'correction.')
     wall_sigma: float = parameter(
         0.012, unit='rad', bounds=(0.0001, 1.0),
@@ -175,12 +177,13 @@ class ManhattanParameters(ParameterGroup):
              'treat more walls as new observations.')
     direction_sigma: float = parameter(
         0.035, unit='rad', bounds=(0.001, 0.5),
-        help='Standard deviation within which a wall counts as parallel to a common direction. Larger values use more '
-             'walls, oblique ones among them; smaller values use fewer.')
+        help='Standard deviation of the angle between a wall and the common direction to which it is parallel. Larger '
+             'values use more walls, including oblique ones; smaller values use fewer.')
     min_aligned_ratio: float = parameter(
         0.5, bounds=(0.0, 1.0),
         help='The heading is corrected only where at least this fraction of the wall length follows the common '
-             'directions. Larger values correct only in regular buildings; smaller values also correct elsewhere.')
+             'directions. Larger values correct the heading only in buildings with right angles; smaller values also '
+             'correct it elsewhere.')
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,6 @@ class TimeParameters(ParameterGroup):
 
     max_jump: float = parameter(
         2.0, unit='s', bounds=(0.0, 1000000.0),
-        help='If stamps go back by more than this, tracking restarts at the last pose; the second time in a row the '
-             'node is reset to the origin. After a longer gap than this the motion is unknown. Larger values tolerate '
-             'longer gaps; smaller values react to shorter ones.')
+        help='If the stamps of two successive scans go back by more than this, the node resets the odometry to the '
+             'origin. A replay restarts at the last pose. After a longer gap than this the motion is unknown. Larger '
+             'values tolerate longer gaps; smaller values react to shorter ones.')

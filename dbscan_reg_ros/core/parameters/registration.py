@@ -53,7 +53,7 @@ class RotationParameters(ParameterGroup):
     max_hypotheses: int = parameter(
         5, bounds=(1, MAX_COUNT),
         help='Number of rotation clusters that become hypotheses, those with the largest weight first. Larger values '
-             'find more unusual motions and take longer; smaller values are faster.')
+             'also try rotations with little support and take longer; smaller values are faster.')
 
 
 @dataclass(frozen=True)
@@ -69,21 +69,21 @@ class TranslationParameters(ParameterGroup):
              'translations).')
     parallel_sigma: float = parameter(
         0.06, unit='rad', bounds=(0.0001, 1.6),
-        help='Standard deviation of the angle between two lines that count as parallel (eps1 of Eq. 12). '
-             'Larger values match more lines, wrong ones among them; smaller values match fewer.')
+        help='Standard deviation of the angle between two lines that are matched as parallel (eps1 of Eq. 12). Larger '
+             'values match more lines, including wrong ones; smaller values match fewer.')
     min_crossing_sine: float = parameter(
         0.35, bounds=(0.0001, 1.0),
         help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
-             'along a degenerate direction uses only walls at no smaller an angle to that direction. Larger values use '
-             'fewer and better conditioned lines; smaller values use more lines.')
+             'along a degenerate direction uses only walls whose angle to that direction has at least this sine. '
+             'Larger values use fewer and better conditioned lines; smaller values use more lines.')
     max_pairs: int = parameter(
         14, bounds=(2, 10000),
         help='Number of line pairs that are used for each rotation, those with the largest weight first. Larger values '
              'give more samples and take longer; smaller values are faster.')
     end_weight: float = parameter(
         1.0, bounds=(0.0, 100.0),
-        help='Weight of matched end points relative to pairs of lines. Larger values trust corners and free ends more; '
-             '0 uses lines only.')
+        help='Weight of matched end points relative to pairs of lines. Larger values give corners and free ends more '
+             'weight; 0 uses lines only.')
     clustering: str = parameter(
         'built_in', choices=_CLUSTERINGS,
         help='Implementation of DBSCAN over translations: built_in (fast) or scikit_learn (sklearn.cluster.DBSCAN). '
@@ -115,16 +115,17 @@ class DensityParameters(ParameterGroup):
 
     max_points: int = parameter(
         200, bounds=(10, 100000),
-        help='Number of points, evenly spaced along a scan, from which hypotheses are scored. More points give better '
-             'scores and take longer; fewer are faster.')
+        help='Number of points, evenly spaced along a scan, with which hypotheses are scored. Larger values give more '
+             'exact scores and take longer; smaller values are faster.')
     cell_size: float = parameter(
         0.04, unit='m', bounds=(0.005, 10.0),
         help='Least cell size of the likelihood field. Larger values make the field faster to build and coarser; '
              'smaller values find the nearest point more exactly.')
     max_cells: int = parameter(
         800, bounds=(50, 4000),
-        help='Number of cells along a side of the likelihood field beyond which its cells grow. Larger values keep '
-             'cells small for far-reaching sensors and take memory and time; smaller values are faster.')
+        help='Largest number of cells along a side of the likelihood field; if more are needed, the cells are made '
+             'larger. Larger values keep cells small for sensors with large ranges and take memory and time; smaller '
+             'values are faster.')
     max_distance: float = parameter(
         0.4, unit='m', bounds=(0.02, 2.0),
         help='Distance beyond which a point has no correspondence. Larger values let hypotheses converge from farther '
@@ -136,7 +137,8 @@ class DensityParameters(ParameterGroup):
     violation_weight: float = parameter(
         0.7, bounds=(0.0, 100.0),
         help='Weight in the score of a point in the free space of the other scan, relative to a point on a surface. '
-             'Larger values reject hypotheses that see through walls; smaller values tolerate dynamic points.')
+             'Larger values reject more hypotheses with points in free space; smaller values tolerate more dynamic '
+             'points.')
     violation_tolerance: float = parameter(
         0.15, unit='m', bounds=(0.01, 10.0),
         help='A point violates the free space of the other scan when it lies farther than this in front of the ranges '
@@ -144,7 +146,8 @@ class DensityParameters(ParameterGroup):
     leverage_ridge: float = parameter(
         1.0, bounds=(0.001, 1000.0),
         help='Ridge of the statistical leverage that gives points with a rare normal direction more weight. Larger '
-             'values make the weights more equal; smaller values stress the few points at the end of a corridor.')
+             'values make the weights more equal; smaller values give more weight to the few points at the end of a '
+             'corridor.')
 
 
 @dataclass(frozen=True)
@@ -157,33 +160,34 @@ class SelectionParameters(ParameterGroup):
              'field) or divergence (smallest K-L divergence within the key clusters, as in the paper).')
     max_clusters: int = parameter(
         20, bounds=(1, MAX_COUNT),
-        help='Number of translation clusters that enter the pre-selection, those with the largest weight first. Larger '
-             'values find more unusual motions and take longer; smaller values are faster.')
+        help='Number of translation clusters that become hypotheses, those with the largest weight first. Larger '
+             'values also try motions with little support and take longer; smaller values are faster.')
     preselection_points: int = parameter(
         60, bounds=(5, 10000),
         help='Number of points for the pre-selection and, without a prior, for the coarse refinement; points with a '
-             'rare normal direction are added. More points choose better and take longer; fewer are faster.')
+             'rare normal direction are added. Larger values select more reliably and take longer; smaller values are '
+             'faster.')
     preselection_tolerance: float = parameter(
         0.25, unit='m', bounds=(0.01, 10.0),
-        help='Distance from the outline of the reference at which a point no longer supports a hypothesis in the '
-             'pre-selection. Larger values are more forgiving; smaller values choose more strictly.')
+        help='Distance from the outline of the reference beyond which a point does not support a hypothesis in the '
+             'pre-selection. Larger values accept less exact hypotheses; smaller values require a closer fit.')
     preselected: int = parameter(
         4, bounds=(1, MAX_COUNT),
-        help='Number of hypotheses that pass the pre-selection. Larger values lose fewer good hypotheses and take '
-             'longer; smaller values are faster.')
+        help='With a prior, number of translation clusters that pass the pre-selection. Larger values lose fewer good '
+             'hypotheses and take longer; smaller values are faster.')
     min_support_ratio: float = parameter(
         0.6, bounds=(0.0, 1.0),
         help='Without a prior, hypotheses whose support is below this fraction of the best support are dropped before '
              'the refinement. Larger values drop more hypotheses and are faster; smaller values drop fewer.')
     wide_search_score: float = parameter(
         0.5, bounds=(-1.0, 1.0),
-        help='Score below which the wide search with more hypotheses follows; without a prior it also follows every '
-             'result that is not OK. Larger values search more often and take longer; smaller values search less '
-             'often.')
+        help='If the score is below this, the wide search with more hypotheses follows; without a prior it also '
+             'follows if the status is not OK. Larger values search more often and take longer; smaller values search '
+             'less often.')
     wide_search_factor: int = parameter(
         30, bounds=(1, 100),
-        help='Factor by which the wide search raises the numbers of hypotheses. Larger values find more unusual '
-             'motions and take longer; 1 disables the wide search.')
+        help='Factor by which the wide search increases the numbers of hypotheses. Larger values also try motions '
+             'with little support and take longer; 1 disables the wide search.')
     max_landmarks: int = parameter(
         24, bounds=(0, 50),
         help='Number of small objects, the nearest first, whose pairs give further hypotheses in the wide search. '
@@ -194,24 +198,24 @@ class SelectionParameters(ParameterGroup):
              'landmarks; smaller values use only poles and trunks.')
     top_candidates: int = parameter(
         2, bounds=(1, 1000),
-        help='Number of distinct hypotheses that reach the fine refinement and are compared there. Larger values '
-             'decide better between similar places and take longer; 1 selects the hypothesis with the best coarse '
-             'score.')
+        help='Number of distinct hypotheses that are compared in the fine refinement. The best hypothesis and up to '
+             'seven rivals are compared there in any case. Larger values also compare similar hypotheses and take '
+             'longer; smaller values are faster.')
     max_score_gap: float = parameter(
         0.8, bounds=(0.0, 2.0),
-        help='Hypotheses are dropped before the fine refinement when their coarse score, reduced for points in free '
-             'space, is lower than the best one by more than this. Larger values compare more hypotheses; smaller '
-             'values are faster.')
+        help='Hypotheses are dropped before the fine refinement if their coarse score, reduced for points in free '
+             'space, is lower than the best such score by more than this. Larger values compare more hypotheses; '
+             'smaller values are faster.')
     same_distance: float = parameter(
         0.05, unit='m', bounds=(0.0, 10.0),
-        help='Two hypotheses count as one when their translations differ by less than this, and their rotations by '
-             'less than advanced.selection.same_angle. Larger values keep fewer distinct hypotheses; smaller values '
-             'keep more.')
+        help='Two hypotheses are the same motion if their translations differ by less than this, and their rotations '
+             'by less than advanced.selection.same_angle. Larger values keep fewer distinct hypotheses; smaller '
+             'values keep more.')
     same_angle: float = parameter(
         0.02, unit='rad', bounds=(0.0, 3.2),
-        help='Two hypotheses count as one when their rotations differ by less than this, and their translations by '
-             'less than advanced.selection.same_distance. Larger values keep fewer distinct hypotheses; smaller values '
-             'keep more.')
+        help='Two hypotheses are the same motion if their rotations differ by less than this, and their translations '
+             'by less than advanced.selection.same_distance. Larger values keep fewer distinct hypotheses; smaller '
+             'values keep more.')
 
 
 @dataclass(frozen=True)
@@ -226,8 +230,8 @@ class DivergenceParameters(ParameterGroup):
              "Silverman's rule for each axis of the reference.")
     grid: int = parameter(
         200, bounds=(2, 100000),
-        help='Number of positions along each axis at which the densities are compared. More positions approximate the '
-             'integral better and take longer; fewer are faster.')
+        help='Number of positions along each axis at which the densities are compared. Larger values approximate the '
+             'integral better and take longer; smaller values are faster.')
 
 
 @dataclass(frozen=True)
@@ -244,8 +248,8 @@ class RefinementParameters(ParameterGroup):
              'smaller values resist outliers more.')
     fine_iterations: int = parameter(
         2, bounds=(0, 100),
-        help='Number of fine iterations when several hypotheses are compared; a single top candidate goes to '
-             'polishing. Larger values compare more exactly and take longer; 0 compares the coarse results.')
+        help='Number of fine iterations if several hypotheses are compared; a single top candidate is only polished. '
+             'Larger values compare more exactly and take longer; 0 compares the coarse results.')
     fine_scale: float = parameter(
         0.1, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last coarse and of the first fine iteration. Larger values tolerate larger remaining '
@@ -273,8 +277,8 @@ class RefinementParameters(ParameterGroup):
     map_scale: float = parameter(
         0.01, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last iteration against the key-frame window, and standard deviation of a point '
-             'when points are weighed against the prediction; a larger range noise replaces it. Larger values use '
-             'more points and give the prediction more weight; smaller values resist outliers more.')
+             'relative to the prediction. If the range noise is larger, it is used instead. Larger values use more '
+             'points and give the prediction more weight; smaller values resist outliers more.')
     score_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '
@@ -326,9 +330,9 @@ class DegeneracyParameters(ParameterGroup):
              'search less often; smaller values search on little evidence.')
     parallel_tolerance: float = parameter(
         0.25, bounds=(0.0, 1.0),
-        help='Normals with a smaller component than this along the least constrained direction do not constrain it in '
-             'the odometry: their walls count as parallel to it. Larger values treat more walls as parallel; smaller '
-             'values trust near-parallel walls more.')
+        help='In the odometry, walls whose normals have a smaller component than this along the least constrained '
+             'direction are treated as parallel to it. Larger values treat more walls as parallel; smaller values '
+             'trust near-parallel walls more.')
 
 
 @dataclass(frozen=True)
@@ -340,11 +344,11 @@ class DecisionParameters(ParameterGroup):
     rival_distance: float = parameter(
         0.2, unit='m', bounds=(0.0, 10.0),
         help='Hypotheses farther than this from the best one are rivals. Larger values report AMBIGUOUS less often; '
-             'smaller values count near solutions as rivals.')
+             'with smaller values hypotheses near the best one are rivals, too.')
     rival_angle: float = parameter(
         0.09, unit='rad', bounds=(0.0, 3.2),
-        help='Hypotheses whose rotation differs from the best one by more than this are rivals. Larger values report '
-             'AMBIGUOUS less often; smaller values count near solutions as rivals.')
+        help='Hypotheses whose rotation differs from that of the best one by more than this are rivals. Larger values '
+             'report AMBIGUOUS less often; with smaller values hypotheses near the best one are rivals, too.')
     min_confidence: float = parameter(
         0.95, bounds=(0.0, 1.0),
         help='The status is AMBIGUOUS when the confidence, the probability that the motion is right, is below this. '
@@ -361,8 +365,8 @@ class DecisionParameters(ParameterGroup):
              'Larger values report DEGENERATE more often; smaller values report it less often.')
     weak_prior_sigma: float = parameter(
         0.5, unit='m', bounds=(0.0, 1000.0),
-        help='A predicted translation with a larger standard deviation than this counts as a weak prior in the '
-             'odometry. The status OK then requires advanced.decision.weak_prior_information. Larger values trust weak '
+        help='In the odometry, a predicted translation with a larger standard deviation than this is a weak prior. '
+             'The status OK then requires advanced.decision.weak_prior_information. Larger values trust weak '
              'predictions more; smaller values require more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0),
@@ -376,9 +380,8 @@ class DecisionParameters(ParameterGroup):
              'walls more.')
     covariance_scale: float = parameter(
         0.7, bounds=(0.001, 10000.0),
-        help='Factor on the variance of each point in the computation of the covariance, because the errors of '
-             'neighbouring points are correlated. Larger values report larger covariances; smaller values report '
-             'smaller ones.')
+        help='Factor on the variance of each point, which calibrates the covariance. Larger values report larger '
+             'covariances; smaller values report smaller ones.')
     few_points_scale: float = parameter(
         8.0, bounds=(0.0, 1000.0),
         help='Number of effective points at which the variance of the least constrained direction is doubled, because '
