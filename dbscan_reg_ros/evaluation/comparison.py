@@ -163,15 +163,24 @@ def mean_errors(known: KnownMotion, trajectory_a, trajectory_b, metres) -> tuple
     As in `paired`, only scans with poses of both A and B are used. The result is None without true poses, or if no two
     scans are `metres` apart.
     """
-    if not known.truth:
+    found, true = motions_over(known, trajectory_a, trajectory_b, metres)
+    if not len(found):
         return None
+    metre, degree = errors(found, true)
+    return float(metre.mean()), float(degree.mean())
+
+
+def motions_over(known: KnownMotion, trajectory_a, trajectory_b, metres):
+    """Return the motions of trajectory B over `metres` of the true path and the true ones, both ``(K, 3)`` [m, m, rad].
+
+    Only scans with poses of both A and B are used. There are none without true poses.
+    """
+    if not known.truth:
+        return np.empty((0, 3)), np.empty((0, 3))
     scans, stamps, (_, poses) = _common(trajectory_a, trajectory_b)
     truth = known.true_poses(stamps).poses
     first, second = apart(truth, metres, scans)
-    if not len(first):
-        return None
-    metre, degree = errors(relative(poses[first], poses[second]), relative(truth[first], truth[second]))
-    return float(metre.mean()), float(degree.mean())
+    return relative(poses[first], poses[second]), relative(truth[first], truth[second])
 
 
 def _common(trajectory_a, trajectory_b):

@@ -8,9 +8,10 @@ import numpy as np
 
 from ..core.registration.records import Status
 from ..recordings import read_tum, write_tum
-from .comparison import FARTHER_METRES, METRES, TooShort, mean_errors, paired
+from .comparison import FARTHER_METRES, METRES, TooShort, mean_errors, motions_over, paired
 from .evo_measures import EvoMeasures, evo_measures
 from .metrics import path_lengths
+from .sensor_offset import hint
 
 UNKNOWN = 'unknown'
 """Printed instead of a number that cannot be computed."""
@@ -141,13 +142,21 @@ def results_of(recording, folder, known, trajectories, comparisons) -> list:
         farther = mean_errors(known, trajectories[0], trajectory, FARTHER_METRES)
         far_metres, far_degrees = farther or (None, None)
         ok = sum(status is Status.OK for status in trajectory.statuses)
-        notes = [*([trajectory.explanation] if trajectory.explanation else []), *_unused(trajectory.problems),
+        notes = [*_given(known, trajectory), *_unused(trajectory.problems),
                  *([] if farther else [_no_farther_error(known)]), *evo.reasons]
         results.append(CompetitorResult(
             recording, letter, name, len(trajectory.used), len(poses), trajectory.interpolated,
             len(trajectory.used) - ok, float(path_lengths(poses)[-1]) if len(poses) else None, metres, degrees,
             far_metres, far_degrees, evo, verdict, notes))
     return results
+
+
+def _given(known, trajectory) -> list:
+    """Return notes on the trajectory of another program: which scans have a pose, and a hint to name the sensor's."""
+    if not trajectory.explanation:
+        return []
+    motions = motions_over(known, trajectory, trajectory, METRES)
+    return [trajectory.explanation, *filter(None, [hint(*motions) if len(motions[0]) else ''])]
 
 
 def _no_farther_error(known) -> str:

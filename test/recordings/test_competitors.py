@@ -70,8 +70,11 @@ def test_the_pose_of_the_sensor_on_the_body_is_taken_into_account(compare, write
     write_tum(tmp_path / 'body.tum', stamps, body)
     _, _, content = compare(write('a', 0.0), f'body={tmp_path}/body.tum@0.3,-0.1,90')
     assert content['differences']['all']['m']['b'] < 1e-6 and content['differences']['all']['deg']['b'] < 1e-4
-    _, _, content = compare(write('a', 0.0), f'body={tmp_path}/body.tum')
+    assert len(content['table'][1]['notes']) == 1
+    _, printed, content = compare(write('a', 0.01), f'body={tmp_path}/body.tum')
     assert content['differences']['all']['m']['b'] > 0.05
+    assert [len(row['notes']) for row in content['table']] == [1, 2]
+    assert 'hall, B: with the sensor at about 0.30,-0.10,90 on these poses the root mean' in printed.out
 
 
 @pytest.mark.parametrize(('left_out', 'judged'), [(0.15, False), (0.05, True)])
