@@ -11,6 +11,7 @@ import pytest
 from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros.commands.calibrate import main as calibrate
+from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
@@ -27,9 +28,13 @@ WRONG = SE2(-0.31, -0.28, math.radians(-132.0))
 LATE = 60_000_000
 
 
-def scans_of(world, path):
-    """The scans of two lidars at opposite corners, 12.5 and 15 Hz: topic -> scans."""
-    lidars = ('/front', FRONT, 12.5, 0.0), ('/rear', REAR, 15.0, 0.019)
+TWO = ('/front', FRONT, 12.5, 0.0), ('/rear', REAR, 15.0, 0.019)
+"""Topic, mounting, rate [Hz] and phase [s] of two lidars at opposite corners."""
+LEFT = SE2(-0.35, 0.25, math.radians(135.0))
+
+
+def scans_of(world, path, lidars=TWO):
+    """The scans of these lidars: topic -> scans."""
     return {topic: simulate(world, path, Lidar(
                 361, math.radians(-135.0), math.radians(0.75), 0.05, 20.0, rate, noise=0.01, mounting=at, phase=phase,
                 frame_id=topic.strip('/')), seed).scans
@@ -51,9 +56,9 @@ def drive(path):
     return scans_of(hall(2), path)
 
 
-def mountings(rear):
-    """Words that name both topics, and their mountings."""
-    return [str(word) for topic, at in (('/front', FRONT), ('/rear', rear))
+def mountings(rear, **more):
+    """Words that name all topics, and their mountings."""
+    return [str(word) for topic, at in {'/front': FRONT, '/rear': rear, **more}.items()
             for word in ('--topic', topic, '--mounting', topic, at.x, at.y, math.degrees(at.theta))]
 
 
@@ -75,6 +80,24 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
                        [found['x']['value'], found['y']['value']], atol=1e-4)
     assert float(origin.get('rpy').split()[2]) == pytest.approx(math.radians(found['yaw']['value']), abs=1e-5)
     assert 'not observable' not in printed
+
+
+def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path):
+    """The mounting of the second is wrong by 5 cm and 3 deg, that of the third is right: 6 s of the drive."""
+    third = scans_of(hall(2), path.until(6.0), [('/left', LEFT, 14.0, 0.033)])
+    end = max(scan.stamp for scan in third['/left'])
+    scans = {topic: [scan for scan in each if scan.stamp < end] for topic, each in (drive | third).items()}
+    bag, file = scan_bag(tmp_path / 'bag', scans), tmp_path / 'out.json'
+    words = mountings(WRONG, **{'/left': LEFT})
+    assert calibrate([str(bag), *words, '--json', str(file)]) == 0
+    for found, true in zip(json.loads(file.read_text())['lidars'], (REAR, LEFT), strict=True):
+        assert math.hypot(found['x']['value'] - true.x, found['y']['value'] - true.y) < 0.01
+        assert abs(math.remainder(found['yaw']['value'] - math.degrees(true.theta), 360.0)) < 0.1
+    assert replay([str(bag), '--out', str(tmp_path), *words]) == 0
+    lidars = json.loads((tmp_path / 'bag' / 'latest' / 'metrics.json').read_text())['lidars']
+    assert {topic: each['scans'] for topic, each in lidars.items()}.keys() == scans.keys()
+    assert all(each['skipped'] == each['failed'] == 0 and each['scans'] > len(scans[topic]) - 3
+               for topic, each in lidars.items())
 
 
 def driven(drive, path, rear, late, rank, comparisons=None):
