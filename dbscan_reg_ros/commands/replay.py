@@ -4,7 +4,7 @@ import sys
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..backend_choice import reference_settings
@@ -44,6 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
                         'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
+    parser.add_argument('--wheels', action='store_true', help='use the wheel odometry of the recording as the external '
+                        'prior, as the node with prior.source odometry does (default: only with this value of '
+                        'prior.source)')
     add_parameters(parser)
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
                         'it as DIR/NAME/latest; for several recordings, also write DIR/index.html (default: results)')
@@ -67,14 +70,18 @@ def replay(args):
     else 0.
     """
     from ..replays.lidars import given_mountings, parse_mountings, scan_topics
+    from ..replays.odometry import WHEELS, wheel_parameters
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
     from .workers import processors, workers
 
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    if args.wheels:
+        parameters = replace(parameters, prior=replace(parameters.prior, source=WHEELS))
+    used = REPLAYED | wheel_parameters(parameters)
     topics = scan_topics(args.topic, parameters)
-    note_unused('replay', args.params_file, parameters, REPLAYED | ({'scan_topics'} if topics else set()))
+    note_unused('replay', args.params_file, parameters, used | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
     mountings = given_mountings(parameters, topics) | parse_mountings(args.mounting)
     jobs = [Job(place(_path(file, args)), topics, parameters, place(Path(args.out)),
@@ -192,6 +199,7 @@ def replay_one(job) -> Replayed:
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
+    from ..replays.odometry import describe_prior, replay_odometry
     from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
     from ..replays.result_folder import new_folder, point_latest, register_command
@@ -205,7 +213,7 @@ def replay_one(job) -> Replayed:
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
     trajectory, broken = Trajectory(yaw, mounting.upside_down), None
-    odometry = _odometry(job.parameters, others, recording, mounting)
+    odometry = replay_odometry(job.parameters, others, recording, mounting)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
@@ -227,19 +235,8 @@ def replay_one(job) -> Replayed:
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
              *([f'reference   runs the steps of {", ".join(names)}'] if job.verbose and names else []),
-             *(f'{name:11} {value}' for name, value in summary)]
+             *(f'{name:11} {value}' for name, value in (*describe_prior(job.parameters, recording), *summary))]
     return _replayed(results, lines, broken)
-
-
-def _odometry(parameters, others, recording, mounting):
-    """Return the odometry of the first lidar, which also uses the scans of the other lidars."""
-    from ..core.odometry.calibration.comparisons import LidarComparisons
-    from ..core.odometry.pipeline import Odometry
-    from ..replays.lidars import OdometryWithOthers
-
-    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
-    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
-    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters) if others else odometry
 
 
 def _replayed(results, lines, broken) -> Replayed:

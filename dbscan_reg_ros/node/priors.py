@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -14,6 +13,7 @@ from ..core.errors import ParameterError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
+from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
 from ..robot.pose_history import HeadingHistory, PoseHistory
@@ -112,9 +112,7 @@ class Priors:
             self._log.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} has no data at '
                            'the time of the scan; using the constant-velocity prediction')
             return None
-        adjoint = mounting.aligned_pose.inverse().adjoint()
-        return Prior(last_mounting.aligned_pose.inverse() @ base.transform @ mounting.aligned_pose,
-                     adjoint @ base.covariance @ adjoint.T, base.velocity_change)
+        return sensor_prior(base, last_mounting, mounting)
 
     def processed(self, stamp: int, mounting: Mounting) -> None:
         """Store mounting and stamp [ns] of a processed scan: the next prior is the motion since this scan."""
@@ -162,11 +160,6 @@ class _Source(Protocol):
         """Return the prior of the motion of the base in the interval; None if the source has no data for it."""
 
 
-def _measured(motion: SE2, parameters: NodePriorParameters) -> Prior:
-    """Convert a measured motion of the base to a prior."""
-    return Prior(motion, np.diag(parameters.wheel_sigma(motion)) ** 2)
-
-
 class _WheelOdometry:
     """Source of priors: wheel odometry of the base on the topic ``wheel_odom``."""
 
@@ -193,7 +186,7 @@ class _WheelOdometry:
 
     def prior(self, interval: _Interval, _predict: Predict, parameters: NodePriorParameters) -> Prior | None:
         start, end = self._poses.at(interval.start), self._poses.at(interval.end)
-        return None if start is None or end is None else _measured(start.inverse() @ end, parameters)
+        return None if start is None or end is None else measured_prior(start.inverse() @ end, parameters)
 
 
 class _Gyroscope:
@@ -250,7 +243,7 @@ class _OdometryFrame:
             return None
         base_start = start @ interval.start_mounting.pose.inverse()
         base_end = end @ interval.end_mounting.pose.inverse()
-        return _measured(base_start.inverse() @ base_end, parameters)
+        return measured_prior(base_start.inverse() @ base_end, parameters)
 
     def _pose(self, frame: str, stamp: int) -> SE2 | None:
         try:

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The odometry of a replay: with the scans of several lidars and the recorded wheel odometry, as in the node."""
+from ..core.geometry.se2 import SE2
+from ..core.odometry.calibration.comparisons import LidarComparisons
+from ..core.odometry.pipeline import Odometry
+from ..core.odometry.sensor import FIRST
+from ..robot.external_prior import measured_prior, sensor_prior
+from ..robot.pose_history import PoseHistory
+from .lidars import OdometryWithOthers
+
+WHEELS = 'odometry'
+"""Value of ``prior.source`` with which a replay uses the recorded wheel odometry."""
+
+
+def replay_odometry(parameters, others, recording, mounting):
+    """Return the odometry for the scans of the first lidar of a `recording`.
+
+    Parameters
+    ----------
+    parameters : NodeParameters
+    others : list of FurtherLidar
+    recording : Recording
+        Recording with the topic of the first lidar.
+    mounting : Mounting
+        Mounting of the first lidar.
+    """
+    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
+    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
+    wheels = recording.wheel_odometry() if parameters.prior.source == WHEELS else None
+    if wheels:
+        odometry = OdometryWithWheels(odometry, wheels, mounting, parameters.prior)
+    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters) if others else odometry
+
+
+def wheel_parameters(parameters) -> set[str]:
+    """Return the full names of the parameters that the use of recorded wheels needs; none if they are not used."""
+    if parameters.prior.source != WHEELS:
+        return set()
+    names = {each.name for each in parameters.describe()}
+    return {name for name in names if name.removeprefix('advanced.').startswith('prior.')} - {'prior.frame'}
+
+
+def describe_prior(parameters, recording) -> list:
+    """Return a line about the external prior, as (name, text) pairs; none without one."""
+    if parameters.prior.source != WHEELS:
+        return []
+    return [('prior', 'the recorded wheel odometry' if recording.wheel_odometry() else
+             'none, as the recording has no wheel odometry')]
+
+
+class OdometryWithWheels:
+    """Odometry with recorded wheel odometry as the external prior of each scan.
+
+    Parameters
+    ----------
+    odometry : Odometry
+    wheels : (stamps, poses)
+        Stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base.
+    mounting : Mounting
+        Mounting of the first lidar, of which the odometry estimates the pose.
+    parameters : NodePriorParameters
+
+    Attributes
+    ----------
+    comparisons : LidarComparisons
+        Those of the `odometry`.
+    """
+
+    def __init__(self, odometry, wheels, mounting, parameters):
+        self._odometry, self._mounting, self._parameters = odometry, mounting, parameters
+        self._ahead = zip(wheels[0].tolist(), wheels[1].tolist(), strict=True)
+        self._poses = PoseHistory()
+        self._last: int | None = None
+        self.comparisons = odometry.comparisons
+
+    def process(self, scan, prior=None, sensor=FIRST):
+        """Return the update for a scan; arguments, results and errors are those of `Odometry.process`."""
+        update = self._odometry.process(scan, prior or self._prior(scan.stamp), sensor)
+        self._last = scan.stamp
+        return update
+
+    def _prior(self, stamp):
+        """Return the motion of the first lidar since the last scan of any lidar; None where the wheels have no data."""
+        while not self._poses.reaches(stamp) and (following := next(self._ahead, None)):
+            self._poses.add(following[0], SE2(*following[1]))
+        if self._last is None:
+            return None
+        start, end = self._poses.at(self._last), self._poses.at(stamp)
+        if start is None or end is None:
+            return None
+        return sensor_prior(measured_prior(start.inverse() @ end, self._parameters), self._mounting, self._mounting)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replays with the recorded wheel odometry as the external prior."""
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros.commands.replay import main as replay
+from dbscan_reg_ros.commands.simulate import main as simulate
+from dbscan_reg_ros.core.geometry.mounting import Mounting
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.replays.odometry import OdometryWithWheels
+from dbscan_reg_ros.robot.parameter_groups import NodePriorParameters
+
+MOUNTING = Mounting(SE2(0.3, -0.2, math.radians(40.0)))
+
+
+@pytest.fixture(scope='module')
+def corridor(tmp_path_factory):
+    """A bag of a drive along a corridor, of which the lidar sees 2 m."""
+    folder = tmp_path_factory.mktemp('corridor') / 'drive'
+    assert simulate([str(folder), '--world', 'corridor', '--lidar', 'hokuyo_urg04lx', '--range-max', '2',
+                     '--seconds', '12', '--seed', '2']) == 0
+    return folder
+
+
+def replayed(recording, out, *arguments):
+    assert replay([str(recording), '--out', str(out), *arguments]) == 0
+    return json.loads((out / recording.name / 'latest' / 'metrics.json').read_text())
+
+
+def test_recorded_wheels_measure_the_motion_along_a_corridor(corridor, tmp_path, capsys):
+    (tmp_path / 'robot.yaml').write_text(
+        '/**: {ros__parameters: {mounting: none, prior.source: odometry, prior.translation: 0.05}}')
+    alone = replayed(corridor, tmp_path / 'alone')
+    assert 'prior ' not in capsys.readouterr().out
+    given = replayed(corridor, tmp_path / 'given', '--params-file', str(tmp_path / 'robot.yaml'))
+    printed = capsys.readouterr()
+    assert 'prior       the recorded wheel odometry\n' in printed.out and 'no effect' not in printed.err
+    assert given['rpe_1m_mean_m'] < 0.5 * alone['rpe_1m_mean_m']
+
+
+def test_a_replay_names_a_recording_without_wheels(corridor, tmp_path, capsys):
+    log = tmp_path / 'drive.log'
+    scans = list(open_recording(corridor).scans())[:5]
+    log.write_text(''.join(
+        f'FLASER {len(scan.ranges)} {" ".join(f"{r:.3f}" for r in scan.ranges)} 0 0 0 0 0 0 {k} robot {k}\n'
+        for k, scan in enumerate(scans)))
+    assert replay([str(log), '--out', str(tmp_path / 'out'), '--wheels']) == 0
+    assert 'prior       none, as the recording has no wheel odometry\n' in capsys.readouterr().out
+
+
+def test_the_prior_is_the_motion_of_the_lidar_by_the_wheels(corridor):
+    recording, mounting, priors = open_recording(corridor), MOUNTING, []
+
+    class Recorder(Odometry):
+        def process(self, scan, prior=None, sensor=None):
+            priors.append(prior)
+            return super().process(scan, prior)
+
+    stamps, poses = recording.wheel_odometry()
+    odometry = OdometryWithWheels(Recorder(), (stamps, poses), mounting, NodePriorParameters())
+    scans = list(recording.scans())[:5]
+    for scan in scans:
+        odometry.process(scan)
+    assert priors[0] is None
+    for before, scan, prior in zip(scans, scans[1:], priors[1:], strict=False):
+        start, end = ([np.interp(at.stamp, stamps, poses[:, k]) for k in range(3)] for at in (before, scan))
+        moved = (SE2(*start) @ mounting.aligned_pose).inverse() @ (SE2(*end) @ mounting.aligned_pose)
+        offset = moved.inverse() @ prior.transform
+        assert math.hypot(offset.x, offset.y) < 1e-4 and abs(offset.theta) < 1e-9
