@@ -24,7 +24,8 @@ from dbscan_reg_ros.tuning.objective import cost_of
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 STARTED, ENDED = 90.0, 60.0
-"""Patience [s]; the work itself would take longer."""
+"""Patience [s]."""
+LAPS = 10
 
 
 def children(pid):
@@ -63,14 +64,18 @@ def wait_until(true, patience):
 
 @pytest.fixture(scope='module')
 def recordings(tmp_path_factory):
-    """Two drives that keep the odometry busy for minutes."""
+    """Two drives that keep the odometry busy for much longer than an interruption takes."""
     folder = tmp_path_factory.mktemp('recordings')
     files = [folder / 'a.log', folder / 'b.log']
     for seed, file in enumerate(files):
         assert simulate([str(file), '--world', 'hall', '--speed', '4', '--rate', '5', '--seed', str(seed)]) == 0
-        lines = file.read_text().splitlines()
-        file.write_text('\n'.join(later(line, 200.0 * lap) for lap in range(40) for line in lines) + '\n')
+        file.write_text(repeated(file.read_text().splitlines(), LAPS, 200.0))
     return files
+
+
+def repeated(lines, count, seconds):
+    """Return the text of a CARMEN log with `count` copies of the lines, each `seconds` later than the one before."""
+    return ''.join(f'{later(line, seconds * k)}\n' for k in range(count) for line in lines)
 
 
 def later(line, seconds):
@@ -126,7 +131,7 @@ def test_an_interruption_while_modules_are_imported_ends_without_a_traceback(beg
 def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordings, tmp_path, number):
     short = recordings[0].with_name(f'short{number}.log')
     lines = recordings[0].read_text().splitlines(keepends=True)
-    short.write_text(''.join(lines[:len(lines) // 40]))
+    short.write_text(''.join(lines[:len(lines) // (4 * LAPS)]))
     trials = tmp_path / 'out' / 'trials.jsonl'
     words = ['tune', short, '--trials', '200', '--search', 'random', '--out', 'out', '--processes', '2']
     process = begun(lambda: trials.exists() and trials.read_bytes().count(b'\n') >= 3, *words)
@@ -141,8 +146,8 @@ def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun,
 
     From start to end the command takes less processor time than one of those trials.
     """
-    file, lines = tmp_path / 'a.log', recordings[0].read_text().splitlines(keepends=True)
-    file.write_text(''.join(lines[:len(lines) // 400]))
+    file, lines = tmp_path / 'a.log', recordings[0].read_text().splitlines()
+    file.write_text(repeated(lines[:len(lines) // 100], 1, 0.0))
     cost_of(file, None, NodeParameters())
     began = time.process_time()
     cost_of(file, None, NodeParameters())
@@ -150,7 +155,7 @@ def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun,
     words = [str(file), '--search', 'random', '--out', str(tmp_path / 'out'), '--trials']
     assert tune([*words, '3']) == 0
     kept = (tmp_path / 'out' / 'trials.jsonl').read_bytes()
-    file.write_text(''.join(lines))
+    file.write_text(repeated(lines, 4, 200.0 * LAPS))
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     process = begun(lambda: True, 'tune', *words, '200', '--processes', '2')
     started = cpu_seconds(process.pid)
