@@ -69,10 +69,10 @@ class CommandParser(argparse.ArgumentParser):
         return ordered
 
 
-def make_parser(command, description) -> CommandParser:
+def make_parser(command, description, verbose='show the traceback of an error') -> CommandParser:
     """Make a parser with the options that every command takes."""
     parser = CommandParser(prog=command, description=description)
-    parser.add_argument('-v', '--verbose', action='store_true', help='show the traceback of an error')
+    parser.add_argument('-v', '--verbose', action='store_true', help=verbose)
     add_version(parser)
     return parser
 

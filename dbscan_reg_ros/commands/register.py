@@ -29,7 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser('register', 'Register one scan to another without an initial guess, or show a registration '
                          'from a snapshot of the node. Prints the motion, its covariance and status, and the '
                          'hypotheses; draws the result of each step of the method as a picture of its own and all of '
-                         'them on sheet.png.')
+                         'them on sheet.png. The beams of a scan count as measured at one instant: the motion during '
+                         'a scan is not removed.', verbose='print the covariance as well; show the traceback of an '
+                         'error')
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
                         '(.npz) of the node; also searched for below the data folder')
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
@@ -50,7 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class Pair(NamedTuple):
-    """Two scans to register; `registration` is a stored result and `truth` the true motion, each None if unknown."""
+    """Two scans to register.
+
+    `registration` is a stored result and `truth` the true motion, each None if unknown; `timing` is None if unknown.
+    """
 
     name: str
     reference: object
@@ -58,12 +63,14 @@ class Pair(NamedTuple):
     parameters: object
     registration: object = None
     truth: object = None
+    timing: object = None
 
 
 def register(args):
     """Register the pair, print the result and draw each step."""
     from ..figures.sheet import draw_figures
     from ..figures.steps import Steps
+    from ..figures.texts import Timing, describe, fixed, status_text
     from ..recordings import find_recording
     from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameter_files import read_parameters
@@ -82,71 +89,13 @@ def register(args):
     else:
         pair = _of_recording(path, args, parameters)
     steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration, pair.truth)
-    print('\n'.join(describe(steps.registration, pair.truth)), flush=True)
+    print('\n'.join(describe(steps, pair.timing or Timing(), args.verbose)), flush=True)
     folder = new_folder(Path(args.out) / pair.name)
-    transform, status = steps.registration.transform, steps.registration.status
-    draw_figures(folder, steps, f'{pair.name}: x {transform.x:.3f} m, y {transform.y:.3f} m, '
-                                f'theta {math.degrees(transform.theta):.2f} deg, {status.value}')
+    transform = steps.registration.transform
+    draw_figures(folder, steps, f'{pair.name}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
+                                f'{fixed(math.degrees(transform.theta), 2)} deg, {status_text(steps.registration)}')
     point_latest(folder)
     print(f'figures     {folder}')
-
-
-def describe(registration, truth=None) -> list:
-    """Describe a `Registration`, and its error if the true motion is known, in lines of text."""
-    import numpy as np
-
-    spread = np.sqrt(np.diag(registration.covariance))
-    lines = [f'status      {registration.status.value}' + (f': {registration.reason}' if registration.reason else ''),
-             f'transform   {_motion(registration.transform)}',
-             *_describe_error(registration.transform, truth),
-             f'sigma       x {spread[0]:.4f} m  y {spread[1]:.4f} m  theta {math.degrees(spread[2]):.3f} deg',
-             'covariance  of x, y [m] and theta [rad], in the frame of the current scan',
-             *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in registration.covariance),
-             f'overlap     {registration.overlap:.3f}',
-             *_describe_evidence(registration)]
-    if registration.degenerate_direction is not None:
-        lines.append(f'free        along {math.degrees(registration.degenerate_direction):.1f} deg of the reference')
-    if registration.rotation_unobservable:
-        lines.append('free        the rotation')
-    lines.append(f'hypotheses  {len(registration.hypotheses)}, best first')
-    lines += [f'            score {h.score:.3f}  {_log_odds(h)}{_motion(h.transform)}'
-              f'{"  rival" if h in registration.rivals else ""}' for h in registration.hypotheses]
-    return lines
-
-
-def _describe_error(transform, truth) -> list:
-    if truth is None:
-        return []
-    error = truth.inverse() @ transform
-    return [f'true        {_motion(truth)}',
-            f'error       {math.hypot(error.x, error.y):.4f} m  {math.degrees(abs(error.theta)):.3f} deg']
-
-
-def _log_odds(hypothesis) -> str:
-    return f'log-odds {hypothesis.log_odds:6.2f}  ' if math.isfinite(hypothesis.log_odds) else ''
-
-
-def _describe_evidence(registration) -> list:
-    """Describe the confidence in a motion and the evidence for it in lines of text."""
-    evidence, margin = registration.evidence, registration.margin
-    if not registration.hypotheses:
-        return []
-    if evidence is None:
-        return ['confidence  not computed: with selection.method divergence, ok does not mean that the motion is right']
-    rival = f'the log-odds of the best rival are {margin:.2f} less' if registration.rivals else 'no rival'
-    return [f'confidence  {registration.confidence:.3f}',
-            f'evidence    log-odds {registration.hypotheses[0].log_odds:.2f}, {rival}',
-            f'            points in the free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
-            f'current scan, {100 * evidence.conflicts_reference:.1f} % of the reference',
-            f'            corners and free ends: {evidence.matched_ends} match, {evidence.unmatched_ends} that the '
-            'other should see do not',
-            f'            matched walls across their main direction: {evidence.crossing:.1f} m',
-            f'            {registration.weakest_information:.1f} points constrain the weakest direction, '
-            f'residual {evidence.residual:.3f} m']
-
-
-def _motion(transform):
-    return f'x {transform.x:.4f} m  y {transform.y:.4f} m  theta {math.degrees(transform.theta):.3f} deg'
 
 
 def _moved(path, args, parameters):
@@ -165,6 +114,7 @@ def _moved(path, args, parameters):
 
 def _of_recording(path, args, parameters):
     from ..core.parameters.tree import Parameters
+    from ..figures.texts import Timing
 
     numbers = args.numbers
     if len(numbers) != PAIR or min(numbers) < 0:
@@ -172,8 +122,10 @@ def _of_recording(path, args, parameters):
     reference, current = numbers
     recording, scans = _scans(path, args.topic, numbers, parameters)
     motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, args.truth)
+    duration = max(scans[number].duration for number in numbers)
+    timing = Timing(1e-9 * (scans[current].stamp - scans[reference].stamp), duration)
     return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current],
-                parameters or Parameters(), truth=motion)
+                parameters or Parameters(), truth=motion, timing=timing)
 
 
 def _true_motion(recording, first, second, truth):
@@ -207,6 +159,7 @@ def _scans(path, topic, numbers, parameters):
 
 
 def _of_snapshot(path, numbers, parameters):
+    from ..figures.texts import Timing
     from ..recordings.snapshots import read_snapshot
     from ..robot.parameters import NodeParameters
 
@@ -220,5 +173,6 @@ def _of_snapshot(path, numbers, parameters):
         raise CommandError(f'{path}: scan {number} was not registered; the registered scans of the snapshot: {numbers}')
     update = snapshot.updates[number]
     own = NodeParameters().replace(snapshot.parameters)
+    timing = Timing(1e-9 * (update.scan.stamp - update.reference.stamp))
     return Pair(f'{path.stem}_{number}', update.reference, update.scan, parameters or own,
-                None if parameters else update.registration)
+                None if parameters else update.registration, timing=timing)

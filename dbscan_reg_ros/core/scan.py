@@ -85,6 +85,11 @@ class Scan:
         ranges = np.where(self.valid, self.ranges.astype(float), np.nan)
         return read_only(ranges[:, None] * self.geometry.directions)
 
+    @property
+    def duration(self) -> float:
+        """Time that all beams take [s]; 0 where unknown."""
+        return abs(self.time_increment) * self.geometry.size
+
     def as_measured(self, direction: str) -> 'Scan':
         """Return the scan with its beams in the order in which they are measured.
 

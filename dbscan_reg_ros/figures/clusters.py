@@ -2,7 +2,7 @@
 """Draw the clustered samples of the registration: angle differences (Figure 6) and translations (Figure 8)."""
 import numpy as np
 
-from .style import CLUSTERS, REST, RESULT, grid, legend, panels, plane
+from .style import CLUSTERS, EPS, REST, RESULT, grid, legend, panels, plane
 
 CLOSE_ANGLE = 8.0
 """Half the width [deg] of the enlarged plot of the angle differences."""
@@ -18,21 +18,21 @@ def draw_rotation(figure, steps):
     for panel in (axes['all'], axes['close']):
         for label, members, style in _clusters(rotations.labels, range(len(rotations.phi))):
             panel.plot(np.degrees(rotations.difference[members]), row[members], label=label, **style)
-        panel.axvline(result, label='result, refined', **RESULT)
+        panel.axvline(result, label=_result(steps), **RESULT)
         panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
         grid(panel)
-    axes['all'].set(title=f'{rotations.difference.size} angle differences; clusters followed: {len(rotations.phi)}',
-                    xlim=(-185.0, 185.0), xticks=range(-180, 181, 45))
+    title = f'{rotations.difference.size} angle differences; clusters followed: {_count(len(rotations.phi))}'
+    axes['all'].set(title=title, xlim=(-185.0, 185.0), xticks=range(-180, 181, 45))
     axes['close'].set(title='close to the result', xlim=(result - CLOSE_ANGLE, result + CLOSE_ANGLE))
     _k_distances(axes['graph'], steps)
-    legend(axes['legend'], axes['all'], 6)
+    legend(axes['legend'], 4, axes['all'], axes['graph'])
 
 
 def _k_distances(axes, steps):
     distances, k = steps.rotation_distances()
     eps = np.degrees(steps.rotations.eps)
     axes.plot(np.arange(1, len(distances) + 1), np.degrees(distances), color='black', linewidth=1.2)
-    axes.axhline(eps, **RESULT)
+    axes.axhline(eps, label='eps', **EPS)
     origin = 'as given' if steps.parameters.rotation.eps else 'from the knee, within its bounds'
     axes.set(title=f'eps {eps:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
              ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * eps, 0.1)))
@@ -49,14 +49,33 @@ def draw_translation(figure, steps):
         panel.plot(*samples.samples[~own].T, label='with another rotation', **REST | {'color': '#cccccc'})
         for label, members, style in _clusters(np.where(own, samples.labels, -2), ranked):
             panel.plot(*samples.samples[members].T, label=label, **style)
-        panel.axvline(result.x, label='result, refined', **RESULT)
+        panel.axvline(result.x, label=_result(steps), **RESULT)
         panel.axhline(result.y, **RESULT)
     place = np.array([(result.x, result.y)])
     shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
     middle, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.5 * np.ptp(shown, axis=0).max() + CLOSE
-    plane(axes['all'], f'{np.count_nonzero(own)} translations; clusters: {len(ranked)}', middle - half, middle + half)
+    title = (f'{np.count_nonzero(own)} translations with the rotation of the result;\n'
+             f'clusters: {_count(len(ranked))}')
+    plane(axes['all'], title, middle - half, middle + half)
     plane(axes['close'], f'close to the result; eps {samples.eps:.3f} m', place[0] - CLOSE, place[0] + CLOSE)
-    legend(axes['legend'], axes['all'], 4)
+    legend(axes['legend'], 4, axes['all'])
+
+
+def explain_translation(steps):
+    """Return the caption of the translation samples."""
+    ends = steps.parameters.translation.form == 'signed'
+    return (f'Two pairs of lines give a sample{", and so does a pair of end points" if ends else ""}. '
+            'Many samples agree near the true translation.')
+
+
+def _result(steps):
+    """Return the name of the result in legends: the method of the paper does not refine it."""
+    return 'result' if steps.parameters.selection.method == 'divergence' else 'result, refined'
+
+
+def _count(clusters):
+    """Return the number of `clusters`, and how many of them have markers of their own, as a text."""
+    return f'{clusters}, the heaviest {len(CLUSTERS)} marked' if clusters > len(CLUSTERS) else f'{clusters}'
 
 
 def _clusters(labels, ranked):

@@ -29,7 +29,7 @@ def draw_densities(figure, steps):
     for place, panel in axes.items():
         if place != 'legend':
             panel.set_ylabel('density [1/m]')
-    legend(axes['legend'], axes['before x'], 2)
+    legend(axes['legend'], 2, axes['before x'])
 
 
 def _states(result: SE2) -> dict[str, SE2]:

@@ -9,6 +9,9 @@ from .style import (
     CURRENT,
     CURRENT_LANDMARKS,
     CURRENT_POINTS,
+    MATCHED_CURRENT,
+    MATCHED_REFERENCE,
+    PALE,
     REFERENCE,
     REFERENCE_LANDMARKS,
     REFERENCE_POINTS,
@@ -20,6 +23,7 @@ from .style import (
     panels,
     plane,
 )
+from .texts import heading_text
 
 CONFIDENCE = 0.95
 THIN = {'linewidth': 0.9}
@@ -40,10 +44,18 @@ def draw_overlay(figure, steps):
     plane(axes['before'], 'before', low, high)
     confidence = f', confidence {registration.confidence:.2f}' if registration.evidence else ''
     title = (f'after{confidence}: {100.0 * registration.overlap:.0f} % of the points '
-             f'fit, {len(matched)} pairs of segments fit (thick)')
+             f'fit;\n{len(matched)} pairs of segments match')
     plane(axes['after'], title, low, high)
     _draw_ellipse(axes['ellipse'], registration)
-    legend(axes['legend'], axes['after'], 5)
+    legend(axes['legend'], 4, axes['after'])
+
+
+def explain_overlay(steps):
+    """Return the caption of the overlay."""
+    landmarks = any(len(scan.landmarks) for _, scan in steps.scans)
+    return ('Matched segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
+            'If the match is right, the ellipse contains the true position with a probability of 95 %.'
+            + (' Landmarks are small objects, used in the wide search only.' if landmarks else ''))
 
 
 def _draw_rival(axes, steps):
@@ -54,15 +66,15 @@ def _draw_rival(axes, steps):
 
 
 def _draw_scans(axes, steps, moved, matched):
-    for column, (name, points, lines, around, motion) in enumerate((
-            ('reference', REFERENCE_POINTS, REFERENCE, REFERENCE_LANDMARKS, SE2()),
-            ('current', CURRENT_POINTS, CURRENT, CURRENT_LANDMARKS, moved))):
+    for column, (name, points, lines, thick, around, motion) in enumerate((
+            ('reference', REFERENCE_POINTS, REFERENCE, MATCHED_REFERENCE, REFERENCE_LANDMARKS, SE2()),
+            ('current', CURRENT_POINTS, CURRENT, MATCHED_CURRENT, CURRENT_LANDMARKS, moved))):
         scan = dict(steps.scans)[name]
         features = scan.features
-        axes.plot(*motion.apply(features.points).T, label=f'{name}: points', **points)
+        axes.plot(*motion.apply(features.points).T, label=f'{name}: points', **points | PALE)
         own = np.isin(np.arange(len(features.segments)), matched[:, column])
-        draw_segments(axes, features.segments, lines | THIN, None, ~own, motion)
-        draw_segments(axes, features.segments, lines, f'{name}: segments', own, motion)
+        draw_segments(axes, features.segments, lines | THIN, f'{name}: other segments', ~own, motion)
+        draw_segments(axes, features.segments, thick, f'{name}: matched segments', own, motion)
         if len(scan.landmarks):
             axes.plot(*motion.apply(scan.landmarks).T, label=f'{name}: landmarks', **around)
         draw_sensor(axes, motion, f'{name}: sensor', color=lines['color'])
@@ -73,11 +85,11 @@ def _draw_ellipse(axes, registration):
     covariance, transform = registration.covariance, registration.transform
     turn = transform.rotation()
     edge = ellipse(turn @ covariance[:2, :2] @ turn.T)
-    heading = math.degrees(1.96 * math.sqrt(covariance[2, 2]))
+    heading = heading_text(covariance[2, 2], 1.96)
     axes.plot(*edge.T, color='black')
     axes.plot(0.0, 0.0, '+', color='black', markersize=12.0)
     reach = np.full(2, 1.2 * np.abs(edge).max())
-    plane(axes, f'about the result, {CONFIDENCE:.0%};\nheading \u00b1{heading:.2g} deg', -reach, reach)
+    plane(axes, f'position in the\nreference frame, 95 %;\n{heading}', -reach, reach)
     axes.locator_params(axis='x', nbins=2)
 
 

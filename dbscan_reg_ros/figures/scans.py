@@ -7,8 +7,7 @@ from ..core.features.ring_band import Outcome
 from .style import BLUE, POINTS, REST, alike, draw_segments, draw_sensor, legend, panels, plane
 
 OUTCOMES = {
-    Outcome.KEPT: ('kept', POINTS),
-    Outcome.SMOOTHED: ('smoothed', {'color': '#007a5a', 'marker': 'o'}),
+    Outcome.SMOOTHED: ('smoothed, as measured', {'color': '#007a5a', 'marker': 'o'}),
     Outcome.CORNER: ('corner, kept', {'color': '#0b5fa5', 'marker': 's'}),
     Outcome.REMOVED: ('removed', {'color': '#d55e00', 'marker': 'x'}),
 }
@@ -21,20 +20,19 @@ OPEN = {'linestyle': 'none', 'markersize': 7.0, 'markerfacecolor': 'none', 'mark
 
 
 def draw_points(figure, steps):
-    """Draw both scans as measured, each point marked with its outcome in the ring band filter, and as filtered."""
-    axes = panels(figure, [f'{name} {state}' for name, _ in steps.scans for state in ('measured', 'filtered')])
+    """Draw both scans after the ring band filter, and the points that it judged, each where it was measured."""
+    axes = panels(figure, [name for name, _ in steps.scans])
     for name, scan in steps.scans:
-        before, after = axes[f'{name} measured'], axes[f'{name} filtered']
+        panel = axes[name]
+        panel.plot(*scan.filtered.T, label='after the filter', **POINTS)
         for outcome, (label, style) in OUTCOMES.items():
-            before.plot(*scan.measured[scan.outcome == outcome].T, label=label, **OPEN | style)
-        after.plot(*scan.filtered.T, **POINTS)
-        for panel in (before, after):
-            draw_sensor(panel)
-        counts = [np.count_nonzero(scan.outcome == outcome) for outcome in OUTCOMES][1:]
-        plane(before, f'{name} as measured')
-        plane(after, '{}: {} smoothed,\n{} corners kept,\n{} removed'.format(name, *counts))
-    alike(*(panel for place, panel in axes.items() if place != 'legend'))
-    legend(axes['legend'], axes['reference measured'], 5)
+            panel.plot(*scan.measured[scan.outcome == outcome].T, label=label, **OPEN | style)
+        draw_sensor(panel)
+        counts = [np.count_nonzero(scan.outcome == outcome) for outcome in OUTCOMES]
+        plane(panel, '{}: {} smoothed, {} corners kept, {} removed'.format(name, *counts))
+    both = [axes[name] for name, _ in steps.scans]
+    alike(*both)
+    legend(axes['legend'], 5, *both)
 
 
 def draw_scan_segments(figure, steps):
@@ -52,5 +50,6 @@ def draw_scan_segments(figure, steps):
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)
         draw_sensor(panel)
         plane(panel, f'{name}: {len(segments)} segments, {np.count_nonzero(scan.breaks)} breakpoints')
-    alike(*(axes[name] for name, _ in steps.scans))
-    legend(axes['legend'], axes['reference'], 7)
+    both = [axes[name] for name, _ in steps.scans]
+    alike(*both)
+    legend(axes['legend'], 7, *both)

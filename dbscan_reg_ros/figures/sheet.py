@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .clusters import draw_rotation, draw_translation
+from .clusters import draw_rotation, draw_translation, explain_translation
 from .densities import draw_densities
-from .overlay import draw_overlay
+from .overlay import draw_overlay, explain_overlay
 from .plots import save
 from .scans import draw_points, draw_scan_segments
 
@@ -18,38 +18,34 @@ class Drawing(NamedTuple):
     title : str
     draw : callable
         ``draw(figure, steps)``.
-    caption : str
-        Text that explains what the figure should show.
+    caption : callable
+        ``caption(steps)`` is the text that explains what the figure should show.
     """
 
     title: str
     draw: Callable
-    caption: str
+    caption: Callable
 
 
 FIGURES = {
     'points': Drawing(
-        'Points before and after the ring band filter', draw_points,
+        'Points before and after the ring band filter', draw_points, lambda _:
         'Crosses mark removed points: these should be single returns between surfaces.\n'
         'Walls and corners should be kept.'),
     'segments': Drawing(
-        'Segments, breakpoints and ends', draw_scan_segments,
+        'Segments, breakpoints and ends', draw_scan_segments, lambda _:
         'Each straight wall should be one segment, from corner to corner, or up to where another object hides it.'),
     'rotation': Drawing(
-        'Rotation: clusters of angle differences', draw_rotation,
+        'Rotation: clusters of angle differences', draw_rotation, lambda _:
         'Near the true rotation the angle differences of many segments agree and form a cluster over several rows.'),
     'translation': Drawing(
-        'Translation: clusters of the samples', draw_translation,
-        'Two pairs of lines give a sample, and by default a pair of end points, too. Many agree near the true '
-        'translation.'),
+        'Translation: clusters of the samples', draw_translation, explain_translation),
     'densities': Drawing(
-        'Densities of the coordinates', draw_densities,
-        'The sum of both divergences should be least after the registration, and large at the opposite translation.\n'
-        'It may rise with a good result: each scan contains surfaces that the other does not.'),
+        'Densities of the coordinates', draw_densities, lambda _:
+        'Figures 9 to 12. Only the method of the paper selects by this sum; points that only one scan sees raise it at '
+        'the true motion, too.'),
     'overlay': Drawing(
-        'Overlay of the scans', draw_overlay,
-        'Thick segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
-        'If the match is right, the ellipse contains the sensor with a probability of 95 %.'),
+        'Overlay of the scans', draw_overlay, explain_overlay),
 }
 """Name of each figure, without ending -> `Drawing`."""
 SIZE = 12.0, 7.0
@@ -69,7 +65,7 @@ def draw_figures(folder, steps, title):
         figure = Figure(figsize=SIZE, layout='constrained')
         drawing.draw(figure, steps)
         figure.suptitle(f'{title}\n{drawing.title}')
-        figure.supxlabel(drawing.caption, fontsize='medium')
+        figure.supxlabel(drawing.caption(steps), fontsize='medium')
         save(figure, folder / f'{name}.png', DPI)
     rows, columns = len(LAYOUT), len(LAYOUT[0])
     sheet = Figure(figsize=(columns * SIZE[0], rows * SIZE[1] + 0.5), layout='constrained')
@@ -81,5 +77,5 @@ def draw_figures(folder, steps, title):
         part = sheet.add_subfigure(grid[top:bottom + 1, left:right + 1])
         drawing.draw(part, steps)
         part.suptitle(drawing.title, fontsize='x-large')
-        part.supxlabel(drawing.caption, fontsize='large')
+        part.supxlabel(drawing.caption(steps), fontsize='large')
     save(sheet, folder / 'sheet.png', SHEET_DPI)

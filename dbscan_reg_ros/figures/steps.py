@@ -12,9 +12,11 @@ from ..core.geometry.se2 import SE2, as_vectors, wrap
 from ..core.parameters.tree import Parameters
 from ..core.registration.dbscan import k_distances
 from ..core.registration.landmarks import landmarks
-from ..core.registration.pipeline import register
+from ..core.registration.pipeline import register, with_common_noise
 from ..core.registration.records import Registration
 from ..core.registration.rotation import Rotations, estimate_rotations, pair_weights
+from ..core.registration.scoring import score
+from ..core.registration.search import Problem
 from ..core.registration.translation import Translations, estimate_translations
 from ..core.scan import Scan
 
@@ -106,6 +108,14 @@ class Steps:
         """Index of the rotation hypothesis nearest to the result; None if there are no rotation hypotheses."""
         off = np.abs(wrap(self.rotations.phi - self.registration.transform.theta))
         return int(np.argmin(off)) if len(off) else None
+
+    def score_at(self, motion: SE2) -> tuple[float, float]:
+        """Return the score and the overlap of the scans at a `motion`."""
+        reference, current, p = self.reference.features, self.current.features, self.parameters
+        problem = Problem(reference, with_common_noise(reference, current), p)
+        fits = problem.fit(motion.as_array()[None], problem.current.sampled_points)
+        (value,), (overlap,), _ = score(fits, reference, problem.current, p.refinement.score_scale, p.density)
+        return float(value), float(overlap)
 
     def rotation_distances(self):
         """Return the sorted distances [rad] of the angle differences to their k-th neighbour (k-dist graph), and k."""

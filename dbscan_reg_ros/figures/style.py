@@ -12,6 +12,10 @@ CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
 """Line styles of the two scans, chosen so that both remain visible if the second lies on the first."""
 REFERENCE_POINTS = {'color': GREY, 'marker': 'o', 'markersize': 3.5, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_POINTS = {'color': BLUE, 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
+PALE = {'markersize': 2.0, 'alpha': 0.5}
+MATCHED_REFERENCE = {'color': '#007a5a', 'linewidth': 7.0, 'alpha': 0.45, 'solid_capstyle': 'butt', 'zorder': 3.0}
+MATCHED_CURRENT = {'color': '#007a5a', 'linewidth': 2.4, 'zorder': 3.1}
+"""Line styles of the matched segments, drawn on top of all others."""
 RIVAL_POINTS = {'color': '#d55e00', 'marker': 'x', 'markersize': 2.5, 'markeredgewidth': 0.5, 'linestyle': 'none'}
 REFERENCE_LANDMARKS = {'color': GREY, 'marker': 'o', 'markersize': 13.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
 CURRENT_LANDMARKS = {'color': BLUE, 'marker': 'D', 'markersize': 9.0, 'markerfacecolor': 'none', 'linestyle': 'none'}
@@ -22,6 +26,7 @@ CLUSTERS = tuple({'color': color, 'marker': marker, 'markersize': 6.5, 'markerfa
 REST = {'color': '#777777', 'marker': '.', 'markersize': 3.0, 'linestyle': 'none'}
 SENSOR = {'color': 'black', 'markeredgecolor': 'white', 'markersize': 11.0, 'linestyle': 'none'}
 RESULT = {'color': 'black', 'linestyle': (0, (6, 3)), 'linewidth': 1.2}
+EPS = {'color': '#8a3d7a', 'linestyle': ':', 'linewidth': 1.8}
 
 
 def panels(figure, *rows, widths=None) -> dict:
@@ -31,10 +36,15 @@ def panels(figure, *rows, widths=None) -> dict:
                                  gridspec_kw={'height_ratios': heights, 'width_ratios': widths})
 
 
-def legend(axes, source, columns):
-    """Draw the legend of the axes `source` into the separate `axes`."""
+def legend(axes, columns, *sources):
+    """Draw one legend of all that the axes `sources` show into the separate `axes`."""
+    shown = {}
+    for source in sources:
+        for handle, label in zip(*source.get_legend_handles_labels(), strict=True):
+            if np.isfinite(np.asarray(handle.get_xdata(), dtype=float)).any():
+                shown.setdefault(label, handle)
     axes.axis('off')
-    axes.legend(*source.get_legend_handles_labels(), loc='center', ncol=columns, frameon=False)
+    axes.legend(shown.values(), shown.keys(), loc='center', ncol=columns, frameon=False)
 
 
 def plane(axes, title, low=None, high=None):

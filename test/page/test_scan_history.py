@@ -22,7 +22,7 @@ def update(number, status, points, segments):
     """What the history reads of an `OdometryUpdate`."""
     scan = SimpleNamespace(points=points, valid=np.ones(len(points), dtype=bool))
     features = SimpleNamespace(scan=scan, segments=segments)
-    reason = '' if status is Status.OK else f'score 0.{number % 100:02}; expected at least 0.5'
+    reason = '' if status is Status.OK else f'score 0.{number % 100:02}, expected at least 0.5 (decision.min_score)'
     return SimpleNamespace(
         number=number, reference_number=max(number - 1, 0), status=status, features=features, restarted='',
         registration=SimpleNamespace(reason=reason, overlap=0.9), reference_changed=number % 10 == 0,

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +16,16 @@ from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome
+from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.schema import ADVANCED
 from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.registration.records import Registration
+from dbscan_reg_ros.core.registration.status import failed
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.overlay import ellipse
 from dbscan_reg_ros.figures.sheet import FIGURES, LAYOUT, SIZE, Drawing, draw_figures
 from dbscan_reg_ros.figures.steps import ScanSteps, Steps
+from dbscan_reg_ros.figures.texts import Timing, describe, fixed, heading_text
 from dbscan_reg_ros.paths import parameter_file
 from dbscan_reg_ros.recordings import open_recording, write_tum
 from dbscan_reg_ros.recordings.files import replacing
@@ -81,7 +86,7 @@ def check_pictures(folder):
 def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, capsys):
     (tmp_path / 'rivals.yaml').write_text(
         '/**: {ros__parameters: {advanced.selection.min_support_ratio: 0.0, advanced.selection.max_score_gap: 2.0}}')
-    assert intel(REFERENCE, CURRENT, '--params-file', tmp_path / 'rivals.yaml') == 0
+    assert intel(REFERENCE, CURRENT, '-v', '--params-file', tmp_path / 'rivals.yaml') == 0
     text = capsys.readouterr().out
     result = register(*map(extract_features, pair), read_parameters(tmp_path / 'rivals.yaml'))
     x, y, degrees = printed_motion(text)
@@ -129,6 +134,7 @@ def test_the_paper_to_the_letter_with_a_truth_of_ones_own(intel, data, tmp_path,
     text = capsys.readouterr().out
     x, y, degrees = printed_motion(text)
     assert math.dist((x, y), TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
+    assert text.startswith('status      found (the method of the paper has no check)\n') and 'covariance' not in text
     assert printed_motion(text, 'true') == pytest.approx((1.0, 0.0, -90.0), abs=1e-4)
     assert printed_error(text) == pytest.approx([math.dist((x, y), (1.0, 0.0)), degrees + 90.0], abs=2e-3)
     check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
@@ -289,6 +295,23 @@ def test_scans_without_any_line_are_drawn_as_well(tmp_path):
     check_pictures(tmp_path)
 
 
+def test_a_failed_registration_has_no_heading_and_no_minus_zero():
+    steps = SimpleNamespace(registration=failed('nothing fits'), truth=None)
+    text = '\n'.join(describe(steps, Timing()))
+    assert 'status      failed: nothing fits\n' in text and ' m  heading unknown, in the frame' in text
+    assert '-0.0' not in text and 'deg' not in text.split('sigma')[1] and heading_text(16.0) == 'heading unknown'
+    assert fixed(-1e-9, 2) == '0.00' and fixed(-0.006, 2) == '-0.01'
+
+
+def test_scans_that_last_are_noted_where_the_sensor_moves():
+    found = Registration(SE2(0.2, 0.0, math.radians(20.0)), np.diag((1e-6, 1e-6, 1e-6)), Status.OK)
+    steps = SimpleNamespace(registration=found, truth=None)
+    line, = (each for each in describe(steps, Timing(0.4, 0.1)) if each.startswith('note'))
+    assert 'each scan lasts 0.10 s' in line and 'about 0.025 m and 2.50 deg' in line
+    for timing in (Timing(0.4, 0.0), Timing(400.0, 0.1)):
+        assert not any(each.startswith('note') for each in describe(steps, timing))
+
+
 def test_the_ellipse_holds_95_per_cent():
     covariance = np.array([[4.0, 1.5], [1.5, 1.0]]) * 1e-4
     edge = ellipse(covariance)
@@ -305,8 +328,9 @@ def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=SIZE, layout='constrained')
-    FIGURES[name].draw(figure, Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml')))
-    figure.supxlabel(FIGURES[name].caption, fontsize='medium')
+    steps = Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml'))
+    FIGURES[name].draw(figure, steps)
+    figure.supxlabel(FIGURES[name].caption(steps), fontsize='medium')
     FigureCanvasAgg(figure).draw()
     boxes = [(text.get_text(), text.get_window_extent()) for text in words_of(figure)]
     page = figure.bbox

@@ -106,7 +106,10 @@ class SE2:
 
     def brief(self) -> str:
         """Format the motion, rounded to 0.1 mm and 0.001 deg."""
-        return f'x {self.x:.4f} m, y {self.y:.4f} m, theta {math.degrees(self.theta):.3f} deg'
+        # Adding 0.0 turns -0.0 into 0.0.
+        x, y, degrees = (round(value, digits) + 0.0 for value, digits in
+                         ((self.x, 4), (self.y, 4), (math.degrees(self.theta), 3)))
+        return f'x {x:.4f} m, y {y:.4f} m, theta {degrees:.3f} deg'
 
     def as_tuple(self) -> tuple[float, float, float]:
         """Return x [m], y [m] and theta [rad]."""

@@ -134,26 +134,29 @@ def failed(reason: str) -> Registration:
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
           parameters: DecisionParameters) -> tuple[Status, str]:
     """Return the status of a result from its score, evidence and confidence, and the reason ('' for ``OK``)."""
+    low = [low_score_reason(score, parameters.min_score)] if score < parameters.min_score else []
+    if certainty < parameters.min_confidence:
+        low.append(f'confidence {certainty:.2f}, expected at least {parameters.min_confidence:.3g}')
     if score < parameters.min_score and probability(log_odds(evidence)) < LIKELY:
-        return Status.FAILED, low_score_reason(score, parameters.min_score)
+        return Status.FAILED, '; '.join(low)
     if observed.weak < parameters.min_information:
         return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
     if observed.rotation < parameters.min_information:
-        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m); '
+        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m), '
                                    f'expected at least {parameters.min_information}')
     if certainty < parameters.min_confidence:
-        return Status.AMBIGUOUS, f'confidence {certainty:.2f}; expected at least {parameters.min_confidence:.3g}'
+        return Status.AMBIGUOUS, '; '.join(low)
     return Status.OK, ''
 
 
 def low_score_reason(score: float, minimum: float) -> str:
     """Return the reason for ``FAILED`` or ``AMBIGUOUS`` where the `score` is too low."""
-    return f'score {score:.2f}; expected at least {minimum}'
+    return f'score {score:.2f}, expected at least {minimum} (decision.min_score)'
 
 
 def few_points_reason(weak: float, minimum: float) -> str:
     """Return the reason for ``DEGENERATE`` where `weak` points constrain the translation along one direction."""
-    return f'the translation along one direction is constrained by {weak:.2f} points; expected at least {minimum}'
+    return f'the translation along one direction is constrained by {weak:.2f} points, expected at least {minimum}'
 
 
 def observability_ratio(registration: Registration, parameters: DecisionParameters) -> float:

@@ -99,7 +99,7 @@ class StampFilter:
 
     def timing(self, scan: Scan, parameters: Parameters) -> ScanTiming:
         """Return how long a `scan` takes, and store its duration as `duration`."""
-        duration = abs(scan.time_increment) * scan.geometry.size if parameters.odometry.deskew else 0.0
+        duration = scan.duration if parameters.odometry.deskew else 0.0
         self.duration = duration if duration < parameters.time.max_jump else 0.0
         deskews = bool(self.duration) and not self.jumps(scan.stamp, parameters.time)
         return ScanTiming(self.duration, self.ratio(self.duration), deskews)

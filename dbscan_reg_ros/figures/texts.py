@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The result of a registration in words and numbers, as `register` prints it and the pictures show it."""
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.registration.records import Status
+
+UNKNOWN_HEADING = 0.5 * math.pi
+"""A heading with a larger standard deviation [rad] is unknown."""
+
+
+class Timing(NamedTuple):
+    """When two scans were measured.
+
+    Attributes
+    ----------
+    interval : float or None
+        Time from the stamp of the reference to that of the current scan [s]; None if unknown.
+    duration : float
+        Time that all beams of a scan take [s], the longer one of both; 0 if unknown, or if the motion during the scans
+        was removed.
+    """
+
+    interval: float | None = None
+    duration: float = 0.0
+
+
+def fixed(value, digits) -> str:
+    """Format a number with this many decimal places, never as -0."""
+    return f'{round(float(value), digits) + 0.0:.{digits}f}'
+
+
+def status_text(registration) -> str:
+    """Return the status as a text; a result of the method of the paper was not checked."""
+    if registration.status is Status.OK and registration.evidence is None:
+        return 'found (the method of the paper has no check)'
+    return registration.status.value
+
+
+def heading_text(variance, factor=1.0) -> str:
+    """Return `factor` standard deviations of a heading of this `variance` [rad^2] as a text."""
+    sigma = math.sqrt(variance)
+    return 'heading unknown' if sigma > UNKNOWN_HEADING else f'heading \u00b1{factor * math.degrees(sigma):.2g} deg'
+
+
+def describe(steps, timing, covariance=False) -> list:
+    """Describe the registration of `Steps` in lines of text, with its `covariance` if asked for.
+
+    Where the true motion is known the error is given as well.
+    """
+    found, truth = steps.registration, steps.truth
+    reason = f': {found.reason}' if found.reason else ''
+    lines = [f'status      {status_text(found)}{reason}', f'transform   {_motion(found.transform)}']
+    if truth is not None:
+        error = truth.inverse() @ found.transform
+        lines += [f'true        {_motion(truth)}',
+                  f'error       {math.hypot(error.x, error.y):.4f} m  {math.degrees(abs(error.theta)):.3f} deg']
+        if found.status is not Status.OK:
+            score, overlap = steps.score_at(truth)
+            lines.append(f'            at the true motion: score {fixed(score, 3)}, overlap {overlap:.3f}')
+    lines += [f'sigma       {_sigma(found.covariance)}, in the frame of the current scan']
+    if covariance:
+        lines += ['covariance  of x, y [m] and theta [rad], in the frame of the current scan',
+                  *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in found.covariance)]
+    if timing.interval is not None:
+        lines.append(f'time        {fixed(timing.interval, 3)} s from the reference to the current scan')
+    lines += _describe_motion_during_scan(found, timing)
+    lines += [f'overlap     {found.overlap:.3f}', *_describe_evidence(found)]
+    if found.degenerate_direction is not None:
+        degrees = fixed(math.degrees(found.degenerate_direction), 1)
+        lines.append(f'unobservable translation along {degrees} deg of the reference')
+    if found.rotation_unobservable:
+        lines.append('unobservable rotation')
+    lines.append(f'hypotheses  {len(found.hypotheses)}, best first')
+    lines += [f'            score {fixed(h.score, 3)}  {_log_odds(h)}{_motion(h.transform)}'
+              f'{"  rival" if h in found.rivals else ""}' for h in found.hypotheses]
+    return lines
+
+
+def _describe_motion_during_scan(registration, timing) -> list:
+    """Return a note where the motion during a scan may exceed the standard deviations of the result."""
+    if not timing.duration:
+        return []
+    note = (f'note        each scan lasts {timing.duration:.2f} s; the motion during a scan is not removed here (the '
+            'odometry removes it); the result may be off by ')
+    if not timing.interval:
+        return [f'{note}about half of the motion during a scan']
+    ratio, motion = 0.5 * timing.duration / abs(timing.interval), registration.transform
+    distance, angle = ratio * math.hypot(motion.x, motion.y), ratio * abs(motion.theta)
+    sigma = np.sqrt(np.diag(registration.covariance))
+    if distance <= sigma[:2].max() and angle <= sigma[2]:
+        return []
+    return [f'{note}about {distance:.3f} m and {math.degrees(angle):.2f} deg (half of the motion during a scan at the '
+            'mean velocity), by more where the velocity changed']
+
+
+def _log_odds(hypothesis) -> str:
+    return f'log-odds {fixed(hypothesis.log_odds, 2):>6}  ' if math.isfinite(hypothesis.log_odds) else ''
+
+
+def _describe_evidence(registration) -> list:
+    """Describe the confidence in a motion and the evidence for it in lines of text."""
+    evidence, margin = registration.evidence, registration.margin
+    if evidence is None:
+        return []
+    rival = f'the log-odds of the best rival are {fixed(margin, 2)} less' if registration.rivals else 'no rival'
+    return [f'confidence  {registration.confidence:.3f}',
+            f'evidence    log-odds {fixed(registration.hypotheses[0].log_odds, 2)}, {rival}',
+            f'            points in the free space of the other scan: {100 * evidence.conflicts_current:.1f} % of the '
+            f'current scan, {100 * evidence.conflicts_reference:.1f} % of the reference',
+            f'            corners and free ends: {evidence.matched_ends} match, {evidence.unmatched_ends} that the '
+            'other should see do not',
+            f'            matched walls across their main direction: {evidence.crossing:.1f} m',
+            f'            {registration.weakest_information:.1f} points constrain the weakest direction, '
+            f'residual {evidence.residual:.3f} m']
+
+
+def _sigma(covariance) -> str:
+    x, y, theta = np.sqrt(np.diag(covariance))
+    heading = 'heading unknown' if theta > UNKNOWN_HEADING else f'theta {math.degrees(theta):.3f} deg'
+    return f'x {x:.4f} m  y {y:.4f} m  {heading}'
+
+
+def _motion(transform) -> str:
+    x, y, degrees = fixed(transform.x, 4), fixed(transform.y, 4), fixed(math.degrees(transform.theta), 3)
+    return f'x {x} m  y {y} m  theta {degrees} deg'
