@@ -25,6 +25,9 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
              backend: Backend | None = None) -> Registration:
     """Find the motion that aligns the current scan with the reference; no initial guess is needed.
 
+    The beams of a scan count as measured at one instant: the motion during a scan is not removed (`Odometry` removes
+    it). The standard deviations do not include the error from that motion.
+
     Parameters
     ----------
     reference, current : Scan or Features
