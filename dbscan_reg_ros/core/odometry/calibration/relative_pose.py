@@ -90,7 +90,10 @@ def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> Rel
         information, weighted, noise = _without_noise(information, weighted, float(data.noise @ weights))
         gradients = np.einsum('nkj,nj->nk', weighted, error)
         gradients[:, DOF] += noise * state[DOF] / len(gradients)
-        state = state + np.linalg.solve(information, gradients.sum(axis=0) + prior @ _wrapped(mean - state))
+        change = np.linalg.solve(information, gradients.sum(axis=0) + prior @ _wrapped(mean - state))
+        state = state + change
+        if np.abs(change).max() < _CONVERGED:
+            break
     covariance = np.linalg.inv(information)
     scatter = covariance @ _scatter(weighted, gradients, data.groups) @ covariance
     return RelativePose(SE2.from_array(state[:DOF]), float(state[DOF]), covariance + scatter)
@@ -213,6 +216,9 @@ _LEAST = np.array([0.002, 0.002, 0.001])
 _COMMON = np.array([0.004, 0.004, math.radians(0.1)])
 """Standard deviations of the error that all comparisons of a group have in common [m, m, rad]."""
 _ITERATIONS = 15
+"""Largest number of iterations."""
+_CONVERGED = 1e-6
+"""The iterations end when no parameter changes by more than this [m, m, rad, s]."""
 _MOST_NOISE = 0.5
 """Largest ratio of noise in the information about the time offset."""
 _MEDIAN = 2.366
