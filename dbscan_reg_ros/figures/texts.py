@@ -84,16 +84,16 @@ def _describe_motion_during_scan(registration, timing) -> list:
     if not timing.duration:
         return []
     note = (f'note        each scan lasts {timing.duration:.2f} s; the motion during a scan is not removed here (the '
-            'odometry removes it); the result may be off by ')
+            'odometry removes it); the result may be off by up to ')
     if not timing.interval:
-        return [f'{note}about half of the motion during a scan']
+        return [f'{note}half of the motion during a scan, by more where the velocity changed']
     ratio, motion = 0.5 * timing.duration / abs(timing.interval), registration.transform
     distance, angle = ratio * math.hypot(motion.x, motion.y), ratio * abs(motion.theta)
     sigma = np.sqrt(np.diag(registration.covariance))
     if distance <= sigma[:2].max() and angle <= sigma[2]:
         return []
-    return [f'{note}about {distance:.3f} m and {math.degrees(angle):.2f} deg (half of the motion during a scan at the '
-            'mean velocity), by more where the velocity changed']
+    return [f'{note}{distance:.3f} m and {math.degrees(angle):.2f} deg (half of the motion during a scan) at a '
+            'constant velocity, by several times as much where the velocity changed']
 
 
 def _log_odds(hypothesis) -> str:

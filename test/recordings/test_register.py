@@ -307,7 +307,7 @@ def test_scans_that_last_are_noted_where_the_sensor_moves():
     found = Registration(SE2(0.2, 0.0, math.radians(20.0)), np.diag((1e-6, 1e-6, 1e-6)), Status.OK)
     steps = SimpleNamespace(registration=found, truth=None)
     line, = (each for each in describe(steps, Timing(0.4, 0.1)) if each.startswith('note'))
-    assert 'each scan lasts 0.10 s' in line and 'about 0.025 m and 2.50 deg' in line
+    assert 'each scan lasts 0.10 s' in line and 'up to 0.025 m and 2.50 deg' in line
     for timing in (Timing(0.4, 0.0), Timing(400.0, 0.1)):
         assert not any(each.startswith('note') for each in describe(steps, timing))
 

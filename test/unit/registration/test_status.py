@@ -87,6 +87,6 @@ def test_few_points_are_degenerate_with_a_weak_prior(status, weakest, spread, ex
                                 DecisionParameters(weak_prior_sigma=0.5, weak_prior_information=10.0))
         assert found.status is expected
         if expected is not status:
-            assert found.reason == ('the translation along one direction is constrained by 9.90 points; expected at '
+            assert found.reason == ('the translation along one direction is constrained by 9.90 points, expected at '
                                     'least 10.0, '
                                     'as the predicted translation has a standard deviation of 0.60 m')
