@@ -110,4 +110,4 @@ def test_a_method_of_ones_own_is_compared_with_the_defaults(example):
     lines = example('05_own_method_for_compare').splitlines()
     assert 'A: defaults  B: 05_own_method_for_compare:align  B is worse in translation and worse in rotation.' in lines
     ours, own = (numbers(line) for line in lines if re.match(r'hall\.log +[AB] ', line))
-    assert ours[3] < 0.01 < 0.1 < own[3] < 0.5, 'relative pose errors [m]'
+    assert ours[5] < 0.01 < 0.1 < own[5] < 0.5, 'RPE [m]'
