@@ -156,7 +156,7 @@ def test_truth_is_interpolated_where_it_is_generally_sparse_but_not_in_its_holes
         np.testing.assert_allclose(found[:191], poses[:191], atol=1e-9)
         kept[50:150] = False
         known = KnownMotion((stamps[kept], poses[kept]), None, None)
-        found, explanation = known.true_poses(stamps)
+        found, explanation, _ = known.true_poses(stamps)
         first = 50 - step
         assert np.isnan(found[first + 1:150]).all() and np.isfinite(found[[first, 150]]).all()
         assert f'{149 - first} where successive poses are more than {0.3 * step:.3f} s apart' in explanation
