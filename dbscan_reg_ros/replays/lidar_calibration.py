@@ -9,7 +9,7 @@ import numpy as np
 from ..core.errors import DbscanRegError, ScanError
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.compared_lidar import ComparedLidar
+from ..core.odometry.calibration.compared_lidar import PROBABLE, ComparedLidar, Disagreement, difference
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from .lidars import OdometryWithOthers
@@ -40,6 +40,8 @@ class CalibratedLidar:
         Mounting as given or recorded.
     mounting : Mounting
         Mounting by the scans.
+    given_offset : float [s]
+        ``input.time_offset`` of this lidar as given.
     time_offset : float [s]
         Value for ``input.time_offset`` of this lidar.
     sigmas : (4,) float
@@ -51,6 +53,8 @@ class CalibratedLidar:
     driven : float [m]
     turned : float [rad]
         Distance and rotation over which they were compared.
+    error : Disagreement
+        By how much the given values differ, by more than 2 cm, 0.5 deg or 10 ms and two standard deviations.
     """
 
     topic: str
@@ -58,12 +62,14 @@ class CalibratedLidar:
     first: Mounting
     given: Mounting
     mounting: Mounting
+    given_offset: float
     time_offset: float
     sigmas: np.ndarray
     observable: np.ndarray
     scans: int
     driven: float
     turned: float
+    error: Disagreement
 
     def values(self) -> list:
         """Return (name, value, standard deviation, unit) of each result, with angles in deg; value None: unknown."""
@@ -78,15 +84,17 @@ class CalibratedLidar:
         """Return the results as (name, text) pairs; the last one is a URDF joint."""
         rotations = f'{math.degrees(self.turned):.0f} deg'
         lines = [('lidar', f'{self.topic}: {self.scans} scans compared over {self.driven:.1f} m and {rotations}')]
-        given = [*self.given.pose.as_tuple()[:2], math.degrees(self.given.pose.theta), None]
+        given = [*self.given.pose.as_tuple()[:2], math.degrees(self.given.pose.theta), self.given_offset]
         for (name, value, sigma, unit), before, digits in zip(self.values(), given, DIGITS, strict=True):
             if value is None:
                 lines.append((name, NOT_OBSERVABLE))
                 continue
-            change = '' if before is None else f', {_change(value - before, unit):+.{digits}f} to the given one'
-            lines.append((name, f'{value:.{digits}f} {unit} +- {sigma:.{digits}f} {unit}{change}'))
+            lines.append((name, f'{value:.{digits}f} {unit} +- {sigma:.{digits}f} {unit}, '
+                          f'{_change(value - before, unit):+.{digits}f} from the given {before:.{digits}f}'))
         relative = self.first.pose.inverse() @ self.mounting.pose
         lines.append(('relative', f'{relative.brief()} in the frame of the first lidar'))
+        lines.append(('verdict', f'{self.error}: set the values above' if any(self.error) else
+                      'the given values fit: nothing to change'))
         return [*lines, ('joint', self.joint(base_frame))]
 
     def joint(self, base_frame) -> str:
@@ -163,5 +171,6 @@ def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> Ca
     pose = first.aligned_pose @ estimate.pose @ SE2(theta=other.mounting.pose.theta)
     return CalibratedLidar(
         topic, other.recording.frame_id, first, other.mounting, Mounting(pose, other.mounting.upside_down),
-        time_offset + estimate.time_offset, estimate.sigmas, estimate.observable, len(compared.comparisons),
-        compared.driven, compared.turned)
+        time_offset, time_offset + estimate.time_offset, estimate.sigmas, estimate.observable,
+        len(compared.comparisons), compared.driven, compared.turned,
+        difference(compared.given, 0.0, estimate, PROBABLE))

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 import xml.etree.ElementTree as ElementTree
 from collections import deque
 
@@ -80,9 +81,12 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
                        [found['x']['value'], found['y']['value']], atol=1e-4)
     assert float(origin.get('rpy').split()[2]) == pytest.approx(math.radians(found['yaw']['value']), abs=1e-5)
     assert 'not observable' not in printed
+    assert 'from the given 0.0000\n' in printed
+    verdict, = (line for line in printed.splitlines() if line.startswith('verdict'))
+    assert re.search(r'off by \d[.]\d cm and [23][.]\d deg and its stamps are off by \d\d ms: set the values', verdict)
 
 
-def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path):
+def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path, capsys):
     """The mounting of the second is wrong by 5 cm and 3 deg, that of the third is right: 6 s of the drive."""
     third = scans_of(hall(2), path.until(6.0), [('/left', LEFT, 14.0, 0.033)])
     end = max(scan.stamp for scan in third['/left'])
@@ -93,6 +97,9 @@ def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path):
     for found, true in zip(json.loads(file.read_text())['lidars'], (REAR, LEFT), strict=True):
         assert math.hypot(found['x']['value'] - true.x, found['y']['value'] - true.y) < 0.01
         assert abs(math.remainder(found['yaw']['value'] - math.degrees(true.theta), 360.0)) < 0.1
+    printed = capsys.readouterr().out
+    assert len(re.findall(r'verdict     its mounting is off by \d[.]\d cm and 3[.]0 deg: set', printed)) == 1
+    assert printed.count('verdict     the given values fit: nothing to change') == 1
     assert replay([str(bag), '--out', str(tmp_path), *words]) == 0
     lidars = json.loads((tmp_path / 'bag' / 'latest' / 'metrics.json').read_text())['lidars']
     assert {topic: each['scans'] for topic, each in lidars.items()}.keys() == scans.keys()
