@@ -121,3 +121,9 @@ def test_sentences_are_short(root, name):
     found = [words for words in sentences((root / name).read_text()) if words]
     assert [' '.join(words) for words in found if len(words) > 35] == []
     assert sum(len(words) >= 25 for words in found) <= 0.05 * len(found)
+
+
+@pytest.mark.parametrize('name', DOCUMENTS)
+def test_each_row_of_a_table_is_a_line(root, name):
+    lines = (root / name).read_text().splitlines()
+    assert [line for line in lines if '|---' in line and not re.fullmatch(r'\s*\|[-|: ]+\|', line)] == []
