@@ -110,6 +110,13 @@ def add_recordings(parser, topic=None):
     add_data(parser)
 
 
+def add_mounting(parser):
+    """Add the argument that gives the mountings of lidars."""
+    parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
+                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
+                        'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
+
+
 def add_parameters(parser, use='', otherwise=''):
     """Add the argument ``--params-file``; `use` follows what the file is, `otherwise` what its default is."""
     parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or the name of a '

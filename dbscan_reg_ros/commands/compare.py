@@ -10,7 +10,9 @@ from ..paths import ready_made
 from .command_line import (
     FAILED,
     INCOMPLETE,
+    SEVERAL,
     CommandError,
+    add_mounting,
     add_recordings,
     add_workers,
     make_parser,
@@ -19,7 +21,7 @@ from .command_line import (
     run,
     seed,
 )
-from .competitors import Competitor, cloud_parameters, follow_all
+from .competitors import Competitor, Lidars, cloud_parameters, follow_all
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
@@ -28,21 +30,23 @@ LETTERS = string.ascii_uppercase
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
-    parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings and test whether B is '
-                         'worse. Prints one table of all competitors with their errors over 1 m and 5 m, and APE and '
-                         'RPE as evo computes them where true poses are known; then the paired differences of the '
-                         'errors over 1 m with confidence intervals (95 % for translation and rotation together; block '
-                         'bootstrap, blocks of 5 m of path; over all motions of all recordings). More competitors are '
-                         'compared with A and reported. doc/faq.md, "Comparing methods", defines every column. Exit '
-                         'status 0: B is not worse; 1: B is worse in translation or in rotation (with --all: any is); '
-                         '2: an argument or a recording cannot be used; 3: no verdict, because B has no pose for more '
-                         'than 10 % of the scans.')
+    parser = make_parser('compare', 'Run the odometry with A and with B over the same recordings, as replay does, and '
+                         'test whether B is worse. Prints one table of all competitors with their errors over 1 m and '
+                         '5 m, and APE and RPE as evo computes them where true poses are known; then the paired '
+                         'differences of the errors over 1 m with confidence intervals (95 % for translation and '
+                         'rotation together; block bootstrap, blocks of 5 m of path; over all motions of all '
+                         'recordings). More competitors are compared with A and reported. Of several lidars, methods '
+                         'and trajectories use the first one only. doc/faq.md, "Comparing methods", defines every '
+                         'column. Exit status 0: B is not worse; 1: B is worse in translation or in rotation (with '
+                         '--all: any is); 2: an argument or a recording cannot be used; 3: no verdict, because B has '
+                         'no pose for more than 10 % of the scans.')
     parser.add_argument('a', metavar='A', help='a parameter file; or the name of a ready-made parameter set: '
                         f'defaults, {", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the '
                         'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
                         '--trajectory')
     parser.add_argument('b', metavar='B', help='as A')
-    add_recordings(parser)
+    add_recordings(parser, SEVERAL)
+    add_mounting(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
                         'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose (SE2) of the '
                         'scan current in the frame of the scan reference. reference is the last key frame: a scan '
@@ -76,6 +80,7 @@ def compare(args):
     from ..evaluation.known_motion import KnownMotion
     from ..recordings import find_recording
     from ..recordings.truth import read_truth
+    from ..replays.lidars import parse_mountings
     from ..replays.result_folder import new_folder, point_latest
     from .workers import processors, workers
 
@@ -84,7 +89,8 @@ def compare(args):
     if args.truth and len(paths) > 1:
         raise CommandError(f'--truth {args.truth}: expected a single recording; for several, put a '
                            'file truth.tum beside each')
-    recordings = open_all('compare', paths, args.topic, cloud_parameters(competitors, args.topic))
+    lidars = Lidars(tuple(args.topic or ()), parse_mountings(args.mounting))
+    recordings = open_all('compare', paths, lidars.first, cloud_parameters(competitors, lidars))
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:
@@ -92,7 +98,7 @@ def compare(args):
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), len(competitors) * len(paths)), args.scheduler) as executor:
-        trajectories = follow_all(executor, paths, args.topic, competitors)
+        trajectories = follow_all(executor, paths, lidars, competitors)
     names = unique([path.name for path in paths])
     comparisons = compared(dict(zip(names, zip(known, trajectories, strict=True), strict=True)), competitors, args.seed)
     folder = new_folder(Path(args.out) / 'compare')
@@ -112,13 +118,15 @@ def compare(args):
 
 def chosen(args) -> list:
     """Return the competitors named by the arguments, A first; print which of their parameters have no effect."""
-    from ..robot.parameters import CLOUDS, METHOD
+    from ..replays.odometry import wheel_parameters
+    from ..robot.parameters import REPLAYED
 
     competitors = [*map(Competitor.named, (args.a, args.b)), *map(Competitor.with_method, args.method),
                    *map(Competitor.named, args.parameters), *map(Competitor.with_trajectory, args.trajectory)]
     for competitor in competitors:
         if competitor.parameters:
-            note_unused('compare', competitor.name, competitor.parameters, METHOD | CLOUDS)
+            note_unused('compare', competitor.name, competitor.parameters,
+                        REPLAYED | wheel_parameters(competitor.parameters))
     return competitors
 
 

@@ -13,6 +13,7 @@ from ..requirements import missing_line
 from .command_line import (
     INCOMPLETE,
     SEVERAL,
+    add_mounting,
     add_parameters,
     add_recordings,
     add_workers,
@@ -41,9 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'cannot be used; 130: interrupted; 1: any other failure. With -v the summary also '
                          'names parameters whose steps are not compiled: the slower numpy reference runs these.')
     add_recordings(parser, SEVERAL)
-    parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
-                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
-                        'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
+    add_mounting(parser)
     parser.add_argument('--wheels', action='store_true', help='use the wheel odometry of the recording as the external '
                         'prior, as the node with prior.source odometry does (default: only with this value of '
                         'prior.source)')

@@ -6,7 +6,9 @@ from ..core.odometry.pipeline import Odometry
 from ..core.odometry.sensor import FIRST
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
-from .lidars import OdometryWithOthers
+from .lidars import OdometryWithOthers, lidars_of
+from .sensor_mounting import received, turned
+from .trajectory import Trajectory
 
 WHEELS = 'odometry'
 """Value of ``prior.source`` with which a replay uses the recorded wheel odometry."""
@@ -46,6 +48,28 @@ def describe_prior(parameters, recording) -> list:
         return []
     return [('prior', 'the recorded wheel odometry' if recording.wheel_odometry() else
              'none, as the recording has no wheel odometry')]
+
+
+def replayed_trajectory(recording, scans, topics, mountings, parameters) -> Trajectory:
+    """Run the odometry over the `scans` of the first lidar of a `recording`, without writing results.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording with the topic of the first lidar.
+    scans : iterable of Scan
+    topics : sequence of str
+        Topics of the other lidars.
+    mountings : dict
+        Topic -> `Mounting`, for the mountings that the user gave.
+    parameters : NodeParameters
+    """
+    mounting, others = lidars_of(recording, topics, mountings, parameters)
+    trajectory = Trajectory(mounting.pose.theta, mounting.upside_down)
+    scans = turned(received(scans, parameters.input_of(recording.topic)), trajectory.yaw, mounting.upside_down)
+    for _ in trajectory.follow(scans, replay_odometry(parameters, others, recording, mounting)):
+        pass
+    return trajectory
 
 
 class OdometryWithWheels:

@@ -8,7 +8,8 @@ from matplotlib.image import imread
 
 from dbscan_reg_ros import Parameters, RecordingError
 from dbscan_reg_ros.commands.compare import main
-from dbscan_reg_ros.commands.competitors import Competitor
+from dbscan_reg_ros.commands.replay import main as replay
+from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.evaluation.comparison import Paired, difference, mean_errors, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.replays.trajectory import Trajectory
@@ -61,11 +62,11 @@ def test_the_interval_is_reproducible_and_as_wide_as_the_blocks_say():
 
 def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(compare, tmp_path):
     (tmp_path / 'robot.yaml').write_text(
-        '/**: {ros__parameters: {input.every_nth: 2, mounting: laser_pose, laser_pose: [0.1, 0.2, 0.3]}}')
+        '/**: {ros__parameters: {input.every_nth: 2, publish_tf: false}}')
     code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
     assert code == 0 and 'B is neither better nor worse.' in printed.out
     assert printed.err == (f'compare: {tmp_path}/robot.yaml: these parameters have no effect in compare: '
-                           'mounting, laser_pose, input.every_nth\n')
+                           'publish_tf, input.every_nth\n')
     assert set(content['differences']) == {'hall', 'all'}
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
 
@@ -87,9 +88,26 @@ def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
 
 
 def test_a_node_without_any_prior_is_compared_as_the_odometry_that_it_runs():
-    node, odometry = (Competitor(name, NodeParameters().replace({name: 'none'})).tracker().parameters.odometry
+    node, odometry = (NodeParameters().replace({name: 'none'}).for_odometry().odometry
                       for name in ('prior.source', 'advanced.odometry.prior'))
     assert node == odometry != Parameters().odometry
+
+
+def test_wheels_and_a_second_lidar_are_used_as_in_a_replay(tmp_path, capsys):
+    """The errors of either set are those that `replay` measures with the same parameters and lidars."""
+    lidar = ['--lidar', 'hokuyo_urg04lx', '--range-max', '2']
+    assert simulate([str(tmp_path / 'drive'), '--world', 'corridor', '--seconds', '8', '--seed', '2', *lidar,
+                     '--mounting', '0.2', '0.1', '30', *lidar, '--mounting', '-0.2', '-0.1', '210']) == 0
+    (tmp_path / 'wheels.yaml').write_text('/**: {ros__parameters: {prior.source: odometry}}')
+    given = [str(tmp_path / 'drive'), '--topic', '/scan', '--topic', '/scan_2', '--out', str(tmp_path / 'out')]
+    assert main(['defaults', str(tmp_path / 'wheels.yaml'), *given]) == 0
+    assert 'no effect' not in capsys.readouterr().err
+    found = json.loads((tmp_path / 'out' / 'compare' / 'latest' / 'comparison.json').read_text())
+    for side, words in (('a', []), ('b', ['--wheels'])):
+        assert replay([*given, *words]) == 0
+        measured = json.loads((tmp_path / 'out' / 'drive' / 'latest' / 'metrics.json').read_text())
+        assert found['differences']['drive']['m'][side] == pytest.approx(measured['rpe_1m_mean_m'], rel=1e-6)
+    assert found['differences']['drive']['m']['b'] != found['differences']['drive']['m']['a']
 
 
 def test_a_baseline_is_compared_like_a_parameter_set(compare):
