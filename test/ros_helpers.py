@@ -150,7 +150,7 @@ def parameter_messages(values) -> list[ParameterMessage]:
 def played(player, scans, rate=None):
     """What a running node answers to `scans`."""
     player.wait_for_node(TIMEOUT)
-    return player.play(scans, rate)
+    return player.play(scans, rate, patience=5.0)
 
 
 def said(process, text, peer):

@@ -194,7 +194,8 @@ class Diagnostics:
     def _other_scan_topics(self) -> str:
         """Name other topics on which scans are published, and how to subscribe to the first; empty without any."""
         topics = sorted(name for name, types in self._node.get_topic_names_and_types()
-                        if LASER_SCAN in types and self._node.count_publishers(name))
+                        if LASER_SCAN in types and self._node.count_publishers(name)
+                        and name not in {inbox.topic for inbox in self._inboxes})
         if not topics:
             return ''
         if len(self._lidars) > 1:
