@@ -33,7 +33,8 @@ def hint(motions, true_motions) -> str:
                      zip((*offset[:2], math.degrees(offset[2])), (2, 2, 0), strict=True))
     return (f'with the sensor at about {x:.2f},{y:.2f},{degrees:.0f} on these poses the root mean square '
             f'error of the translation over 1 m is {after:.4f} m instead of {before:.4f} m: if they are the poses of '
-            'the base, name the pose of the sensor on it, NAME=FILE@X,Y,DEG')
+            'the base, name the pose of the sensor on it, NAME=FILE@X,Y,DEG; '
+            'with a pose that was named already, compose both')
 
 
 def sensor_offset(motions, true_motions):

@@ -166,7 +166,11 @@ def _own_tracker(name):
         return own()
 
     def align(reference, current, guess=None):
-        return Result(own(reference, current, guess or SE2()), Status.OK)
+        pose = own(reference, current, guess or SE2())
+        if not isinstance(pose, SE2):
+            raise BenchmarkError(f'method {name}: returned {pose!r:.60}; expected the pose of the scan `current` as an '
+                                 'SE2(x, y, theta) [m, m, rad]')
+        return Result(pose, Status.OK)
 
     return KeyFrames(Method(name, lambda scan: scan, align))
 

@@ -134,7 +134,7 @@ class Counters:
         reason = self.update.registration.reason if self.update.registration else ''
         status = self.update.status
         if status is Status.FAILED:
-            return Grade.LOST, f'lost: {reason}'
+            return Grade.LOST, f'lost: {reason}' if reason else 'lost'
         if status is Status.DEGENERATE:
             return Grade.LOW_CONFIDENCE, f'degenerate{self._along()}: {reason}'
         if status is Status.AMBIGUOUS:

@@ -315,14 +315,15 @@ def test_without_the_compiled_steps_the_reference_runs_and_the_set_up_reports_it
     assert said.endswith(again) and again and tries == 1
 
 
-def test_the_help_of_the_benchmarks_installs_nothing(root, tmp_path, programs):
+@pytest.mark.parametrize('command, expected', [(('bench', 'loops'), 'usage: bench loops'), (('demo',), 'usage: demo')])
+def test_the_help_installs_nothing(root, tmp_path, programs, command, expected):
     (tmp_path / 'scripts').mkdir()
-    for name in ('bench', 'setup'):
+    for name in (command[0], 'setup'):
         shutil.copy(root / 'scripts' / name, tmp_path / 'scripts')
     (tmp_path / 'scripts' / 'benchmarks').symlink_to(root / 'scripts' / 'benchmarks')
     (tmp_path / 'dbscan_reg_ros').symlink_to(root / 'dbscan_reg_ros')
     path = programs({'python3': GOOD})
-    done = subprocess.run(['bash', tmp_path / 'scripts' / 'bench', 'loops', '--help'], text=True, capture_output=True,
-                          env={'PATH': path}, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (0, '') and done.stdout.startswith('usage: bench loops')
+    done = subprocess.run(['bash', tmp_path / 'scripts' / command[0], *command[1:], '--help'], text=True,
+                          capture_output=True, env={'PATH': path}, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, '') and done.stdout.startswith(expected)
     assert {file.name for file in tmp_path.iterdir()} == {'bin', 'scripts', 'dbscan_reg_ros'}
