@@ -84,7 +84,7 @@ class OneTopic(argparse.Action):
         """Store the topic; end the command if a topic is stored already."""
         if getattr(namespace, self.dest) is not None:
             parser.exit(BAD_INPUT, f'{parser.prog}: {option_string} is given twice, but {parser.prog} takes one lidar; '
-                        'replay, play and demo take several\n')
+                        'replay, compare, play and demo take several\n')
         setattr(namespace, self.dest, values)
 
 

@@ -79,7 +79,7 @@ def tune(args):
     from ..tuning.objective import HOPELESS
     from ..tuning.space import read_axis
     from ..tuning.study import Study
-    from .competitors import Competitor, follow_all
+    from .competitors import Competitor, Lidars, follow_all
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
@@ -106,7 +106,8 @@ def tune(args):
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
         competitors = Competitor('start', start), Competitor('best', best)
-        trajectories = follow_all(executor, [recording.path for recording in held_out], args.topic, competitors)
+        lidars = Lidars((args.topic,) if args.topic else ())
+        trajectories = follow_all(executor, [recording.path for recording in held_out], lidars, competitors)
         head += gain(trajectories, known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
     print('\n'.join([*head, *_changes(settings['start'], values)]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bags import needs_rosbags, write_bag
 
-from dbscan_reg_ros.commands.competitors import Competitor, cloud_parameters, follow_one
+from dbscan_reg_ros.commands.competitors import Competitor, Lidars, cloud_parameters, follow_one
 from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -141,8 +141,8 @@ def test_the_mounting_may_be_a_parameter(bag, parameters, position):
 def test_commands_take_point_clouds(bag, tmp_path, capsys):
     assert register([str(bag), '0', '5', '--topic', '/points', '--out', str(tmp_path)]) == 0
     assert 'status      ok' in capsys.readouterr().out
-    competitor = Competitor.named('defaults')
-    trajectory = follow_one(bag, '/points', competitor, cloud_parameters([competitor], '/points'))
+    competitor, lidars = Competitor.named('defaults'), Lidars(('/points',))
+    trajectory = follow_one(bag, lidars, competitor, cloud_parameters([competitor], lidars))
     assert trajectory.used == [True] * COUNT
     assert cost_of(bag, '/points', NodeParameters(), 'truth') < 0.01
 
