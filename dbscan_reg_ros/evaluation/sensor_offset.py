@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..core.geometry.rounding import fixed
 from ..recordings.poses import compose, relative
 from .metrics import errors
 
@@ -29,9 +30,8 @@ def hint(motions, true_motions) -> str:
         motions, compose(relative(placed, motions), placed)))
     if before < SMALLEST_ERROR or after > MOST_LEFT * before:
         return ''
-    x, y, degrees = (round(value, digits) + 0.0 for value, digits in  # never -0.0
-                     zip((*offset[:2], math.degrees(offset[2])), (2, 2, 0), strict=True))
-    return (f'with the sensor at about {x:.2f},{y:.2f},{degrees:.0f} on these poses the root mean square '
+    place = ','.join((fixed(offset[0], 2), fixed(offset[1], 2), fixed(math.degrees(offset[2]), 0)))
+    return (f'with the sensor at about {place} on these poses the root mean square '
             f'error of the translation over 1 m is {after:.4f} m instead of {before:.4f} m: if they are the poses of '
             'the base, name the pose of the sensor on it, NAME=FILE@X,Y,DEG; '
             'with a pose that was named already, compose both')

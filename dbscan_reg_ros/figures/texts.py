@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.geometry.rounding import fixed
 from ..core.registration.records import Status
 
 UNKNOWN_HEADING = 0.5 * math.pi
@@ -25,11 +26,6 @@ class Timing(NamedTuple):
 
     interval: float | None = None
     duration: float = 0.0
-
-
-def fixed(value, digits) -> str:
-    """Format a number with this many decimal places, never as -0."""
-    return f'{round(float(value), digits) + 0.0:.{digits}f}'
 
 
 def status_text(registration) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..core.beams import Header
 from ..core.errors import ScanError
+from ..core.geometry.rounding import fixed
 from ..core.scan import SECOND, Scan, in_nanoseconds
 from ..core.scan_geometry import ScanGeometry
 from .parameter_groups import InputParameters
@@ -119,9 +120,8 @@ def no_points(message: PointCloudMessage, matrix: Array, parameters: InputParame
     if not measured.any():
         return f'the point cloud has no point, {band} or elsewhere'
     heights = np.column_stack((x, y, z))[measured] @ matrix[2, :3] + matrix[2, 3]
-    low, high = (round(float(height), 2) + 0.0 for height in (heights.min(), heights.max()))
-    return (f'the point cloud has no point {band}; the heights of its points in base_frame are from {low:.2f} m to '
-            f'{high:.2f} m')
+    return (f'the point cloud has no point {band}; the heights of its points in base_frame are from '
+            f'{fixed(heights.min(), 2)} m to {fixed(heights.max(), 2)} m')
 
 
 def _scan(message: PointCloudMessage, count: int, order: _Order,

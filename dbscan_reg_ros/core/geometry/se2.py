@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .array_types import ComplexArray, FloatArray, IntArray
+from .rounding import fixed
 
 Angle = TypeVar('Angle', float, FloatArray)
 
@@ -106,10 +107,7 @@ class SE2:
 
     def brief(self) -> str:
         """Format the motion, rounded to 0.1 mm and 0.001 deg."""
-        # Adding 0.0 turns -0.0 into 0.0.
-        x, y, degrees = (round(value, digits) + 0.0 for value, digits in
-                         ((self.x, 4), (self.y, 4), (math.degrees(self.theta), 3)))
-        return f'x {x:.4f} m, y {y:.4f} m, theta {degrees:.3f} deg'
+        return f'x {fixed(self.x, 4)} m, y {fixed(self.y, 4)} m, theta {fixed(math.degrees(self.theta), 3)} deg'
 
     def as_tuple(self) -> tuple[float, float, float]:
         """Return x [m], y [m] and theta [rad]."""
