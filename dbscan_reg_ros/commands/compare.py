@@ -125,8 +125,8 @@ def chosen(args) -> list:
                    *map(Competitor.named, args.parameters), *map(Competitor.with_trajectory, args.trajectory)]
     for competitor in competitors:
         if competitor.parameters:
-            note_unused('compare', competitor.name, competitor.parameters,
-                        REPLAYED | wheel_parameters(competitor.parameters))
+            used = REPLAYED | wheel_parameters(competitor.parameters) | ({'scan_topics'} if args.topic else set())
+            note_unused('compare', competitor.name, competitor.parameters, used)
     return competitors
 
 

@@ -68,7 +68,7 @@ def replay(args):
     The exit status is that of the first recording that failed, else `INCOMPLETE` if some results could not be written,
     else 0.
     """
-    from ..replays.lidars import given_mountings, parse_mountings, scan_topics
+    from ..replays.lidars import parse_mountings, scan_topics
     from ..replays.odometry import WHEELS, wheel_parameters
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
@@ -82,7 +82,7 @@ def replay(args):
     topics = scan_topics(args.topic, parameters)
     note_unused('replay', args.params_file, parameters, used | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
-    mountings = given_mountings(parameters, topics) | parse_mountings(args.mounting)
+    mountings = parse_mountings(args.mounting)
     jobs = [Job(place(_path(file, args)), topics, parameters, place(Path(args.out)),
                 args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1, args.grid)
             for file in args.files]
@@ -198,7 +198,7 @@ def replay_one(job) -> Replayed:
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
-    from ..replays.odometry import describe_prior, replay_odometry
+    from ..replays.odometry import describe_prior, recorded_wheels, replay_odometry
     from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
     from ..replays.result_folder import new_folder, point_latest, register_command
@@ -212,7 +212,8 @@ def replay_one(job) -> Replayed:
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
     trajectory, broken = Trajectory(yaw, mounting.upside_down), None
-    odometry = replay_odometry(job.parameters, others, recording, mounting)
+    wheels = recorded_wheels(job.parameters, recording)
+    odometry = replay_odometry(job.parameters, others, recording.topic, mounting, wheels)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
@@ -234,7 +235,7 @@ def replay_one(job) -> Replayed:
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
              *([f'reference   runs the steps of {", ".join(names)}'] if job.verbose and names else []),
-             *(f'{name:11} {value}' for name, value in (*describe_prior(job.parameters, recording), *summary))]
+             *(f'{name:11} {value}' for name, value in (*describe_prior(job.parameters, wheels), *summary))]
     return _replayed(results, lines, broken)
 
 
@@ -255,7 +256,7 @@ def _replayed(results, lines, broken) -> Replayed:
 def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..replays.bag import odometry_bag, writes_bags
-    from ..replays.sensor_mounting import received, turned
+    from ..replays.sensor_mounting import prepared
     from .workers import watched
 
     recording, parameters = results.recording, results.parameters
@@ -276,9 +277,8 @@ def _follow(results, mounting, odometry):
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
-        scans = received(watched(recording.scans(), recording.name, recording.count),
+        scans = prepared(watched(recording.scans(), recording.name, recording.count), mounting,
                          parameters.input_of(recording.topic))
-        scans = turned(scans, trajectory.yaw, mounting.upside_down)
         for update in trajectory.follow(scans, odometry):
             waiting.append(update)
             if len(waiting) == AT_A_TIME:

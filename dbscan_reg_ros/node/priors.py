@@ -13,6 +13,7 @@ from ..core.errors import ParameterError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
+from ..core.scan import in_nanoseconds
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
@@ -20,7 +21,7 @@ from ..robot.pose_history import HeadingHistory, PoseHistory
 from .errors import NoTransformError
 from .frames.transforms import TransformListener
 from .interfaces.endpoints import subscription
-from .interfaces.messages import PoseError, planar_from_message, stamp_from_message
+from .interfaces.messages import PoseError, planar_from_message
 from .throttled_log import ThrottledLog
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -175,7 +176,7 @@ class _WheelOdometry:
         except PoseError as error:
             self._log.warn(f'{self.name}: {error}')
             return
-        self._poses.add(stamp_from_message(message.header.stamp), pose)
+        self._poses.add(in_nanoseconds(message.header.stamp), pose)
         self._on_data()
 
     def restart(self) -> None:
@@ -185,8 +186,8 @@ class _WheelOdometry:
         return self._poses.reaches(stamp)
 
     def prior(self, interval: _Interval, _predict: Predict, parameters: NodePriorParameters) -> Prior | None:
-        start, end = self._poses.at(interval.start), self._poses.at(interval.end)
-        return None if start is None or end is None else measured_prior(start.inverse() @ end, parameters)
+        motion = self._poses.motion(interval.start, interval.end)
+        return None if motion is None else measured_prior(motion, parameters)
 
 
 class _Gyroscope:
@@ -202,7 +203,7 @@ class _Gyroscope:
         if message.angular_velocity_covariance[0] == NO_ANGULAR_VELOCITY:
             self._log.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
             return
-        self._headings.add_rate(stamp_from_message(message.header.stamp), message.angular_velocity.z)
+        self._headings.add_rate(in_nanoseconds(message.header.stamp), message.angular_velocity.z)
         self._on_data()
 
     def restart(self) -> None:
@@ -212,12 +213,9 @@ class _Gyroscope:
         return self._headings.reaches(stamp)
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
-        start, end = self._headings.at(interval.start), self._headings.at(interval.end)
-        if start is None or end is None:
-            return None
-        rotation = start.inverse() @ end
-        predicted = predict(interval.end)
-        if predicted is None:
+        rotation = self._headings.motion(interval.start, interval.end)
+        predicted = None if rotation is None else predict(interval.end)
+        if rotation is None or predicted is None:
             return None
         base = interval.base_motion(predicted)
         return base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])

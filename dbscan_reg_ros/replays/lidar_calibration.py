@@ -13,7 +13,7 @@ from ..core.odometry.calibration.compared_lidar import PROBABLE, ComparedLidar, 
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from .lidars import OdometryWithOthers
-from .sensor_mounting import received, turned
+from .sensor_mounting import prepared
 
 NOT_OBSERVABLE = 'not observable'
 NAMES = 'x', 'y', 'yaw', 'time offset'
@@ -150,8 +150,7 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
     comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
     odometry = OdometryWithOthers(Odometry(parameters.for_odometry(), comparisons=comparisons), others,
                                   recording.topic, mounting, parameters)
-    scans = received(progress(recording.scans()), parameters.input_of(recording.topic))
-    for scan in turned(scans, mounting.pose.theta, mounting.upside_down):
+    for scan in prepared(progress(recording.scans()), mounting, parameters.input_of(recording.topic)):
         with suppress(ScanError):
             odometry.process(scan)
     return [_calibrated(comparisons.lidars.get(other.recording.topic), other, mounting,

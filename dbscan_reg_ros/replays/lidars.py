@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from ..core.errors import RecordingError, ScanError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.majority import error_of_first
+from ..core.odometry.calibration.majority import described, disagreeing
 from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
 from ..core.registration.records import Status
@@ -21,7 +21,7 @@ from ..recordings.recording import Recording
 from ..robot.mounting import mounting_from_parameters
 from ..robot.parameter_groups import InputParameters
 from ..robot.sensors import NAMELESS
-from .sensor_mounting import mounting_of, received, turned
+from .sensor_mounting import mounting_of, prepared
 
 UPSIDE_DOWN = 'upside_down'
 """Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
@@ -103,7 +103,7 @@ class FurtherLidar:
 
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
-        return turned(received(self.recording.scans(), parameters), self.mounting.pose.theta, self.mounting.upside_down)
+        return prepared(self.recording.scans(), self.mounting, parameters)
 
 
 def given_mountings(parameters, topics) -> dict:
@@ -134,11 +134,14 @@ def further_lidars(first: Recording, topics, mountings, parameters) -> list:
 def lidars_of(first: Recording, topics, mountings, parameters) -> tuple:
     """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `topics`.
 
+    The `mountings` that the user gave come before those of the `parameters`.
+
     Raises
     ------
     RecordingError, MountingError
         As `further_lidars`.
     """
+    mountings = given_mountings(parameters, (first.topic, *topics)) | mountings
     if topics and parameters.mounting != 'laser_pose':
         mounting = mounting_in(first, mountings, parameters.base_frame)
     else:
@@ -228,14 +231,13 @@ class OdometryWithOthers:
     def finish(self):
         """Count the scans after the last scan of the first lidar, and name the lidars that disagree."""
         found = self._odometry.comparisons.lidars
-        first = error_of_first(self._first.pose, found.values()) if len(found) == len(self._others) else None
-        if first:
-            text = f'disagrees with all others, which agree with each other: {first.error}'
-            self.counts[self._first.name].error = text
+        sensors = [self._first, *(sensor for sensor, _ in self._others)]
+        for sensor, compared in zip(sensors, disagreeing(
+                self._first.pose, [found.get(sensor.name) for sensor in sensors[1:]]), strict=True):
+            if compared:
+                remedy = ' (see calibrate)' if sensor.rank else ''
+                self.counts[sensor.name].error = described(compared, not sensor.rank) + remedy
         for (sensor, scans), scan in zip(self._others, self._next, strict=True):
-            compared = None if first else found.get(sensor.name)
-            if compared and compared.error:
-                self.counts[sensor.name].error = f'disagrees with the first lidar: {compared.error} (see calibrate)'
             self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
     def _take_older(self, stamp):

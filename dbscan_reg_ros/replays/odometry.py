@@ -7,31 +7,36 @@ from ..core.odometry.sensor import FIRST
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
 from .lidars import OdometryWithOthers, lidars_of
-from .sensor_mounting import received, turned
+from .sensor_mounting import prepared
 from .trajectory import Trajectory
 
 WHEELS = 'odometry'
 """Value of ``prior.source`` with which a replay uses the recorded wheel odometry."""
 
 
-def replay_odometry(parameters, others, recording, mounting):
-    """Return the odometry for the scans of the first lidar of a `recording`.
+def recorded_wheels(parameters, recording):
+    """Return the wheel odometry of a `recording`; None if it has none or the `parameters` do not use it."""
+    return recording.wheel_odometry() if parameters.prior.source == WHEELS else None
+
+
+def replay_odometry(parameters, others, topic, mounting, wheels):
+    """Return the odometry for the scans of the first lidar of a recording.
 
     Parameters
     ----------
     parameters : NodeParameters
     others : list of FurtherLidar
-    recording : Recording
-        Recording with the topic of the first lidar.
+    topic : str
     mounting : Mounting
-        Mounting of the first lidar.
+        Topic and mounting of the first lidar.
+    wheels : (stamps, poses) or None
+        From `recorded_wheels`.
     """
     comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
     odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
-    wheels = recording.wheel_odometry() if parameters.prior.source == WHEELS else None
     if wheels:
         odometry = OdometryWithWheels(odometry, wheels, mounting, parameters.prior)
-    return OdometryWithOthers(odometry, others, recording.topic, mounting, parameters) if others else odometry
+    return OdometryWithOthers(odometry, others, topic, mounting, parameters) if others else odometry
 
 
 def wheel_parameters(parameters) -> set[str]:
@@ -42,12 +47,11 @@ def wheel_parameters(parameters) -> set[str]:
     return {name for name in names if name.removeprefix('advanced.').startswith('prior.')} - {'prior.frame'}
 
 
-def describe_prior(parameters, recording) -> list:
-    """Return a line about the external prior, as (name, text) pairs; none without one."""
+def describe_prior(parameters, wheels) -> list:
+    """Return a line about the external prior, as (name, text) pairs; none if none is wanted."""
     if parameters.prior.source != WHEELS:
         return []
-    return [('prior', 'the recorded wheel odometry' if recording.wheel_odometry() else
-             'none, as the recording has no wheel odometry')]
+    return [('prior', 'the recorded wheel odometry' if wheels else 'none, as the recording has no wheel odometry')]
 
 
 def replayed_trajectory(recording, scans, topics, mountings, parameters) -> Trajectory:
@@ -66,8 +70,8 @@ def replayed_trajectory(recording, scans, topics, mountings, parameters) -> Traj
     """
     mounting, others = lidars_of(recording, topics, mountings, parameters)
     trajectory = Trajectory(mounting.pose.theta, mounting.upside_down)
-    scans = turned(received(scans, parameters.input_of(recording.topic)), trajectory.yaw, mounting.upside_down)
-    for _ in trajectory.follow(scans, replay_odometry(parameters, others, recording, mounting)):
+    odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_wheels(parameters, recording))
+    for _ in trajectory.follow(prepared(scans, mounting, parameters.input_of(recording.topic)), odometry):
         pass
     return trajectory
 
@@ -107,9 +111,5 @@ class OdometryWithWheels:
         """Return the motion of the first lidar since the last scan of any lidar; None where the wheels have no data."""
         while not self._poses.reaches(stamp) and (following := next(self._ahead, None)):
             self._poses.add(following[0], SE2(*following[1]))
-        if self._last is None:
-            return None
-        start, end = self._poses.at(self._last), self._poses.at(stamp)
-        if start is None or end is None:
-            return None
-        return sensor_prior(measured_prior(start.inverse() @ end, self._parameters), self._mounting, self._mounting)
+        motion = None if self._last is None else self._poses.motion(self._last, stamp)
+        return motion and sensor_prior(measured_prior(motion, self._parameters), self._mounting, self._mounting)

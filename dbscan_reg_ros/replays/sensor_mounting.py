@@ -39,3 +39,8 @@ def turned(scans, yaw, upside_down=False):
             geometry = rotated.reuse(geometry)
             scan = Scan(scan.stamp, scan.ranges, geometry, scan.time_increment, scan.frame_id)
         yield scan
+
+
+def prepared(scans, mounting, parameters):
+    """Yield `scans` of a lidar as the odometry processes them: `received` with `parameters`, and `turned`."""
+    return turned(received(scans, parameters), mounting.pose.theta, mounting.upside_down)

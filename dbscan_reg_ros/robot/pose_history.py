@@ -58,6 +58,11 @@ class PoseHistory:
         ratio = (stamp - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
         return interpolate(self._poses[before], self._poses[after], ratio)
 
+    def motion(self, start: int, end: int) -> SE2 | None:
+        """Return the motion between two stamps [ns]; None if the pose at one of them is unknown."""
+        first, last = self.at(start), self.at(end)
+        return None if first is None or last is None else first.inverse() @ last
+
 
 class HeadingHistory(PoseHistory):
     """History of headings, integrated from yaw rates; the positions are 0."""

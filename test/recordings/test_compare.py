@@ -98,12 +98,16 @@ def test_wheels_and_a_second_lidar_are_used_as_in_a_replay(tmp_path, capsys):
     lidar = ['--lidar', 'hokuyo_urg04lx', '--range-max', '2']
     assert simulate([str(tmp_path / 'drive'), '--world', 'corridor', '--seconds', '8', '--seed', '2', *lidar,
                      '--mounting', '0.2', '0.1', '30', *lidar, '--mounting', '-0.2', '-0.1', '210']) == 0
-    (tmp_path / 'wheels.yaml').write_text('/**: {ros__parameters: {prior.source: odometry}}')
+    # The given mounting of the second lidar is 1 cm farther back than the true one.
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text("""/**: {ros__parameters: {prior.source: odometry, sensors: [front, rear],
+      front: {topic: /scan, laser_pose: [0.2, 0.1, 0.5236]}, rear: {topic: /scan_2, laser_pose: [-0.21, -0.1, 3.6652]}}}
+    """)
     given = [str(tmp_path / 'drive'), '--topic', '/scan', '--topic', '/scan_2', '--out', str(tmp_path / 'out')]
-    assert main(['defaults', str(tmp_path / 'wheels.yaml'), *given]) == 0
+    assert main(['defaults', str(robot), *given]) == 0
     assert 'no effect' not in capsys.readouterr().err
     found = json.loads((tmp_path / 'out' / 'compare' / 'latest' / 'comparison.json').read_text())
-    for side, words in (('a', []), ('b', ['--wheels'])):
+    for side, words in (('a', []), ('b', ['--params-file', str(robot)])):
         assert replay([*given, *words]) == 0
         measured = json.loads((tmp_path / 'out' / 'drive' / 'latest' / 'metrics.json').read_text())
         assert found['differences']['drive']['m'][side] == pytest.approx(measured['rpe_1m_mean_m'], rel=1e-6)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
 from ...core.odometry.calibration.compared_lidar import ComparedLidar
-from ...core.odometry.calibration.majority import error_of_first
+from ...core.odometry.calibration.majority import described, disagreeing
 from ..interfaces.lidar import Lidar
 
 
@@ -31,25 +31,23 @@ class Disagreements:
 
     def found(self, lidars: Sequence[Lidar]) -> Iterator[str]:
         """Yield a sentence for each lidar that disagrees; log it when it is new, with what to do."""
-        others = [lidar.counters.compared for lidar in lidars[1:]]
-        first = error_of_first(lidars[0].counters.mounting.aligned_pose, [each for each in others if each]) \
-            if all(others) else None
-        found = [first, *([None] * len(others) if first else others)]
+        found = disagreeing(lidars[0].counters.mounting.aligned_pose,
+                            [lidar.counters.compared for lidar in lidars[1:]])
         for lidar, compared in zip(lidars, found, strict=True):
-            if compared is None or compared.error is None:
+            if compared is None:
                 self._logged.discard(lidar.topic)
                 continue
-            text = f'disagrees with {"all others, which agree with each other" if first else "the first lidar"}: ' \
-                f'{compared.error}'
+            is_first = lidar is lidars[0]
+            text = described(compared, is_first)
             if lidar.topic not in self._logged:
                 self._logged.add(lidar.topic)
-                lidar.log.warn(f'{text}; {_use(compared, first)}{_remedy(lidar, compared)}')
+                lidar.log.warn(f'{text}; {_use(compared, is_first)}{_remedy(lidar, compared)}')
             yield f'{lidar.label}{text}'
 
 
-def _use(compared: ComparedLidar, first: ComparedLidar | None) -> str:
-    """Return which lidars are used if the `first` one is wrong, else whether the compared one is."""
-    if first:
+def _use(compared: ComparedLidar, is_first: bool) -> str:
+    """Return which lidars are used if the first one is wrong, else whether the compared one is."""
+    if is_first:
         return 'the others are not used until they agree with it; '
     use = 'its estimated mounting is used' if compared.used != compared.given else 'it is not used until it agrees'
     return f'{use}; if the first one is right, '

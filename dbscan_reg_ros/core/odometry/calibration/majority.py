@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of the first of three lidars or more: all others agree with each other, but not with it."""
+"""Which lidars are wrong: the first of three or more, if all others agree with each other, but not with it."""
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -9,6 +9,28 @@ from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
 from .compared_lidar import PROBABLE, ComparedLidar, difference
 from .relative_pose import RelativePose
+
+
+def disagreeing(given: SE2, others: Sequence[ComparedLidar | None]) -> list[ComparedLidar | None]:
+    """Return error and estimated mounting of each lidar, the first one first; None for those that do not disagree.
+
+    Parameters
+    ----------
+    given : SE2
+        Mounting of the first lidar in the followed frame, as given.
+    others : sequence of ComparedLidar or None
+        All other lidars; None for those that have not been compared.
+    """
+    compared = [each for each in others if each is not None]
+    if len(compared) == len(others) and (first := error_of_first(given, compared)):
+        return [first, *(None for _ in others)]
+    return [None, *(each if each and each.error is not None else None for each in others)]
+
+
+def described(compared: ComparedLidar, is_first: bool) -> str:
+    """Return with which lidars one of the `disagreeing` lidars disagrees, and by how much."""
+    others = 'all others, which agree with each other' if is_first else 'the first lidar'
+    return f'disagrees with {others}: {compared.error}'
 
 
 def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLidar | None:
