@@ -15,7 +15,7 @@ from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from ..core.odometry.records import OdometryUpdate
 from ..core.registration.records import Status
-from ..core.scan import SECOND
+from ..core.scan import SECOND, in_nanoseconds
 from ..robot.base_state import InitialPose, base_state
 from ..robot.parameters import NodeParameters
 from .frames.mountings import Mountings
@@ -24,7 +24,6 @@ from .frames.transforms import TransformListener
 from .interfaces.graph_entities import GraphEntities
 from .interfaces.lidar import Lidar, OdometryTrigger
 from .interfaces.live_parameters import LiveParameters
-from .interfaces.messages import stamp_from_message
 from .interfaces.outputs import Outputs
 from .interfaces.scan_reader import ScanMessage
 from .interfaces.services import Services
@@ -119,7 +118,7 @@ class NodeCore:
 
         It waits while its mounting or external prior is not known yet, or a scan of another lidar is due before it.
         """
-        frame, stamp, given = message.header.frame_id, stamp_from_message(message.header.stamp), lidar.input
+        frame, stamp, given = message.header.frame_id, in_nanoseconds(message.header.stamp), lidar.input
         if not (lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)):
             return max(given.max_wait, given.reorder)
         others = (other.inbox for other in self._lidars if other is not lidar and other.inbox)

@@ -16,7 +16,8 @@ from sensor_msgs.msg import LaserScan
 from worst_scans import worst_scan
 
 from dbscan_reg_ros import ParameterError
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 MEMORY = 512 * 2**20
@@ -54,8 +55,8 @@ def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted
         for index in range(BURST):
             speaker.publisher.publish(filled(worst_scan(rng, index, huge=0.01)))
         good.header.stamp.sec += 10
-        stamp = stamp_from_message(good.header.stamp)
-        speaker.until(lambda stamp=stamp: any(stamp_from_message(m.header.stamp) == stamp for m in answers), good)
+        stamp = in_nanoseconds(good.header.stamp)
+        speaker.until(lambda stamp=stamp: any(in_nanoseconds(m.header.stamp) == stamp for m in answers), good)
         for message in answers:
             pose, twist = message.pose, message.twist
             assert np.isfinite([pose.pose.position.x, pose.pose.position.y, twist.twist.linear.x,

@@ -32,7 +32,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.processes import package_command
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.node.playback.player import Player, PlayerError
 from dbscan_reg_ros.robot.parameter_files import write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
@@ -43,7 +44,7 @@ from dbscan_reg_ros.robot.parameters import NodeParameters
 def test_every_scan_is_answered_with_its_stamp_and_the_true_pose(node, player, scans, truth):
     answers = played(player, scans)
     assert (answers.lost, answers.unexpected) == (0, 0)
-    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
+    assert [in_nanoseconds(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
     assert distances(answers.messages, truth).max() < 0.05
 
 
@@ -112,7 +113,7 @@ def test_segments_show_reference_and_scan_with_matched_ones_apart(node, player, 
     for scan, message in zip(scans, arrays, strict=False):
         assert {(m.ns, m.id) for m in message.markers} == {(n, i) for n in ('reference', 'current') for i in (0, 1)}
         assert {m.header.frame_id for m in message.markers} == {'odom'}
-        assert {stamp_from_message(m.header.stamp) for m in message.markers} == {scan.stamp}
+        assert {in_nanoseconds(m.header.stamp) for m in message.markers} == {scan.stamp}
         for marker in message.markers:
             assert marker.type == Marker.LINE_LIST
             assert (marker.action == Marker.DELETE) == (not marker.points)
@@ -157,7 +158,7 @@ def test_no_transform_is_sent_for_a_stamp_that_is_not_newer(node, player, peer, 
     order = [scans[k] for k in (0, 2, 1, 2, 3)]
     assert player.play(order).lost == 0
     peer.until(lambda: len(transforms) == 3)
-    assert [stamp_from_message(m.transforms[0].header.stamp) for m in transforms] == [scans[k].stamp for k in (0, 2, 3)]
+    assert [in_nanoseconds(m.transforms[0].header.stamp) for m in transforms] == [scans[k].stamp for k in (0, 2, 3)]
 
 
 def test_without_tf2_msgs_the_node_warns_once_and_runs(start_node, player, peer, scans, without_tf2_msgs):
@@ -394,7 +395,7 @@ def test_stamps_that_go_back_are_answered_with_their_own(node, player, scans):
     order = [scans[k] for k in (0, 1, 3, 2, 4)]
     answers = played(player, order)
     assert answers.lost == 0
-    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in order]
+    assert [in_nanoseconds(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in order]
 
 
 # Starting and stopping

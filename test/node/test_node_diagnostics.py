@@ -14,8 +14,9 @@ from sensor_msgs.msg import Imu, LaserScan
 from std_srvs.srv import SetBool
 
 from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.graph_checks import full_name, named
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 START = 1_700_000_000 * 10**9
@@ -71,7 +72,7 @@ def test_diagnostics_are_published_no_more_than_once_a_second(node, peer, report
     """Also without scans. A late one is followed by the next at its own time, at most a second earlier."""
     received = reports()
     peer.until(lambda: len(received) >= 4)
-    first, last = (stamp_from_message(message.header.stamp) for message in (received[0], received[3]))
+    first, last = (in_nanoseconds(message.header.stamp) for message in (received[0], received[3]))
     assert last - first > 2_000_000_000
 
 

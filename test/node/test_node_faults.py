@@ -34,7 +34,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from dbscan_reg_ros.commands.processes import package_command
-from dbscan_reg_ros.node.interfaces.messages import stamp_from_message, stamp_to_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
 from dbscan_reg_ros.node.playback.player import PlayerError
 
 LIMIT = 16.3
@@ -91,7 +92,7 @@ def steady(scans, truth):
     true = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
 
     def steady(messages):
-        poses = [true[stamp_from_message(message.header.stamp)] for message in messages]
+        poses = [true[in_nanoseconds(message.header.stamp)] for message in messages]
         for (before, after), (p, q) in zip(itertools.pairwise(messages), itertools.pairwise(poses), strict=True):
             assert distance(before, after, p.inverse() @ q) < LIMIT
         assert len(messages) > 10
@@ -153,9 +154,9 @@ def test_scans_come_in_a_burst_after_a_pause(node, player, scans, moment, steady
 def test_the_publisher_is_killed_and_started_again(start_command, peer, scans, moment, steady, tmp_path):
     answers = peer.listen(Odometry, 'odom')
     first = start_command('play', scan_bag(tmp_path / 'all', scans), '--rate', '2')
-    peer.until(lambda: answers and stamp_from_message(answers[-1].header.stamp) >= scans[moment].stamp)
+    peer.until(lambda: answers and in_nanoseconds(answers[-1].header.stamp) >= scans[moment].stamp)
     killed(first)
-    before, last = len(answers), stamp_from_message(answers[-1].header.stamp)
+    before, last = len(answers), in_nanoseconds(answers[-1].header.stamp)
     rest = [scan for scan in scans if scan.stamp > last][15:]
     start_command('play', scan_bag(tmp_path / 'rest', rest), '--rate', '2')
     peer.until(lambda: len(answers) > before, RESTARTED)

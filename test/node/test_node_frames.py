@@ -25,7 +25,7 @@ from ros_helpers import (
 )
 
 from dbscan_reg_ros import SE2, Scan
-from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
 
 SECOND = 1_000_000_000
 
@@ -324,7 +324,7 @@ def test_a_static_transform_is_given_way_to_again_when_publish_tf_is_set(start_n
 def parents(messages):
     """Who sent the transforms to the base, one after the other, and their stamps."""
     sent = [t for m in messages for t in m.transforms if t.child_frame_id == 'base_link']
-    return [t.header.frame_id for t in sent], [stamp_from_message(t.header.stamp) for t in sent]
+    return [t.header.frame_id for t in sent], [in_nanoseconds(t.header.stamp) for t in sent]
 
 
 def rounds(scans, count):
@@ -447,7 +447,7 @@ def test_transforms_of_other_robots_do_not_matter(start_node, player, peer, scan
         peer.until(lambda: received)
         other.publish(tf_type(transforms=[transform('wheel_odom', 'base_link')]))
     [sent] = received[-1].transforms
-    assert stamp_from_message(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
+    assert in_nanoseconds(sent.header.stamp) in [scan.stamp for scan in scans[:10]]
     assert 'another node sends' not in node.output()
 
 

@@ -12,7 +12,8 @@ from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played, said
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.robot.mask import within
 
@@ -74,7 +75,7 @@ def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(n
         publisher.publish(message)
     peer.until(lambda: answers and answers[-1].header.stamp == messages[-1].header.stamp)
     assert len(answers) < 80
-    stamps = [stamp_from_message(m.header.stamp) for m in answers]
+    stamps = [in_nanoseconds(m.header.stamp) for m in answers]
     assert stamps == sorted(stamps)
 
     def counts():

@@ -7,7 +7,7 @@ from ros_helpers import LATCHED, TIMEOUT, shown
 from sensor_msgs.msg import PointCloud2, PointField
 
 from dbscan_reg_ros import SE2
-from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
 
 
 def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, truth):
@@ -17,7 +17,7 @@ def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, tr
     assert {pose.header.frame_id for pose in path.poses} == {'odom'}
     stamps = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
     for stamped in path.poses:
-        true = stamps[stamp_from_message(stamped.header.stamp)]
+        true = stamps[in_nanoseconds(stamped.header.stamp)]
         position, q = stamped.pose.position, stamped.pose.orientation
         assert np.hypot(position.x - true.x, position.y - true.y) < 0.05
         assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == np.float64(1.0).item() or abs(q.z**2 + q.w**2 - 1.0) < 1e-12
@@ -29,7 +29,7 @@ def test_the_path_forgets_its_oldest_poses(start_node, player, peer, scans):
     start_node('-p', 'path.step:=0.0', '-p', 'path.size:=10')
     path = shown(player, peer, scans[:40], Path, 'path')
     assert len(path.poses) <= 11
-    assert stamp_from_message(path.poses[0].header.stamp) == scans[30].stamp
+    assert in_nanoseconds(path.poses[0].header.stamp) == scans[30].stamp
 
 
 def points_of(message):
@@ -63,7 +63,7 @@ def test_images_are_drawn_only_while_there_is_a_subscriber(node, player, peer, s
     with peer.spinning():
         assert player.play(scans[10:20]).lost == 0
     peer.until(lambda: maps)
-    assert stamp_from_message(maps[0].header.stamp) >= scans[9].stamp
+    assert in_nanoseconds(maps[0].header.stamp) >= scans[9].stamp
 
 
 def test_the_grid_shows_walls_and_free_space_to_who_comes_late(start_node, player, peer, drive, scans, truth):

@@ -11,7 +11,8 @@ from ros_helpers import LATCHED, Loudspeaker, Peer, distances, said, transform
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 
 from dbscan_reg_ros import SE2
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message, stamp_to_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
 
 PITCH, HEIGHT = math.radians(30.0), 0.8
 KIND = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('t', '<u4')])
@@ -56,7 +57,7 @@ def followed(found, scans, truth):
     """Distances of the odometry [m] from the true poses of the base, at the scans that have odometry."""
     at = SE2(0.2, -0.1)
     true = {scan.stamp: at @ pose @ at.inverse() for scan, pose in zip(scans, truth, strict=True)}
-    return distances(found, [true[stamp_from_message(message.header.stamp)] for message in found])
+    return distances(found, [true[in_nanoseconds(message.header.stamp)] for message in found])
 
 
 def test_a_tilted_3d_lidar_gives_the_odometry_of_the_base(start_command, peer, scans_and_truth, tf_type):
@@ -85,5 +86,5 @@ def test_only_messages_of_the_given_type_are_received(start_node, peer, scans):
         lidar, found = Loudspeaker(peer, PointCloud2, '/scan'), peer.subscribe(Odometry, '/odom')
         flat.publish(scan_to_message(scans[0]))
         lidar.until(lambda: found, cloud_of(scans[5], tilted=False))
-    assert {stamp_from_message(message.header.stamp) for message in found} == {scans[5].stamp}
+    assert {in_nanoseconds(message.header.stamp) for message in found} == {scans[5].stamp}
     assert 'subscribed to sensor_msgs' not in node.output()

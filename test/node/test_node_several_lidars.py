@@ -19,8 +19,9 @@ from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
+from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_from_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
 from dbscan_reg_ros.node.monitoring.own_bodies import OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
@@ -92,7 +93,7 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
     static.tell(tf_type(transforms=[transform('base_link', 'rear', REAR)]))
     publish(scan for scan in scans if start <= scan.stamp < stop)
     fronts = {scan.stamp for scan in scans if scan.frame_id == 'front'}
-    assert {stamp_from_message(message.header.stamp) for message in found} <= fronts
+    assert {in_nanoseconds(message.header.stamp) for message in found} <= fronts
     # The front lidar dies: odometry goes on with the rear one after two periods.
     waited_for = None
     publish(scan for scan in scans if stop <= scan.stamp < stop + 200 * MS and scan.frame_id == 'rear')
@@ -111,7 +112,7 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
     # And it comes back.
     waited_for = 'front'
     publish(scan for scan in scans if end <= scan.stamp < end + 500 * MS)
-    stamps = [stamp_from_message(message.header.stamp) for message in found]
+    stamps = [in_nanoseconds(message.header.stamp) for message in found]
     assert stamps == sorted(set(stamps)) and max(np.diff(stamps)) < 250 * MS
     origin = base_at(stamps[0])
     for message, stamp in zip(found, stamps, strict=True):
@@ -304,7 +305,7 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
     found = played(peer, scans[:20], 60 * MS)
     origin = base_at(scans[0].stamp)
     for message in found:
-        true, pose = origin.inverse() @ base_at(stamp_from_message(message.header.stamp)), pose_of(message)
+        true, pose = origin.inverse() @ base_at(in_nanoseconds(message.header.stamp)), pose_of(message)
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
     only_the_rear_is_masked(peer, scans)
 

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros.command_lines import command_line
-from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.lifecycle.ros_arguments import split_arguments
 from dbscan_reg_ros.node.playback.player import Player, PlayerError
 from dbscan_reg_ros.recordings import open_recording
@@ -75,7 +75,7 @@ def test_every_scan_of_a_real_log_is_answered_in_lockstep(node, ros_environment,
         player.wait_for_node(TIMEOUT)
         answers = player.play(scans)
     assert answers.stamps == [scan.stamp for scan in scans]
-    assert [stamp_from_message(m.header.stamp) for m in answers.messages] == answers.stamps
+    assert [in_nanoseconds(m.header.stamp) for m in answers.messages] == answers.stamps
     assert (answers.lost, answers.unexpected) == (0, 0)
     assert answers.poses().shape == (400, 3)
     assert np.isfinite(answers.poses()).all()
@@ -145,10 +145,10 @@ def test_scans_keep_the_timing_of_their_stamps_and_the_clock_never_goes_back(nod
         answers = player.play(some, rate=rate)
     assert answers.stamps == [scan.stamp for scan in some]
     peer.until(lambda: len(arrivals) == 40)
-    assert [stamp_from_message(m.header.stamp) for _, m in arrivals] == answers.stamps
+    assert [in_nanoseconds(m.header.stamp) for _, m in arrivals] == answers.stamps
     late = np.array([t for t, _ in arrivals]) - due / rate
     assert np.median(late - late.min()) < 0.2, 'most scans come as long after their stamps as the most punctual one'
-    clock = [stamp_from_message(tick.clock) for tick in ticks]
+    clock = [in_nanoseconds(tick.clock) for tick in ticks]
     assert clock == sorted(clock)
     assert clock[-1] == round(due[-1] * 1e9) or clock[-1] == max(s.stamp for s in some)
     assert len(clock) > 60

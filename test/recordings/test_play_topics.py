@@ -15,7 +15,7 @@ from sensor_msgs.msg import Imu, LaserScan
 from std_msgs.msg import String
 
 from dbscan_reg_ros import RecordingError
-from dbscan_reg_ros.node.interfaces.messages import stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.message_fields import filled, pose_only_fields, scan_fields
@@ -78,7 +78,7 @@ def test_all_that_the_node_can_use_is_published_as_it_was_recorded(start_command
     lists = everything(peer, tf_type)
     output = play(start_command, peer, bag)
     peer.until(lambda: all(len(lists[name]) == COUNT for name in ('scan', 'wheels', 'imu', 'tf')))
-    assert [stamp_from_message(m.header.stamp) for m in lists['scan']] == [scan.stamp for scan in scans[:COUNT]]
+    assert [in_nanoseconds(m.header.stamp) for m in lists['scan']] == [scan.stamp for scan in scans[:COUNT]]
     assert [(m.pose.pose.position.x, m.pose.pose.position.y) for m in lists['wheels']] == [(k, -k)
                                                                                            for k in range(COUNT)]
     assert [m.angular_velocity.z for m in lists['imu']] == [0.5 * k for k in range(COUNT)]
@@ -127,7 +127,7 @@ def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans,
                      tf=(tf_type, '/tf', 100))
     play(start_command, peer, bag, '--clock')
     peer.until(lambda: len(lists['tf']) == COUNT)
-    times = [stamp_from_message(m.clock) for m in lists['clock']]
+    times = [in_nanoseconds(m.clock) for m in lists['clock']]
     assert times == sorted(times) and times[0] == scans[0].stamp
     assert times[-1] >= scans[COUNT - 1].stamp
 

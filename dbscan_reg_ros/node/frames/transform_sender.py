@@ -10,13 +10,13 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ...core.scan import SECOND
+from ...core.scan import SECOND, in_nanoseconds
 from ...recordings.message_fields import transform_fields
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, full_name, may_send_odometry, named, publishers
-from ..interfaces.messages import filled, stamp_from_message
+from ..interfaces.messages import filled
 from .right_of_way import RightOfWay
 
 DEPTH = 100
@@ -250,4 +250,4 @@ class TransformSender:
 def _signature(transform: TransformStamped) -> tuple[Any, ...]:
     """Values that distinguish our transform from that of another node between the same frames."""
     t, q = transform.transform.translation, transform.transform.rotation
-    return transform.header.frame_id, stamp_from_message(transform.header.stamp), t.x, t.y, q.z, q.w
+    return transform.header.frame_id, in_nanoseconds(transform.header.stamp), t.x, t.y, q.z, q.w

@@ -7,8 +7,9 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
+from ...core.scan import in_nanoseconds
 from ..errors import NoTransformError
-from ..interfaces.messages import matrix_from_pose, pose_from_message, stamp_from_message
+from ..interfaces.messages import matrix_from_pose, pose_from_message
 
 MAX_CHAIN = 100
 SPAN = 10_000_000_000
@@ -45,7 +46,7 @@ class TransformStore:
         pose = pose_from_message(message.transform)
         if pose is None:
             return
-        parent, child, stamp = message.header.frame_id, message.child_frame_id, stamp_from_message(message.header.stamp)
+        parent, child, stamp = message.header.frame_id, message.child_frame_id, in_nanoseconds(message.header.stamp)
         edges = self._static if static else self._moving
         edge = edges.get(child)
         if edge is None or edge.parent != parent:
@@ -178,7 +179,7 @@ class Tf2Store:
 
     def add(self, message: TransformStamped, static: bool) -> None:
         """Add a transform as `TransformStore.add` does; tf2 alone does not clear its buffer when time has gone back."""
-        child, stamp = message.child_frame_id, stamp_from_message(message.header.stamp)
+        child, stamp = message.child_frame_id, in_nanoseconds(message.header.stamp)
         if static:
             self._static.add(child)
             self._buffer.set_transform_static(message, 'scan_matcher')

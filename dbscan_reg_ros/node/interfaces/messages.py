@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 from ...core.errors import DbscanRegError
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
-from ...core.scan import Scan, in_nanoseconds
+from ...core.scan import Scan
 from ...recordings.message_fields import filled, pose_fields, scan_fields, segments_fields, time_fields
 
 Array = NDArray[np.float64]
@@ -33,11 +33,6 @@ def scan_to_message(scan: Scan) -> LaserScan:
         When the bearings are not uniform: a LaserScan cannot represent such a scan.
     """
     return filled(LaserScan(), scan_fields(scan))
-
-
-def stamp_from_message(stamp: Time) -> int:
-    """Convert a Time message to nanoseconds."""
-    return in_nanoseconds(stamp)
 
 
 def stamp_to_message(stamp: int) -> Time:

@@ -9,13 +9,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan, PointCloud2
 
-from ...core.scan import SECOND
+from ...core.scan import SECOND, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
 from ...robot.recent_stamps import RecentStamps
 from .endpoints import subscription
 from .graph_checks import incompatibilities
-from .messages import stamp_from_message, stamp_to_message
+from .messages import stamp_to_message
 from .scan_reader import ScanMessage
 from .subscriptions import WakingCallbackGroup, taken
 
@@ -87,7 +87,7 @@ class ScanInbox:
 
     def has_older(self, stamp: int) -> bool:
         """Whether a scan with a stamp before `stamp` [ns] is pending, or is due and has not come."""
-        pending = self._pending and stamp_from_message(self._pending[0][0].header.stamp) < stamp
+        pending = self._pending and in_nanoseconds(self._pending[0][0].header.stamp) < stamp
         return bool(pending) or self.stamps.expects_before(stamp)
 
     def retry_pending(self) -> None:
@@ -133,7 +133,7 @@ class ScanInbox:
         if (self.received - 1) % self.parameters.every_nth:
             return
         self._correct_stamp(message)
-        self.stamps.add(stamp_from_message(message.header.stamp))
+        self.stamps.add(in_nanoseconds(message.header.stamp))
         self._pending.append((message, time.monotonic()))
         while len(self._pending) > self.parameters.queue_size:
             self._pending.popleft()
@@ -143,7 +143,7 @@ class ScanInbox:
         """Add ``input.time_offset`` to the stamp of a message, unless the message has none."""
         offset, = self.parameters.time_offset
         if offset:
-            message.header.stamp = stamp_to_message(corrected_stamp(stamp_from_message(message.header.stamp), offset))
+            message.header.stamp = stamp_to_message(corrected_stamp(in_nanoseconds(message.header.stamp), offset))
 
 
 class StampFilter:
@@ -180,7 +180,7 @@ class StampFilter:
         ScanMessage or None
             Scan to skip, because its stamp is wrong.
         """
-        back = self.has_restarted(stamp_from_message(message.header.stamp), max_jump)
+        back = self.has_restarted(in_nanoseconds(message.header.stamp), max_jump)
         held, self.held = self.held, None
         if held and (back or not self._used):
             return [held, message], None

@@ -9,14 +9,13 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
-from ...core.scan import Scan
+from ...core.scan import Scan, in_nanoseconds
 from ...core.scan_geometry import ScanGeometry
 from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
 from ...robot.parameter_groups import InputParameters
 from ...robot.point_cloud import no_points, scan_from_cloud
 from ..throttled_log import ThrottledLog
-from .messages import stamp_from_message
 
 ScanMessage: TypeAlias = LaserScan | PointCloud2
 """Types of the messages of a lidar."""
@@ -84,7 +83,7 @@ class ScanReader:
         MountingError
             When the mounting is not known yet, or the lidar is tilted.
         """
-        frame, stamp = message.header.frame_id, stamp_from_message(message.header.stamp)
+        frame, stamp = message.header.frame_id, in_nanoseconds(message.header.stamp)
         if isinstance(message, PointCloud2):
             matrix = mountings.matrix(frame, stamp, self._log)
             mounting = Mounting(SE2(float(matrix[0, 3]), float(matrix[1, 3])))

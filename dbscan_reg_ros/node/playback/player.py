@@ -22,11 +22,11 @@ from sensor_msgs.msg import LaserScan
 
 from ...command_lines import command_line
 from ...core.errors import DbscanRegError
-from ...core.scan import Scan
+from ...core.scan import Scan, in_nanoseconds
 from ...recordings.message_fields import filled, message_class
 from ...recordings.playback import Channel, Played
 from ...recordings.schedule import Timeline
-from ..interfaces.messages import scan_to_message, stamp_from_message, stamp_to_message
+from ..interfaces.messages import scan_to_message, stamp_to_message
 from .answers import Answers
 
 DEPTH = 100
@@ -283,7 +283,7 @@ class Player:
             self._clock.publish(Clock(clock=stamp_to_message(self._now)))
 
     def _on_odometry(self, message: Odometry) -> None:
-        stamp = stamp_from_message(message.header.stamp)
+        stamp = in_nanoseconds(message.header.stamp)
         answers = self.answers
         if not any(answers.stamps[index] == stamp for index in self._waiting):
             answers.unexpected += 1

@@ -19,12 +19,12 @@ from rclpy.subscription import Subscription
 from ...core.errors import ScanError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.geometry.se2 import SE2
-from ...core.scan import Scan
+from ...core.scan import Scan, in_nanoseconds
 from ...robot.parameter_groups import LASER_SCAN
 from ..frames.transform_sender import transform_type
 from ..frames.transform_store import make_store
 from ..interfaces.graph_checks import UNNAMED, full_name, publishers
-from ..interfaces.messages import PoseError, planar_from_message, stamp_from_message
+from ..interfaces.messages import PoseError, planar_from_message
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 from ..interfaces.scan_input import TYPES
 from ..interfaces.scan_reader import ScanMessage
@@ -183,6 +183,7 @@ class Listener:
         self._subscriptions.append(self._node.create_subscription(
             TYPES[kind], topic, lambda message: self._take_scan(topic, message), QUALITY,
             event_callbacks=NO_SUBSCRIPTION_EVENTS))
+
     def _take_scan(self, topic: str, message: ScanMessage) -> None:
         """Keep a scan; skip damaged scans, and scans whose mounting is unknown."""
         if self._lidars is None:
@@ -194,7 +195,7 @@ class Listener:
         self._keep(self._scans, scan.stamp, (scan, mounting))
 
     def _take_odometry(self, message: Odometry) -> None:
-        self._keep(self._poses, stamp_from_message(message.header.stamp), message)
+        self._keep(self._poses, in_nanoseconds(message.header.stamp), message)
 
     def _keep(self, waiting: OrderedDict[int, Any], stamp: int, message: Any) -> None:
         """Store a scan or an odometry message until the message with the same stamp arrives."""

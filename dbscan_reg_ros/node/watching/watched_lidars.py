@@ -9,13 +9,13 @@ from rclpy.task import Future
 
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
-from ...core.scan import Scan
+from ...core.scan import Scan, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.sensors import sensor_descriptions
 from ..frames.mountings import Mountings, Transforms
-from ..interfaces.messages import stamp_from_message, stamp_to_message
+from ..interfaces.messages import stamp_to_message
 from ..interfaces.scan_reader import ScanMessage, ScanReader
 from ..throttled_log import ThrottledLog
 
@@ -83,7 +83,7 @@ class WatchedLidars:
             self.ask()
             raise MountingError('the node has not yet reported its parameters')
         reader, mountings, given = self._lidar(topic, self._parameters)
-        stamp = corrected_stamp(stamp_from_message(message.header.stamp), given.time_offset[0])
+        stamp = corrected_stamp(in_nanoseconds(message.header.stamp), given.time_offset[0])
         message.header.stamp = stamp_to_message(stamp)
         return reader.read(message, mountings, given)
 

@@ -12,7 +12,8 @@ from sensor_msgs.msg import LaserScan
 
 from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
-from dbscan_reg_ros.node.interfaces.messages import filled, matrix_from_message, scan_to_message, stamp_from_message
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import filled, matrix_from_message, scan_to_message
 from dbscan_reg_ros.recordings.message_fields import odometry_fields, transform_fields
 from dbscan_reg_ros.recordings.scan_checks import ScanChecks, ScanFields
 from dbscan_reg_ros.robot.base_state import BaseState, base_state
@@ -62,7 +63,7 @@ def test_a_scan_whose_bearings_are_given_one_by_one_makes_no_message():
 def test_odometry_and_transform_hold_the_state():
     odometry = odometry_message(state())
     transform = filled(TransformStamped(), transform_fields(state(), 'odom', 'base'))
-    assert stamp_from_message(odometry.header.stamp) == STAMP
+    assert in_nanoseconds(odometry.header.stamp) == STAMP
     assert odometry.header == transform.header
     assert (odometry.child_frame_id, transform.child_frame_id) == ('base', 'base')
     assert (odometry.pose.pose.position.x, odometry.pose.pose.position.y) == (1.0, -2.0)
