@@ -2,8 +2,10 @@
 """Reader of the events of a live page."""
 import http.client
 import json
+import time
 
 TIMEOUT = 20.0
+"""Time [s] within which an event must come."""
 
 
 class Reader:
@@ -17,10 +19,14 @@ class Reader:
 
     def next(self, *names):
         """Name and content of the next event, or of the next of these names."""
-        while True:
-            name = self._answer.readline().decode().strip()
+        deadline = time.monotonic() + TIMEOUT
+        while time.monotonic() < deadline:
+            line = self._answer.readline()
+            assert line, 'the page has ended the connection'
+            name = line.decode().strip()
             if name.startswith('event: ') and (not names or name[7:] in names):
                 return name[7:], json.loads(self._answer.readline().decode().removeprefix('data: '))
+        raise AssertionError(f'none of these events came in time: {", ".join(names) or "any"}')
 
     def close(self):
         self._answer.close()

@@ -52,12 +52,15 @@ def test_ten_browsers_see_the_scans_of_the_node_where_it_has_placed_them(start_n
     peer.until(lambda: peer.node.count_subscribers('/odom') == 3)
     for reader in readers:
         watched_from(reader, '/scan_matcher')
+    events = {}
     with peer.spinning():
-        assert player.play(scans[:40]).lost == 0
-        events = {}
-        while len(events) < 20:
-            event = readers[0].next('scan')[1]
-            events[round(event['time'], 6)] = event
+        # In parts, of which a page that lags drops nothing.
+        for part in range(0, 40, 10):
+            assert player.play(scans[part:part + 10]).lost == 0
+            while round(1e-9 * scans[part + 9].stamp, 6) not in events:
+                event = readers[0].next('scan')[1]
+                events[round(event['time'], 6)] = event
+    assert len(events) >= 20
     peer.until(lambda: len(odometry) == 40)
     placed = {round(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec, 6): pose_of(message) @ laser
               for message in odometry}

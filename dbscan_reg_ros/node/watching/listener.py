@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Listener to the scans, the odometry and the reports of a running node."""
 import math
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -33,8 +33,8 @@ from .watched_lidars import WatchedLidars
 DEPTH = 20
 QUALITY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 WAITING = 50
-"""Largest number of scans that wait for the odometry with the same stamp, and of odometry messages that wait for the
-scan."""
+"""Largest number of scans that wait for the parameters of the node, of scans that wait for the odometry with the same
+stamp, and of odometry messages that wait for the scan."""
 PLANAR = np.array((0, 1, 5))
 """Rows of x, y and yaw in the 6x6 covariance of an odometry message."""
 
@@ -96,6 +96,7 @@ class Listener:
         """Clear the name of the node, its parameters, the transforms and the pending messages."""
         self._source: bytes | None = None
         self._name = ''
+        self._unread: deque[tuple[str, ScanMessage]] = deque(maxlen=WAITING)
         self._scans: OrderedDict[int, tuple[Scan, Mounting]] = OrderedDict()
         self._poses: OrderedDict[int, Odometry] = OrderedDict()
         if self._lidars:
@@ -148,6 +149,7 @@ class Listener:
         found = publishers(self._node, self._node.resolve_topic_name('odom'))
         if self._source in found:
             self._subscribe_to_scans()
+            self._read_scans()
         if not found or self._source in found:
             return
         source, endpoint = next(iter(found.items()))
@@ -158,7 +160,6 @@ class Listener:
         self._source, self._name = source, name
         self._on_node(self._name)
         self._lidars = WatchedLidars(self._node, self._name, self._transforms)
-        self._lidars.ask()
 
     def _subscribe_to_scans(self) -> None:
         """Subscribe to all topics of scans that the node subscribes to: it may have several lidars."""
@@ -185,14 +186,18 @@ class Listener:
             event_callbacks=NO_SUBSCRIPTION_EVENTS))
 
     def _take_scan(self, topic: str, message: ScanMessage) -> None:
-        """Keep a scan; skip damaged scans, and scans whose mounting is unknown."""
-        if self._lidars is None:
-            return
-        try:
-            scan, mounting = self._lidars.read(topic, message)
-        except (ScanError, MountingError):
-            return
-        self._keep(self._scans, scan.stamp, (scan, mounting))
+        if self._lidars is not None:
+            self._unread.append((topic, message))
+            self._read_scans()
+
+    def _read_scans(self) -> None:
+        """Keep the scans once the parameters of the node are known, but those damaged or with an unknown mounting."""
+        while self._lidars is not None and self._lidars.are_known() and self._unread:
+            try:
+                scan, mounting = self._lidars.read(*self._unread.popleft())
+            except (ScanError, MountingError):
+                continue
+            self._keep(self._scans, scan.stamp, (scan, mounting))
 
     def _take_odometry(self, message: Odometry) -> None:
         self._keep(self._poses, in_nanoseconds(message.header.stamp), message)

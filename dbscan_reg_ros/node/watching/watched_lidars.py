@@ -8,7 +8,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 from ...core.errors import ParameterError
-from ...core.geometry.mounting import Mounting, MountingError
+from ...core.geometry.mounting import Mounting
 from ...core.scan import Scan, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import InputParameters
@@ -46,10 +46,11 @@ class WatchedLidars:
         """End the requests."""
         self._node.destroy_client(self._client)
 
-    def ask(self) -> None:
-        """Request the parameters, unless they are known."""
+    def are_known(self) -> bool:
+        """Whether the parameters are known; if not, request them."""
         if self._parameters is None and self._client.service_is_ready():
             self._request([each.name for each in PLAIN], {})
+        return self._parameters is not None
 
     def _request(self, names: list[str], known: dict[str, Any]) -> None:
         future = self._client.call_async(GetParameters.Request(names=names))
@@ -72,6 +73,8 @@ class WatchedLidars:
     def read(self, topic: str, message: ScanMessage) -> tuple[Scan, Mounting]:
         """Convert a message on a `topic`, with the stamp that the node gives it; as `ScanReader.read`.
 
+        The parameters must be known.
+
         Raises
         ------
         ScanError
@@ -79,9 +82,7 @@ class WatchedLidars:
         MountingError
             When the mounting is not known yet, or the lidar is tilted.
         """
-        if self._parameters is None:
-            self.ask()
-            raise MountingError('the node has not yet reported its parameters')
+        assert self._parameters is not None
         reader, mountings, given = self._lidar(topic, self._parameters)
         stamp = corrected_stamp(in_nanoseconds(message.header.stamp), given.time_offset[0])
         message.header.stamp = stamp_to_message(stamp)

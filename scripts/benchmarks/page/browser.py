@@ -4,6 +4,7 @@ import base64
 import itertools
 import json
 import os
+import select
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,8 @@ NAMES = 'chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable',
 OPTIONS = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--hide-scrollbars',
            '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage',
            '--remote-debugging-pipe', '--window-size=1120,900')
+PATIENCE = 60.0
+"""Time [s] within which the browser must answer."""
 NARROW = 700
 """Width [pixels] below which a screen is that of a phone."""
 LAUNCH = """
@@ -147,6 +150,7 @@ class Browser:
 
     def _receive(self):
         while b'\0' not in self._buffer:
+            assert select.select([self._in], [], [], PATIENCE)[0], f'the browser is silent for {PATIENCE:.0f} s'
             more = os.read(self._in, 1 << 20)
             assert more, 'the browser has ended'
             self._buffer += more
