@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 SIDE_BY_SIDE = f'-n {min(len(os.sched_getaffinity(0)) + 1, 4)} --dist worksteal'
+ENDING = '-o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true'
 
 
 def locked(root):
@@ -49,7 +50,7 @@ def checks(root, tmp_path):
 def test_what_ruff_or_mypy_finds_fails_the_tests(checks):
     assert checks(ruff=1) == (1, ['ruff check'])
     assert checks(mypy=1) == (1, ['ruff check', 'mypy'])
-    assert checks() == (0, ['ruff check', 'mypy', f'python -m pytest {SIDE_BY_SIDE}'])
+    assert checks() == (0, ['ruff check', 'mypy', f'python -m pytest {SIDE_BY_SIDE} {ENDING}'])
 
 
 def test_style_alone_runs_no_test(checks):
