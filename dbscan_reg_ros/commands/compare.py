@@ -230,6 +230,9 @@ def describe(comparison) -> str:
     lines += [f'{name:{width}}  {letter} has a pose for {100.0 * share:.1f} % of the scans with a pose of A'
               for name, share in comparison.coverage.items() if share < 1.0]
     lines.append(f'A: {comparison.a}  {letter}: {comparison.b}  {letter} {_conclusion(comparison)}.')
+    if comparison.judged:
+        found = table[ALL][0]
+        lines.append(f'The verdict rests on {found.motions} motions in {found.blocks} blocks.')
     return '\n'.join(lines)
 
 

@@ -41,6 +41,11 @@ class Paired:
     b: np.ndarray
     block: int
 
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of the errors, the last one shorter or complete."""
+        return -(-self.a.shape[1] // self.block)
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -53,6 +58,10 @@ class Difference:
     low, high : float
         Limits of the confidence interval of B - A [m] or [deg].
     unit : str
+    motions : int
+        Number of motions whose errors are compared.
+    blocks : int
+        Number of blocks of motions with correlated errors.
     """
 
     a: float
@@ -60,6 +69,8 @@ class Difference:
     low: float
     high: float
     unit: str
+    motions: int
+    blocks: int
 
     @property
     def worse(self):
@@ -242,7 +253,7 @@ def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
     total, sums, freedom = 0, np.zeros(DRAWS), 0
     for pair in pairs:
         values = pair.b[row] - pair.a[row]
-        count, blocks = len(values), -(-len(values) // pair.block)
+        count, blocks = len(values), pair.blocks
         around = np.concatenate(([0.0], np.cumsum(np.concatenate((values, values[:pair.block])))))
         of_block = around[pair.block:pair.block + count] - around[:count]
         drawn = of_block[rng.integers(count, size=(DRAWS, blocks))].sum(axis=1) / (blocks * pair.block)
@@ -253,4 +264,4 @@ def difference(pairs, row, seed=0, confidence=0.975) -> Difference:
     a, b = (float(sum(side[row].sum() for side in sides) / total)
             for sides in ([pair.a for pair in pairs], [pair.b for pair in pairs]))
     half = float(t.ppf(0.5 + 0.5 * confidence, freedom) * np.std(sums / total))
-    return Difference(a, b, b - a - half, b - a + half, MEASURES[row])
+    return Difference(a, b, b - a - half, b - a + half, MEASURES[row], total, freedom + len(pairs))

@@ -80,7 +80,7 @@ def compared(simulation, known, replayed, tmp_path):
             other.stamps.append(stamp)
             other.poses.append(tuple((SE2(1.0, 2.0, 0.5) @ SE2.from_array(np.array(pose))).as_array()))
             other.statuses.append(ours.statuses[number])
-    row = [Difference(0.1, 0.2, 0.05, 0.15, 'm'), Difference(1.0, 1.0, -0.1, 0.1, 'deg')]
+    row = [Difference(0.1, 0.2, 0.05, 0.15, 'm', 80, 8), Difference(1.0, 1.0, -0.1, 0.1, 'deg', 80, 8)]
     comparisons = [Comparison('B', 'ours', 'half', {'x': 0.5}, {'x': row, 'all': row}),
                    Comparison('C', 'ours', 'again', {'x': 1.0}, {'x': row, 'all': row})]
     (tmp_path / 'x').mkdir()
