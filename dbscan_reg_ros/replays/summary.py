@@ -3,6 +3,7 @@
 import json
 import math
 
+from ..core.backend import REFERENCE, default_backend
 from ..core.registration.records import Status
 from ..recordings.files import replacing
 
@@ -10,9 +11,9 @@ from ..recordings.files import replacing
 def write_metrics(path, recordings, measures, counts):
     """Write ``metrics.json``.
 
-    The file contains name and file of the recording, notes on how it was read, warnings about its scans, and each
-    measure by its name; null for a measure that is not finite. For several lidars, it also contains the number of scans
-    of each lidar by outcome.
+    The file contains name and file of the recording, the backend, notes on how the recording was read, warnings about
+    its scans, and each measure by its name; null for a measure that is not finite. For several lidars, it also contains
+    the number of scans of each lidar by outcome.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ def write_metrics(path, recordings, measures, counts):
     warnings = [{'topic': each.topic} | sighting.as_fields()
                 for each in recordings for sighting in each.watch.sightings]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
-               'notes': recording.notes, 'warnings': warnings}
+               'backend': default_backend().name, 'notes': recording.notes, 'warnings': warnings}
     if counts:
         content['lidars'] = {topic: count.measures() for topic, count in counts.items()}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
@@ -57,7 +58,10 @@ def summarise(measures) -> list:
     if 'driven_m' in measures:
         lines.append(('driven', _driven(measures)))
     if 'ms_p50' in measures:
-        lines.append(('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan'))
+        backend = default_backend().name
+        lines += [('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan; processor '
+                           f'time {measures["processor_ms_mean"]:.2f} ms per scan'),
+                  ('backend', f'{backend} (numpy)' if backend == REFERENCE.name else backend)]
     return [*lines, *_errors(measures), *_closed(measures)]
 
 

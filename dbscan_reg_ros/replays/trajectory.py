@@ -2,7 +2,7 @@
 """Trajectory of the sensor of a recording, as the odometry estimates it."""
 from collections import Counter
 from dataclasses import dataclass, field
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class Trajectory:
     statuses : list of Status
     milliseconds : list of float
         Processing time of each scan [ms].
+    processor_seconds : float
+        Processor time of all scans together [s].
     used : list of bool
         Whether each scan of the recording was used.
     restarts : int
@@ -48,6 +50,7 @@ class Trajectory:
     poses: list = field(default_factory=list)
     statuses: list = field(default_factory=list)
     milliseconds: list = field(default_factory=list)
+    processor_seconds: float = 0.0
     used: list = field(default_factory=list)
     problems: list = field(default_factory=list)
     restarts: int = 0
@@ -58,7 +61,7 @@ class Trajectory:
         """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""
         turn = SE2(theta=self.yaw)
         for number, scan in enumerate(scans):
-            begin = perf_counter()
+            begin, processor = perf_counter(), process_time()
             try:
                 update = odometry.process(scan)
             except ScanError as error:
@@ -66,6 +69,7 @@ class Trajectory:
                 self.problems.append(f'scan {number} not used: {error}')
                 continue
             self.milliseconds.append(1e3 * (perf_counter() - begin))
+            self.processor_seconds += process_time() - processor
             self.used.append(True)
             self.stamps.append(scan.stamp)
             pose = turn.inverse() @ update.pose @ turn
@@ -106,6 +110,7 @@ class Trajectory:
                          'end_m': float(end_m), 'end_deg': float(end_deg)}
         if self.milliseconds:
             measures |= {f'ms_p{q}': float(np.percentile(self.milliseconds, q)) for q in (50, 95, 99)}
+            measures['processor_ms_mean'] = 1e3 * self.processor_seconds / len(self.milliseconds)
         return measures
 
 

@@ -66,9 +66,12 @@ def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys,
     assert (orange(latest / 'map.png') > 300) == bool(more)
     printed = capsys.readouterr().out
     assert re.search(rf'^scans +{count} skipped 0 ', printed, re.MULTILINE)
-    assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan', printed, re.MULTILINE)
+    assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan; processor time \d+\.\d\d ms per scan$',
+                     printed, re.MULTILINE)
     metrics = json.loads((latest / 'metrics.json').read_text())
     assert (metrics['recording'], metrics['scans'], metrics['skipped']) == (name, count, 0)
+    assert re.search(rf'^backend +{metrics["backend"]}', printed, re.MULTILINE)
+    assert metrics['processor_ms_mean'] > 0.0
     assert read_parameters(latest / 'parameters.yaml') == NodeParameters()
 
 
