@@ -27,7 +27,8 @@ from .texts import heading_text
 
 CONFIDENCE = 0.95
 THIN = {'linewidth': 0.9}
-TRUE_POSE = {'color': 'none', 'markeredgecolor': '#007a5a', 'markersize': 16.0}
+TRUE_COLOR = '#007a5a'
+TRUE_POSE = {'color': 'none', 'markeredgecolor': TRUE_COLOR, 'markersize': 16.0}
 
 
 def draw_overlay(figure, steps):
@@ -46,8 +47,8 @@ def draw_overlay(figure, steps):
     title = (f'after{confidence}: {100.0 * registration.overlap:.0f} % of the points '
              f'fit;\n{len(matched)} pairs of segments match')
     plane(axes['after'], title, low, high)
-    _draw_ellipse(axes['ellipse'], registration)
-    legend(axes['legend'], 4, axes['after'])
+    _draw_ellipse(axes['ellipse'], registration, steps.truth)
+    legend(axes['legend'], 4, axes['after'], axes['ellipse'])
 
 
 def explain_overlay(steps):
@@ -80,14 +81,21 @@ def _draw_scans(axes, steps, moved, matched):
         draw_sensor(axes, motion, f'{name}: sensor', color=lines['color'])
 
 
-def _draw_ellipse(axes, registration):
-    """Draw the 95 % confidence ellipse of the position of the sensor around the result, in the reference frame."""
+def _draw_ellipse(axes, registration, truth):
+    """Draw the 95 % confidence ellipse of the position of the sensor around the result, in the reference frame.
+
+    The true position is drawn as well, unless `truth` is None.
+    """
     covariance, transform = registration.covariance, registration.transform
     turn = transform.rotation()
     edge = ellipse(turn @ covariance[:2, :2] @ turn.T)
     heading = heading_text(covariance[2, 2], 1.96)
     axes.plot(*edge.T, color='black')
-    axes.plot(0.0, 0.0, '+', color='black', markersize=12.0)
+    axes.plot(0.0, 0.0, '+', color='black', markersize=12.0, label='ellipse: result')
+    if truth is not None:
+        off = np.array((truth.x - transform.x, truth.y - transform.y))
+        axes.plot(*off, 'x', color=TRUE_COLOR, markersize=10.0, label='ellipse: true position')
+        edge = np.vstack((edge, off))
     reach = np.full(2, 1.2 * np.abs(edge).max())
     plane(axes, f'position in the\nreference frame, 95 %;\n{heading}', -reach, reach)
     axes.locator_params(axis='x', nbins=2)
