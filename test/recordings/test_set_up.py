@@ -169,6 +169,23 @@ def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
     assert [*(tmp_path / 'venv').glob('lib/python*/site-packages/tool-1.0.dist-info')]
 
 
+def test_an_installation_reports_its_progress_and_fails_as_pip_does(root, tmp_path):
+    (tmp_path / 'lock.txt').write_text('one==1\ntwo==2\nthree==3\n')
+    pip = tmp_path / 'venv' / 'bin' / 'python'
+    pip.parent.mkdir(parents=True)
+    pip.write_text('#!/bin/sh\nfor k in one two three; do echo "Collecting $k"; done\n'
+                   'echo "Installing collected packages: one two three"\necho "ERROR: $STATUS" >&2\nexit $STATUS\n')
+    pip.chmod(0o755)
+    for options, status in (('', 0), ('', 1), ('set -euo pipefail; ', 0), ('set -euo pipefail; ', 1)):
+        code = f'{options}source {root}/scripts/setup; EACH=2; install {tmp_path}/venv {tmp_path}/lock.txt'
+        done = subprocess.run(['bash', '-c', code], env={'PATH': '/usr/bin:/bin', 'STATUS': str(status)}, text=True,
+                              capture_output=True, check=False, timeout=60)
+        lines = [line for line in done.stderr.splitlines() if not line.startswith('ERROR')]
+        assert (done.returncode, done.stdout) == (status, '')
+        assert lines[:2] == ['  2 of 3 packages fetched', '  unpacking 3 packages ...']
+        assert [line[:17] for line in lines[2:]] == ['Could not install'] * status
+
+
 FAKE_BUILD = '''#!/bin/sh
 case "$1" in
     -c) case "$2" in *Python.h*) echo "$HEADER";; esac;;
@@ -190,7 +207,12 @@ def add_tf2_msgs(shell, root, tmp_path):
     def add_tf2_msgs(variables='HEADER=False', scripts=None):
         result = shell(f'export {variables}; add_tf2_msgs "{venv}"', scripts or {})
         assert (result.returncode, result.stdout) == (0, '') and (venv / 'stamps' / 'base').exists(), result.stderr
-        return result.stderr, (venv / 'bin' / 'python.tries').read_text().count('tried')
+        *building, said = result.stderr.splitlines(keepends=True)
+        add_tf2_msgs.building += len(building)
+        tries = (venv / 'bin' / 'python.tries').read_text().count('tried')
+        assert add_tf2_msgs.building == tries, 'it announces each build'
+        return said, tries
+    add_tf2_msgs.building = 0
     add_tf2_msgs.failed = venv / 'stamps' / 'tf2_msgs_failed'
     return add_tf2_msgs
 
@@ -300,7 +322,7 @@ def build_steps(programs, root, tmp_path):
 
 def test_the_compiled_steps_are_built_once_and_when_their_sources_or_python_change(build_steps):
     (build_steps.folder.parent / 'bin' / 'touch').symlink_to(shutil.which('touch'))
-    building = 'Building the compiled steps ...\n'
+    building = 'Building the compiled steps: once, some minutes ...\n'
     assert build_steps() == (building, 1) and build_steps() == ('', 1)
     assert build_steps(version='2') == (building, 2)
     with open(build_steps.folder / 'dbscan_reg_ros/core/accelerated/steps.pyx', 'a') as source:
