@@ -7,9 +7,9 @@ from . import backend_choice
 from .core.backend import set_default_source
 
 __all__ = [
-    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Odometry', 'OdometryUpdate',
+    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'NodeParameters', 'Odometry', 'OdometryUpdate',
     'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
-    'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'register',
+    'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'read_parameters', 'register',
 ]
 
 set_default_source(backend_choice.choose)
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .core.scan import Scan
     from .core.scan_geometry import ScanGeometry
     from .recordings.opening import open_recording
+    from .robot.parameter_files import read_parameters
+    from .robot.parameters import NodeParameters
 else:
     _MODULES = {
         'core.errors': ('DbscanRegError', 'ParameterError', 'RecordingError', 'ScanError'),
@@ -41,6 +43,8 @@ else:
         'core.scan': ('Scan',),
         'core.scan_geometry': ('ScanGeometry',),
         'recordings.opening': ('open_recording',),
+        'robot.parameter_files': ('read_parameters',),
+        'robot.parameters': ('NodeParameters',),
     }
     _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 EXAMPLES = ('01_two_scans', '02_odometry_of_a_log', '03_own_prior', '04_own_matcher_in_the_benchmark',
-            '05_own_method_for_compare')
+            '05_own_method_for_compare', '06_parameters_of_a_file')
 LINES = 300
 """Of the Intel log."""
 
@@ -111,3 +111,23 @@ def test_a_method_of_ones_own_is_compared_with_the_defaults(example):
     assert 'A: defaults  B: 05_own_method_for_compare:align  B is worse in translation and worse in rotation.' in lines
     ours, own = (numbers(line) for line in lines if re.match(r'hall\.log +[AB] ', line))
     assert ours[5] < 0.01 < 0.1 < own[5] < 0.5, 'RPE [m]'
+
+
+def test_parameters_of_a_file_are_those_of_its_lidars(example):
+    assert example('06_parameters_of_a_file').splitlines() == [
+        '/scan_front: mounting laser_pose (0.3, 0.2, 0.0), range_max 0.0 m',
+        '/scan_rear: mounting laser_pose (-0.3, -0.2, 3.14), range_max 20.0 m', 'key frames: 40']
+    assert example('06_parameters_of_a_file', 'lds').startswith('scan: mounting tf (0.0, 0.0, 0.0), range_max 8.0 m')
+
+
+@pytest.mark.parametrize(('text', 'expected'), [
+    ('/**: {ros__parameters: {scan.range_maxx: 3.0}}', "unknown parameter 'scan.range_maxx'; did you mean"),
+    ('/other_node: {ros__parameters: {scan.range_max: 3.0}}', "no parameters for 'scan_matcher', only for /other_node"),
+    ('/**: {ros__parameters: {rear: {range_max: 3.0}}}', "'rear' is no lidar in sensors = ['']"),
+])
+def test_a_file_that_does_not_fit_is_refused(root, tmp_path, monkeypatch, text, expected):
+    monkeypatch.setenv('PYTHONPATH', str(root))
+    (tmp_path / 'wrong.yaml').write_text(text)
+    done = subprocess.run([sys.executable, root / 'doc/examples/06_parameters_of_a_file.py', tmp_path / 'wrong.yaml'],
+                          cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 1 and done.stderr.startswith('error: ') and expected in done.stderr
