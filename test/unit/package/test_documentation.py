@@ -84,6 +84,15 @@ def test_messages_that_the_quick_start_quotes_are_those_of_the_node(root):
     assert len(quoted) >= 8 and [part for part in quoted if part not in source] == []
 
 
+def test_messages_on_failing_scanners_are_those_of_the_node(root):
+    section = (root / 'doc' / 'node.md').read_text().partition('## A scanner fails')[2].partition('\n## ')[0]
+    cells = [line.split(' | ')[2] for line in section.splitlines() if line.startswith('| ')][1:]
+    quoted = [part for cell in cells for message in re.findall(r'`([^`]*)`', cell) if ' ' in message
+              for part in re.split(r'\.\.\.|[:;] |/\w+/?\w* ?|\d+(?:\.\d+)?| behind ', message) if part.strip()]
+    source = '\n'.join(text for path in (root / 'dbscan_reg_ros').rglob('*.py') for text in texts(path))
+    assert len(quoted) >= 8 and [part for part in quoted if part.strip() not in source] == []
+
+
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_parameter_files_that_are_shown_can_be_read(root, name, tmp_path):
     for block in re.findall(r'^```yaml\n(.*?)^```', (root / name).read_text(), re.MULTILINE | re.DOTALL):
