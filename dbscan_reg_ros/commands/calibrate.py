@@ -28,10 +28,9 @@ def calibrate(args):
     """Compare the lidars; print the results, and write them to the JSON file."""
     import json
 
-    from ..recordings import find_recording, open_recording
-    from ..recordings.bags.clouds import CloudParameters
+    from ..recordings import find_recording
     from ..replays.lidar_calibration import calibrate_lidars
-    from ..replays.lidars import further_lidars, given_mountings, mounting_in, parse_mountings
+    from ..replays.lidars import Lidars, further_lidars, given_mountings, mounting_in, parse_mountings
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import NodeParameters
     from .workers import watched
@@ -41,8 +40,7 @@ def calibrate(args):
                            'compared with')
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     mountings = given_mountings(parameters, args.topic) | parse_mountings(args.mounting)
-    recording = open_recording(find_recording(args.file, args.data), args.topic[0],
-                               CloudParameters.of(parameters, args.topic[0], mountings))
+    recording = Lidars(tuple(args.topic), mountings).open(find_recording(args.file, args.data), parameters)
     base_frame = parameters.base_frame
     first = mounting_in(recording, mountings, base_frame)
     others = further_lidars(recording, args.topic[1:], mountings, parameters)

@@ -84,7 +84,7 @@ class OneTopic(argparse.Action):
         """Store the topic; end the command if a topic is stored already."""
         if getattr(namespace, self.dest) is not None:
             parser.exit(BAD_INPUT, f'{parser.prog}: {option_string} is given twice, but {parser.prog} takes one lidar; '
-                        'replay, compare, play and demo take several\n')
+                        'replay, compare, tune, play and demo take several\n')
         setattr(namespace, self.dest, values)
 
 
@@ -180,11 +180,9 @@ def note_warnings(command, recording, most=None):
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
-def open_all(command, paths, topic, clouds, most=None) -> list:
-    """Open the recordings at `paths` with the `CloudParameters`; print warnings about their (first `most`) scans."""
-    from ..recordings import open_recording
-
-    recordings = [open_recording(path, topic, clouds) for path in paths]
+def open_all(command, paths, lidars, parameters, most=None) -> list:
+    """Open the recordings at `paths` as `Lidars.open` does; print warnings about their (first `most`) scans."""
+    recordings = [lidars.open(path, parameters) for path in paths]
     for recording in recordings:
         note_warnings(command, recording, most)
     return recordings

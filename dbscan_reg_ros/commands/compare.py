@@ -21,7 +21,7 @@ from .command_line import (
     run,
     seed,
 )
-from .competitors import Competitor, Lidars, cloud_parameters, follow_all
+from .competitors import Competitor, first_parameters, follow_all
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
@@ -80,7 +80,7 @@ def compare(args):
     from ..evaluation.known_motion import KnownMotion
     from ..recordings import find_recording
     from ..recordings.truth import read_truth
-    from ..replays.lidars import parse_mountings
+    from ..replays.lidars import Lidars, parse_mountings
     from ..replays.result_folder import new_folder, point_latest
     from .workers import processors, workers
 
@@ -90,7 +90,7 @@ def compare(args):
         raise CommandError(f'--truth {args.truth}: expected a single recording; for several, put a '
                            'file truth.tum beside each')
     lidars = Lidars(tuple(args.topic or ()), parse_mountings(args.mounting))
-    recordings = open_all('compare', paths, lidars.first, cloud_parameters(competitors, lidars))
+    recordings = open_all('compare', paths, lidars, first_parameters(competitors))
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:

@@ -1,31 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Competitors of a comparison: a parameter set, a method, or the trajectory of another program."""
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..paths import ready_made
 from .command_line import CommandError
-
-
-@dataclass(frozen=True)
-class Lidars:
-    """The lidars of the recordings that are compared.
-
-    Attributes
-    ----------
-    topics : tuple of str
-        Topics of the scans, that of the first lidar first; empty if the recordings have only one.
-    mountings : dict
-        Topic -> `Mounting`, for the mountings that the user gave.
-    """
-
-    topics: tuple = ()
-    mountings: dict = field(default_factory=dict)
-
-    @property
-    def first(self):
-        """Topic of the first lidar, whose poses are compared; None if the recordings have only one."""
-        return self.topics[0] if self.topics else None
 
 
 @dataclass(frozen=True)
@@ -85,7 +64,7 @@ class Competitor:
             raise CommandError(f'{text}: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER')
         return cls(name, given=GivenTrajectory.parse(file))
 
-    def follow(self, recording, scans, lidars=Lidars()):
+    def follow(self, recording, scans, lidars):
         """Return the `Trajectory` of the competitor over the `scans` of the first lidar of a recording.
 
         The odometry of a parameter set is that of `replay`, with the scans of the other `lidars`, too. A method or a
@@ -96,7 +75,7 @@ class Competitor:
         from ..replays.trajectory import Trajectory
 
         if self.parameters:
-            return replayed_trajectory(recording, scans, lidars.topics[1:], lidars.mountings, self.parameters)
+            return replayed_trajectory(recording, scans, lidars, self.parameters)
         trajectory = Trajectory()
         if self.given:
             stamps = [scan.stamp for scan in scans]
@@ -121,27 +100,28 @@ class Competitor:
                 trajectory.statuses.append(Status.OK)
 
 
-def cloud_parameters(competitors, lidars):
-    """Return how point clouds become scans for the first of the `competitors` that has parameters."""
-    from ..recordings.bags.clouds import CloudParameters
-
-    parameters = next((each.parameters for each in competitors if each.parameters), None)
-    return CloudParameters.of(parameters, lidars.first, lidars.mountings)
+def first_parameters(competitors):
+    """Return the parameters of the first of the `competitors` that has some, to read point clouds with; else None."""
+    return next((each.parameters for each in competitors if each.parameters), None)
 
 
-def follow_one(path, lidars, competitor, clouds):
-    """Run the competitor over the recording at `path`, read with the `CloudParameters`; return its `Trajectory`."""
-    from ..recordings import open_recording
+def follow_one(path, lidars, competitor, parameters):
+    """Run the competitor over the recording at `path`, whose point clouds are read with the `parameters`.
+
+    Returns
+    -------
+    Trajectory
+    """
     from .workers import watched
 
-    recording = open_recording(path, lidars.first, clouds)
+    recording = lidars.open(path, parameters)
     title = f'{recording.name}, {Path(competitor.name).name}'
     return competitor.follow(recording, watched(recording.scans(), title, recording.count), lidars)
 
 
 def follow_all(executor, paths, lidars, competitors):
     """Run every competitor over every recording; return a list of `Trajectory` for each recording."""
-    clouds = [cloud_parameters((competitor, *competitors), lidars) for competitor in competitors]
-    futures = [[executor.submit(follow_one, path, lidars, *each) for each in zip(competitors, clouds, strict=True)]
-               for path in paths]
+    parameters = [first_parameters((competitor, *competitors)) for competitor in competitors]
+    futures = [[executor.submit(follow_one, path, lidars, *each)
+                for each in zip(competitors, parameters, strict=True)] for path in paths]
     return [[future.result() for future in row] for row in futures]

@@ -4,7 +4,7 @@ import sys
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..backend_choice import reference_settings
@@ -68,7 +68,7 @@ def replay(args):
     The exit status is that of the first recording that failed, else `INCOMPLETE` if some results could not be written,
     else 0.
     """
-    from ..replays.lidars import parse_mountings, scan_topics
+    from ..replays.lidars import Lidars, parse_mountings, scan_topics
     from ..replays.odometry import WHEELS, wheel_parameters
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
@@ -82,9 +82,9 @@ def replay(args):
     topics = scan_topics(args.topic, parameters)
     note_unused('replay', args.params_file, parameters, used | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
-    mountings = parse_mountings(args.mounting)
-    jobs = [Job(place(_path(file, args)), topics, parameters, place(Path(args.out)),
-                args.close_loops, args.verbose, args.animation, mountings, len(args.files) > 1, args.grid)
+    lidars = Lidars(topics, parse_mountings(args.mounting))
+    jobs = [Job(place(_path(file, args)), lidars, parameters, place(Path(args.out)),
+                args.close_loops, args.verbose, args.animation, len(args.files) > 1, args.grid)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -122,8 +122,7 @@ class Job:
     Attributes
     ----------
     path : Path
-    topics : tuple of str
-        Topics of the scans, beginning with the topic of the first lidar; empty if the recording has only one.
+    lidars : Lidars
     parameters : NodeParameters
     out : Path
         Folder below which the results are written.
@@ -131,8 +130,6 @@ class Job:
     verbose : bool
         Print the traceback of a fault.
     animation : bool
-    mountings : dict
-        Topic -> `Mounting` of the lidar, for the mountings that the user gave.
     indexed : bool
         An index of several replays is written, to which the page links.
     grid : float or None
@@ -140,27 +137,14 @@ class Job:
     """
 
     path: Path
-    topics: tuple
+    lidars: object
     parameters: object
     out: Path
     close_loops: bool = False
     verbose: bool = False
     animation: bool = False
-    mountings: dict = field(default_factory=dict)
     indexed: bool = False
     grid: float | None = None
-
-    @property
-    def topic(self):
-        """Topic of the first lidar; None if the recording has only one topic of scans."""
-        return self.topics[0] if self.topics else None
-
-    def open(self):
-        """Open the recording with the topic of the first lidar."""
-        from ..recordings import open_recording
-        from ..recordings.bags.clouds import CloudParameters
-
-        return open_recording(self.path, self.topic, CloudParameters.of(self.parameters, self.topic, self.mountings))
 
 
 @dataclass(frozen=True)
@@ -206,8 +190,8 @@ def replay_one(job) -> Replayed:
     from ..replays.trajectory import Trajectory, too_few
     from ..robot.parameter_files import write_parameters
 
-    recording = job.open()
-    mounting, others = lidars_of(recording, job.topics[1:], job.mountings, job.parameters)
+    recording = job.lidars.open(job.path, job.parameters)
+    mounting, others = lidars_of(recording, job.lidars, job.parameters)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta

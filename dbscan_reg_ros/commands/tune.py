@@ -11,7 +11,9 @@ from pathlib import Path
 from ..core.errors import ParameterError
 from ..signals import interruptible
 from .command_line import (
+    SEVERAL,
     CommandError,
+    add_mounting,
     add_parameters,
     add_recordings,
     add_workers,
@@ -36,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'recordings. Running the '
                          'same command again continues an interrupted search. The result depends on the seed, not on '
                          'the number of processes.')
-    add_recordings(parser)
+    add_recordings(parser, SEVERAL)
+    add_mounting(parser)
     parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth that '
                         'the search does not use; the decrease of the error is measured on them')
     parser.add_argument('--parameters', nargs='+', default=SEARCHED, metavar='NAME[=LOW:HIGH]', help='parameters to '
@@ -74,20 +77,24 @@ def is_parameter(word) -> bool:
 def tune(args):
     """Search, write the best parameters and print how much they decrease the error."""
     from ..evaluation.comparison import known_motion
+    from ..replays.lidars import Lidars, parse_mountings, scan_topics
+    from ..replays.odometry import wheel_parameters
     from ..robot.parameter_files import read_parameters, write_parameters
-    from ..robot.parameters import CLOUDS, METHOD, NodeParameters
+    from ..robot.parameters import REPLAYED, NodeParameters
     from ..tuning.objective import HOPELESS
     from ..tuning.space import read_axis
     from ..tuning.study import Study
-    from .competitors import Competitor, Lidars, follow_all
+    from .competitors import Competitor, follow_all
     from .workers import processors, workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    note_unused('tune', args.params_file, start, METHOD | CLOUDS)
+    lidars = Lidars(scan_topics(args.topic, start), parse_mountings(args.mounting))
+    used = REPLAYED | wheel_parameters(start) | ({'scan_topics'} if lidars.topics else set())
+    note_unused('tune', args.params_file, start, used)
     axes = [read_axis(text, start) for text in args.parameters]
-    searched, held_out = _recordings(args, start)
+    searched, held_out = _recordings(args, lidars, start)
     known = [known_motion(recording) for recording in held_out]
-    task = Task([recording.path for recording in searched], args.topic, args.objective, args.scans)
+    task = Task([recording.path for recording in searched], lidars, args.objective, args.scans)
     settings = _settings(args, task, start, axes)
     search = settings['search']
     folder = Path(args.out or Path('results', 'tune', searched[0].name))
@@ -106,7 +113,6 @@ def tune(args):
                 f'({args.trials} trials, {search}, seed {args.seed}).']
         write_parameters(folder / 'best.yaml', best, head[0])
         competitors = Competitor('start', start), Competitor('best', best)
-        lidars = Lidars((args.topic,) if args.topic else ())
         trajectories = follow_all(executor, [recording.path for recording in held_out], lidars, competitors)
         head += gain(trajectories, known, args.seed)
     write_parameters(folder / 'best.yaml', best, '\n'.join(head))
@@ -125,16 +131,24 @@ def _set_live(node, values):
     print(f'live        set on {node}')
 
 
-def _recordings(args, start):
-    """Open the recordings used in the search and the held-out recordings; print the warnings about their scans."""
+def _recordings(args, lidars, start):
+    """Open the recordings used in the search and the held-out recordings; print the warnings about their scans.
+
+    Raises
+    ------
+    RecordingError, MountingError
+        When a recording cannot be read, or one of its lidars has no scans or no known mounting.
+    """
     from ..recordings import find_recording
-    from ..recordings.bags.clouds import CloudParameters
+    from ..replays.lidars import lidars_of
 
     paths, held_out = ([find_recording(file, args.data).absolute() for file in files]
                        for files in (args.files, args.held_out))
     if both := set(paths) & set(held_out):
         raise CommandError(f'{next(iter(both))}: is used in the search, so it cannot be held out')
-    recordings = open_all('tune', (*paths, *held_out), args.topic, CloudParameters.of(start, args.topic), args.scans)
+    recordings = open_all('tune', (*paths, *held_out), lidars, start, args.scans)
+    for recording in recordings:
+        lidars_of(recording, lidars, start)
     return recordings[:len(paths)], recordings[len(paths):]
 
 
@@ -144,9 +158,11 @@ def _settings(args, task, start, axes):
 
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
     values = start.flatten()
-    return {'files': [str(path) for path in task.paths], 'topic': task.topic, 'scans': task.limit, 'seed': args.seed,
-            'objective': task.objective, 'search': search, 'axes': [repr(axis) for axis in axes],
-            'start': {axis.name: values[axis.name] for axis in axes}, 'parameters': values}
+    mountings = {topic: repr(mounting) for topic, mounting in task.lidars.mountings.items()}
+    return {'files': [str(path) for path in task.paths], 'topics': task.lidars.topics, 'mountings': mountings,
+            'scans': task.limit, 'seed': args.seed, 'objective': task.objective, 'search': search,
+            'axes': [repr(axis) for axis in axes], 'start': {axis.name: values[axis.name] for axis in axes},
+            'parameters': values}
 
 
 def _changes(before, after):
@@ -157,16 +173,16 @@ def _changes(before, after):
 
 @dataclass(frozen=True)
 class Task:
-    """Arguments of `cost_of`: files of the recordings, topic of the scans, objective, number of scans."""
+    """Arguments of `cost_of`: files of the recordings, their `Lidars`, objective, number of scans."""
 
     paths: list
-    topic: str | None
+    lidars: object
     objective: str
     limit: int | None
 
     def jobs(self, parameters):
         """Return the arguments of `cost_of` for each recording."""
-        return [(path, self.topic, parameters, self.objective, self.limit) for path in self.paths]
+        return [(path, self.lidars, parameters, self.objective, self.limit) for path in self.paths]
 
 
 def evaluated(executor, trials, start, task):

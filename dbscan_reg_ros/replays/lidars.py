@@ -59,6 +59,31 @@ def parse_mountings(given) -> dict:
     return mountings
 
 
+@dataclass(frozen=True)
+class Lidars:
+    """The lidars of recordings, as the user names them.
+
+    Attributes
+    ----------
+    topics : tuple of str
+        Topics of the scans, that of the first lidar first; empty if the recordings have only one.
+    mountings : dict
+        Topic -> `Mounting`, for the mountings that the user gave.
+    """
+
+    topics: tuple[str, ...] = ()
+    mountings: dict = field(default_factory=dict)
+
+    @property
+    def first(self) -> str | None:
+        """Topic of the first lidar, whose poses are estimated; None if the recordings have only one."""
+        return self.topics[0] if self.topics else None
+
+    def open(self, path, parameters) -> Recording:
+        """Open the recording at `path` with the topic of the first lidar; point clouds as in `parameters`."""
+        return open_recording(path, self.first, CloudParameters.of(parameters, self.first, self.mountings))
+
+
 def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
     """Return the mounting of the lidar of a `recording`: the mounting given for its topic, else the recorded one.
 
@@ -131,17 +156,18 @@ def further_lidars(first: Recording, topics, mountings, parameters) -> list:
                          parameters.lidar(recording.topic).scan) for recording in opened]
 
 
-def lidars_of(first: Recording, topics, mountings, parameters) -> tuple:
-    """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `topics`.
+def lidars_of(first: Recording, lidars: Lidars, parameters) -> tuple:
+    """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `lidars`.
 
-    The `mountings` that the user gave come before those of the `parameters`.
+    The mountings that the user gave come before those of the `parameters`.
 
     Raises
     ------
     RecordingError, MountingError
         As `further_lidars`.
     """
-    mountings = given_mountings(parameters, (first.topic, *topics)) | mountings
+    topics = lidars.topics[1:]
+    mountings = given_mountings(parameters, (first.topic, *topics)) | lidars.mountings
     if topics and parameters.mounting != 'laser_pose':
         mounting = mounting_in(first, mountings, parameters.base_frame)
     else:

@@ -54,7 +54,7 @@ def describe_prior(parameters, wheels) -> list:
     return [('prior', 'the recorded wheel odometry' if wheels else 'none, as the recording has no wheel odometry')]
 
 
-def replayed_trajectory(recording, scans, topics, mountings, parameters) -> Trajectory:
+def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
     """Run the odometry over the `scans` of the first lidar of a `recording`, without writing results.
 
     Parameters
@@ -62,13 +62,10 @@ def replayed_trajectory(recording, scans, topics, mountings, parameters) -> Traj
     recording : Recording
         Recording with the topic of the first lidar.
     scans : iterable of Scan
-    topics : sequence of str
-        Topics of the other lidars.
-    mountings : dict
-        Topic -> `Mounting`, for the mountings that the user gave.
+    lidars : Lidars
     parameters : NodeParameters
     """
-    mounting, others = lidars_of(recording, topics, mountings, parameters)
+    mounting, others = lidars_of(recording, lidars, parameters)
     trajectory = Trajectory(mounting.pose.theta, mounting.upside_down)
     odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_wheels(parameters, recording))
     for _ in trajectory.follow(prepared(scans, mounting, parameters.input_of(recording.topic)), odometry):

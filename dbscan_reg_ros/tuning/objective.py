@@ -3,12 +3,12 @@
 import dataclasses
 import itertools
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from ..core.geometry.se2 import SE2
-from ..core.odometry.pipeline import Odometry
 from ..core.registration.pipeline import register
 from ..core.registration.records import Status
 from ..evaluation.comparison import METRES, TooShort, paired
@@ -17,7 +17,10 @@ from ..evaluation.metrics import apart, errors, path_lengths
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.poses import relative
-from ..replays.trajectory import Trajectory, trajectory_of
+from ..replays.lidars import FurtherLidar, lidars_of
+from ..replays.odometry import recorded_wheels, replay_odometry, replayed_trajectory
+from ..replays.sensor_mounting import prepared
+from ..replays.trajectory import Trajectory
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
 HOPELESS = 1e3
@@ -28,28 +31,40 @@ LOOP_METRES, LOOP_NEAR = 10.0, 1.0
 between the scans [m] at most the second."""
 
 
-def cost_of(path, topic, parameters, objective='auto', limit=None):
-    """Return the cost [m] of parameters: the mean error over 1 m on the first `limit` scans of the recording at `path`.
+def cost_of(path, lidars, parameters, objective='auto', limit=None):
+    """Return the cost [m] of parameters on the first `limit` scans of the recording at `path`.
 
-    With the objective ``truth``, the cost is the error against the true poses or the relations of the recording. With
-    ``consistency``, it is the difference between a forward and a backward pass plus the gaps at loops. With ``auto``,
-    the objective is ``truth`` if the truth is known, else ``consistency``.
+    The odometry is that of a replay with all `lidars`, those of its first lidar are the scans that count. With the
+    objective ``truth``, the cost is the mean error over 1 m against the true poses or the relations of the recording.
+    With ``consistency``, it is the difference between a forward and a backward pass plus the gaps at loops. With
+    ``auto``, the objective is ``truth`` if the truth is known, else ``consistency``.
+
+    Parameters
+    ----------
+    path : Path
+    lidars : Lidars
+    parameters : NodeParameters
+    objective : str
+        One of `OBJECTIVES`.
+    limit : int or None
 
     Raises
     ------
     RecordingError
         When the recording cannot be read, or `objective` is ``truth`` and its true motion is unknown.
+    MountingError
+        When the mounting of one of several lidars is not known.
     """
-    clouds = CloudParameters.of(parameters, topic)
-    known, parameters = _known(path, topic, clouds), parameters.for_odometry()
-    scans = list(itertools.islice(open_recording(path, topic, clouds).scans(), limit))
+    recording = lidars.open(path, parameters)
+    known = _known(path, lidars.first, CloudParameters.of(parameters, lidars.first, lidars.mountings))
+    scans = list(itertools.islice(recording.scans(), limit))
     if objective == 'truth' or (objective == 'auto' and (known.truth or known.relations)):
-        trajectory = trajectory_of(scans, parameters)
+        trajectory = replayed_trajectory(recording, scans, lidars, parameters)
         try:
             return float(paired(known, trajectory, trajectory).a[0].mean())
         except TooShort:
             return HOPELESS
-    return _inconsistency(scans, parameters)
+    return _inconsistency(recording, scans, lidars, parameters)
 
 
 @lru_cache
@@ -58,10 +73,20 @@ def _known(path, topic, clouds):
     return KnownMotion.of(open_recording(path, topic, clouds))
 
 
-def _inconsistency(scans, parameters):
-    forward = Trajectory()
-    features = [update.features for update in forward.follow(scans, Odometry(parameters))]
-    backward = trajectory_of(_backward(scans), parameters)
+def _inconsistency(recording, scans, lidars, parameters):
+    """Return the mean difference over 1 m between a forward and a backward pass, plus the gaps at loops [m]."""
+    mounting, others = lidars_of(recording, lidars, parameters)
+    wheels = recorded_wheels(parameters, recording)
+    scans = list(prepared(scans, mounting, parameters.input_of(recording.topic)))
+    forward, backward = Trajectory(), Trajectory()
+    features = [update.features for update in forward.follow(
+        scans, replay_odometry(parameters, others, recording.topic, mounting, wheels))]
+    ends = scans[0].stamp + scans[-1].stamp
+    others = [BackwardLidar(other.recording, other.mounting, other.limits, ends) for other in others]
+    wheels = wheels and (ends - wheels[0][::-1], wheels[1][::-1])
+    for _ in backward.follow(_backward(scans, ends),
+                             replay_odometry(parameters, others, recording.topic, mounting, wheels)):
+        pass
     there, back = forward.pose_array(), backward.pose_array()[::-1]
     if not len(there) == len(back) > 1:
         return HOPELESS
@@ -72,11 +97,21 @@ def _inconsistency(scans, parameters):
     return float(disagreement + _open_loops(there, features))
 
 
-def _backward(scans):
-    """Return the scans in reversed time: reversed order, mirrored stamps, negated time increments."""
-    ends = scans[0].stamp + scans[-1].stamp
+def _backward(scans, ends):
+    """Return the scans in reversed time: reversed order, stamps mirrored to `ends` - stamp, negated time increments."""
     return [dataclasses.replace(scan, stamp=ends - scan.stamp, time_increment=-scan.time_increment)
             for scan in reversed(scans)]
+
+
+@dataclass(frozen=True, eq=False)
+class BackwardLidar(FurtherLidar):
+    """A further lidar whose scans come in reversed time, as from `_backward` with `ends` [ns]."""
+
+    ends: int
+
+    def scans(self, parameters):
+        """Return an iterator over the scans of this lidar in reversed time, as `FurtherLidar.scans` prepares them."""
+        return iter(_backward(list(super().scans(parameters)), self.ends))
 
 
 def _open_loops(poses, features):

@@ -19,6 +19,7 @@ from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.commands.tune import main as tune
+from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.tuning.objective import cost_of
 
@@ -148,9 +149,9 @@ def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun,
     """
     file, lines = tmp_path / 'a.log', recordings[0].read_text().splitlines()
     file.write_text(repeated(lines[:len(lines) // 100], 1, 0.0))
-    cost_of(file, None, NodeParameters())
+    cost_of(file, Lidars(), NodeParameters())
     began = time.process_time()
-    cost_of(file, None, NodeParameters())
+    cost_of(file, Lidars(), NodeParameters())
     trial = 400 * (time.process_time() - began)
     words = [str(file), '--search', 'random', '--out', str(tmp_path / 'out'), '--trials']
     assert tune([*words, '3']) == 0

@@ -8,17 +8,23 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 from bags import needs_rosbags, scan_bag
 
 from dbscan_reg_ros import ParameterError, Parameters
+from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.commands.tune import main
+from dbscan_reg_ros.core.geometry.mounting import Mounting
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.replays.lidars import FurtherLidar, Lidars
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, hall
 from dbscan_reg_ros.simulation import simulate as drive
-from dbscan_reg_ros.tuning.objective import HOPELESS, cost_of
+from dbscan_reg_ros.tuning.objective import HOPELESS, BackwardLidar, cost_of
 from dbscan_reg_ros.tuning.space import Axis, read_axis
 from dbscan_reg_ros.tuning.study import Study
 
@@ -114,7 +120,7 @@ def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path,
     assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
                  'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
     costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
-    assert min(costs) <= 1.1 * cost_of(intel, None, NodeParameters(), 'truth', scans) < 0.5 * costs[0]
+    assert min(costs) <= 1.1 * cost_of(intel, Lidars(), NodeParameters(), 'truth', scans) < 0.5 * costs[0]
 
 
 def test_values_that_contradict_each_other_are_hopeless_and_end_no_search(recordings, tmp_path):
@@ -169,17 +175,64 @@ def test_a_search_with_other_settings_is_not_mixed_in(words, tmp_path, capsys):
 
 
 def test_consistency_tells_bad_parameters_without_truth(recordings):
-    good, bad = (cost_of(recordings / 'a', None, NodeParameters().replace(values), 'consistency', 120)
+    good, bad = (cost_of(recordings / 'a', Lidars(), NodeParameters().replace(values), 'consistency', 120)
                  for values in ({}, BAD))
     assert 0.0 < 1.5 * good < bad
 
 
+@pytest.fixture(scope='module')
+def pair(tmp_path_factory):
+    """A bag of two lidars that see 2 m far, front and rear of a base with wheels."""
+    pytest.importorskip('rosbags', reason='needs the Python package rosbags')
+    bag, lidar = tmp_path_factory.mktemp('pair') / 'pair', ('--lidar', 'hokuyo_urg04lx', '--range-max', '2')
+    assert simulate([str(bag), '--world', 'corridor', '--seconds', '6', '--seed', '2', *lidar, '--mounting', '0.2',
+                     '0.1', '30', *lidar, '--mounting', '-0.2', '-0.1', '210']) == 0
+    return bag
+
+
+BOTH = '--topic', '/scan', '--topic', '/scan_2'
+
+
+def test_several_lidars_and_wheels_are_used_as_in_a_replay(pair, tmp_path, capsys):
+    """The cost of the first trial is the error that `replay` measures; one lidar has another."""
+    given = '--mounting', '/scan_2', '-0.21', '-0.1', '210'
+    (tmp_path / 'wheels.yaml').write_text('/**: {ros__parameters: {prior.source: odometry}}')
+    words = [str(pair), '--params-file', str(tmp_path / 'wheels.yaml')]
+    search = ['--search', 'random', '--trials', '1', '--processes', '1', '--parameters', *BAD]
+    assert main([*words, *BOTH, *given, *search, '--out', str(tmp_path / 'two')]) == 0
+    assert main([*words, '--topic', '/scan', *search, '--out', str(tmp_path / 'one')]) == 0
+    assert 'no effect' not in capsys.readouterr().err
+    assert replay([*words, *BOTH, *given, '--out', str(tmp_path)]) == 0
+    measured = json.loads((tmp_path / 'pair' / 'latest' / 'metrics.json').read_text())
+    two, one = (trials_of(tmp_path / name)[0]['cost'] for name in ('two', 'one'))
+    assert two == pytest.approx(measured['rpe_1m_mean_m'], rel=1e-6) != pytest.approx(one, rel=1e-3)
+
+
+def test_on_the_way_back_a_further_lidar_is_read_back_to_front(pair):
+    recording, ends = open_recording(pair, BOTH[3]), 10**10
+    given = recording, Mounting(SE2(-0.2, -0.1, 3.7)), NodeParameters().scan
+    there, back = (list(lidar.scans(NodeParameters().input))
+                   for lidar in (FurtherLidar(*given), BackwardLidar(*given, ends)))
+    assert len(there) > 20
+    for scan, same in zip(there, reversed(back), strict=True):
+        assert (same.stamp, same.time_increment) == (ends - scan.stamp, -scan.time_increment)
+        assert np.array_equal(same.ranges, scan.ranges) and same.geometry == scan.geometry
+    start = NodeParameters().replace({'prior.source': 'odometry'})
+    assert 0.0 < cost_of(pair, Lidars(BOTH[1::2]), start, 'consistency') < 0.05
+
+
+def test_a_lidar_without_a_mounting_ends_no_trial_but_the_command(pair, tmp_path, capsys):
+    (tmp_path / 'own.yaml').write_text('/**: {ros__parameters: {base_frame: chassis}}')
+    assert main([str(pair), *BOTH, '--params-file', str(tmp_path / 'own.yaml'), '--out', str(tmp_path / 'out')]) == 2
+    assert "no transform from 'chassis' to 'laser'" in capsys.readouterr().err and not (tmp_path / 'out').exists()
+
+
 def test_too_little_of_a_drive_is_hopeless_and_ends_no_search(recordings):
-    assert cost_of(recordings / 'a', None, NodeParameters(), limit=5) == HOPELESS
+    assert cost_of(recordings / 'a', Lidars(), NodeParameters(), limit=5) == HOPELESS
 
 
 def test_a_node_without_any_prior_is_judged_as_the_odometry_that_it_runs(recordings):
-    usual, node, odometry = (cost_of(recordings / 'a', None, NodeParameters().replace(values), limit=60)
+    usual, node, odometry = (cost_of(recordings / 'a', Lidars(), NodeParameters().replace(values), limit=60)
                              for values in ({}, {'prior.source': 'none'}, {'advanced.odometry.prior': 'none'}))
     assert node == odometry != usual
 
@@ -188,16 +241,16 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
     """At 1 m/s one that takes 0.1 s is off by 10 cm at its end."""
     path = follow([(2.0, 2.2), (5.0, 2.2)], speed=1.0)
     bag = scan_bag(tmp_path / 'slow', drive(hall(seed=1), path, Lidar(duration=0.099), seed=1).scans)
-    assert cost_of(bag, None, NodeParameters(), 'consistency') < 0.02
+    assert cost_of(bag, Lidars(), NodeParameters(), 'consistency') < 0.02
 
 
 def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
-    file.write_text('/**: {ros__parameters: {mounting: laser_pose, upside_down: true, '
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, publish_tf: false, path.step: 0.2, '
                     'advanced.odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
     assert capsys.readouterr().err.startswith(
-        f'tune: {file}: these parameters have no effect in tune: mounting, upside_down\ntune: ')
+        f'tune: {file}: these parameters have no effect in tune: publish_tf, path.step\ntune: ')
 
 
 def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):

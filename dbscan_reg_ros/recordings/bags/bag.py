@@ -20,6 +20,10 @@ from .reading import open_reader, own, safely
 from .static_transforms import static_mounting
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
+CLOUDS_INSTEAD = (f'has point clouds ({POINT_CLOUD}), but laser scans are expected here; replay, compare, tune, '
+                  'register and calibrate read point clouds, ros2 bag play sends them to a node, and the ROS package '
+                  'pointcloud_to_laserscan makes laser scans of them')
+"""How point clouds can be used where they are not read."""
 WITHOUT_POINTS = 50
 """A recording is refused if its first point clouds, of this number, have no point between the heights."""
 
@@ -47,6 +51,8 @@ class Bag(Recording):
                                        for kind in (LASER_SCAN, POINT_CLOUD, ODOMETRY))
             if point_clouds and (not scans or topic in points):
                 scans |= points
+            elif topic in points or (points and not scans and topic is None):
+                raise RecordingError(f'{self.path}: {topic or ", ".join(points)} {CLOUDS_INSTEAD}')
             if not scans:
                 raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
         self._choose(scans, topic)

@@ -10,6 +10,7 @@ import numpy as np
 from dbscan_reg_ros.commands.replay import Job, replay_one
 from dbscan_reg_ros.core.errors import DbscanRegError
 from dbscan_reg_ros.recordings import data_folder
+from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 from ..bounds import at_most
@@ -41,7 +42,7 @@ def measure(args):
         raise DbscanRegError('bench page: needs a chromium on the PATH')
     with tempfile.TemporaryDirectory() as folder:
         log = data_folder(args.data) / 'intel' / 'intel.log.gz'
-        replay_one(Job(log, (), NodeParameters(), Path(folder)))
+        replay_one(Job(log, Lidars(), NodeParameters(), Path(folder)))
         page = Path(folder, 'intel', 'latest', 'report.html')
         row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
     report = Report()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of a 3D lidar on a tilted mast: they are read as the node reads its messages."""
+import importlib
 import json
 import math
 from types import SimpleNamespace
@@ -8,14 +9,16 @@ import numpy as np
 import pytest
 from bags import needs_rosbags, write_bag
 
-from dbscan_reg_ros.commands.competitors import Competitor, Lidars, cloud_parameters, follow_one
+from dbscan_reg_ros.commands.competitors import Competitor, follow_one
 from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
+from dbscan_reg_ros.core.errors import RecordingError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.clouds import CloudParameters
 from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import header_fields, pose_only_fields, scan_fields
+from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.robot.point_cloud import scan_from_cloud
 from dbscan_reg_ros.tuning.objective import cost_of
@@ -142,9 +145,9 @@ def test_commands_take_point_clouds(bag, tmp_path, capsys):
     assert register([str(bag), '0', '5', '--topic', '/points', '--out', str(tmp_path)]) == 0
     assert 'status      ok' in capsys.readouterr().out
     competitor, lidars = Competitor.named('defaults'), Lidars(('/points',))
-    trajectory = follow_one(bag, lidars, competitor, cloud_parameters([competitor], lidars))
+    trajectory = follow_one(bag, lidars, competitor, competitor.parameters)
     assert trajectory.used == [True] * COUNT
-    assert cost_of(bag, '/points', NodeParameters(), 'truth') < 0.01
+    assert cost_of(bag, lidars, NodeParameters(), 'truth') < 0.01
 
 
 @pytest.mark.parametrize('given, expected', [
@@ -168,6 +171,23 @@ def test_a_ros_1_bag_gives_the_same_scans(bag, tmp_path):
         np.testing.assert_array_equal(scan.ranges, same.ranges)
 
 
-def test_where_point_clouds_cannot_be_read_the_topics_of_laser_scans_are_named(bag):
-    with pytest.raises(ValueError, match="no scans on '/points'; topics of scans: /scan"):
-        open_recording(bag, '/points')
+@pytest.mark.parametrize('command, words', [
+    ('play', ['--lockstep']), ('demo', ['--out', 'out']), ('convert', ['new.log'])])
+def test_where_point_clouds_are_not_read_the_command_names_what_to_use(bag, tmp_path, monkeypatch, capsys, command,
+                                                                       words):
+    if command == 'play':
+        pytest.importorskip('rclpy')
+    monkeypatch.chdir(tmp_path)
+    main = importlib.import_module(f'dbscan_reg_ros.commands.{command}').main
+    assert main([str(bag), *words, '--topic', '/points']) == 2 and not list(tmp_path.iterdir())
+    assert capsys.readouterr().err == (
+        f'{command}: {bag}: /points has point clouds (sensor_msgs/msg/PointCloud2), but laser scans are expected here; '
+        'replay, compare, tune, register and calibrate read point clouds, ros2 bag play sends them to a node, and the '
+        'ROS package pointcloud_to_laserscan makes laser scans of them\n')
+
+
+def test_point_clouds_are_copied_from_bag_to_bag_and_need_no_topic_to_be_refused(bag, tmp_path):
+    counts, _ = convert(bag, tmp_path / 'points', Kept(topics=('/points', '/tf_static'), end=0.45))
+    assert counts['/points'] >= 4
+    with pytest.raises(RecordingError, match=': /points has point clouds'):
+        open_recording(tmp_path / 'points')
