@@ -30,7 +30,7 @@ BENCHMARKS = {
     'pillar': 'odometry along a wall with one pillar in view',
     'stops': 'odometry that stops in a corridor with doors',
     'curved': 'odometry in a smooth curved corridor',
-    'lidars': 'two lidars, the second with a wrong mounting or late stamps; what calibrate finds',
+    'lidars': 'two lidars, the second with a wrong mounting or late stamps; own body, cross-talk; three lidars',
     'heights': 'twenty correct pairs of lidars at different heights, among people: accusations and errors',
     'loops': 'wrong loop closures, and the error with and without them, on Intel and ten simulated tours',
     'covered': 'odometry of a lidar with a box over it for a while',
@@ -132,6 +132,13 @@ def add_sensors(command):
     add_processes(command)
 
 
+def add_lidars(command):
+    """Add the options of ``bench lidars``."""
+    command.add_argument('--seeds', type=positive, default=1, metavar='N',
+                         help='drives of each kind with own body, cross-talk, one and three lidars (default: 1)')
+    add_processes(command)
+
+
 def add_overlap(command):
     """Add the options of ``bench overlap``."""
     command.add_argument('--pairs', type=positive, default=500, metavar='N',
@@ -177,7 +184,7 @@ def add_fingerprint(command):
 
 
 ADDED = {'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint,
-         'heights': add_processes}
+         'heights': add_processes, 'lidars': add_lidars}
 """Benchmark -> what adds its options."""
 
 

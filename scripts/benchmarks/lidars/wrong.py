@@ -13,6 +13,7 @@ from ..bounds import at_most
 from ..odometry.courses import scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
 from ..report import Report
+from .several import add_tables
 
 LATE = 0.06
 MOUNTING = SE2(0.04, -0.03, math.radians(3.0))
@@ -26,7 +27,7 @@ BOUNDS = {'mounting 5 cm, 3 deg': {'ratio': at_most(2.0), 'off_m': at_most(0.005
 
 
 def measure(args) -> Report:
-    """Each case over the courses of ``odometry --course scanners``, one seed of each world."""
+    """Each case over the courses of ``odometry --course scanners``, one seed of each world; then `add_tables`."""
     courses = [course if args.limit is None else course.take(slice(args.limit)) for course in scanners(None)[::EVERY]]
     rows = {}
     for case, error in CASES.items():
@@ -34,6 +35,7 @@ def measure(args) -> Report:
         rows[case]['ratio'] = rows[case]['rpe_5m_m'] / rows.get('both right', rows[case])['rpe_5m_m']
     report = Report()
     report.add_courses('lidars', rows, OURS, BOUNDS)
+    add_tables(report, args)
     return report
 
 

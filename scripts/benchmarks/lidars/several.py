@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two lidars that see the robot itself or each other's light, and one, two and three lidars, on five kinds of drive."""
+import dataclasses
+import math
+import os
+import time
+
+import numpy as np
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.evaluation.metrics import evaluate
+from dbscan_reg_ros.simulation import Lidar, corridor, follow, hall, rooms, simulate, with_people
+
+from ..bounds import at_most
+from ..odometry.course import Course
+from ..odometry.courses import FRONT, REAR
+from ..odometry.drift import OURS, SeveralLidars
+from ..odometry.drift import follow as tracked
+
+KINDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall,
+         'wide corridor': lambda seed: corridor(width=3.5, doors=5, seed=seed),
+         'people': lambda seed: with_people(hall(seed=seed), 4, seed)}
+"""Kind of drive -> function of a seed that makes its world."""
+LEFT = SE2(-0.35, 0.25, math.radians(135.0))
+"""Mounting of a third scanner, at the rear left corner."""
+SCANNERS = (FRONT, 12.5, 0.0), (REAR, 15.0, 0.019), (LEFT, 14.0, 0.033)
+"""Mounting, rate [Hz] and phase [s] of each scanner."""
+SECONDS = 25.0
+SECTOR = math.radians(100.0), math.radians(120.0)
+"""Bearings between which a scanner sees the robot, 0.3 m away."""
+DISTURBED = {'body': {'body': ((*SECTOR, 0.3),)}, 'talk': {'outliers': 0.01}}
+"""Case -> changed fields of the `Lidar`."""
+BOUNDS = {'ratio_body': at_most(1.1), 'ratio_talk': at_most(1.1)}, {'ratio_three': at_most(1.0),
+                                                                    'ratio_time': at_most(1.3)}
+
+
+def add_tables(report, args):
+    """Add a table of the disturbed scans and one of the number of lidars to a `Report`, with a row for all drives."""
+    from dbscan_reg_ros.commands.workers import workers
+    drives = [(kind, seed, args.limit) for kind in KINDS for seed in range(args.seeds)]
+    with workers(args.processes or os.cpu_count()) as executor:
+        found = list(executor.map(judged, *zip(*drives, strict=True)))
+    kinds = {kind: [each for (name, *_), each in zip(drives, found, strict=True) if name == kind] for kind in KINDS}
+    for title, row, bounds in zip(('own body and cross-talk', 'number of lidars'), (_disturbed, _counted), BOUNDS,
+                                  strict=True):
+        report.add_courses(title, {name: row(each) for name, each in (*kinds.items(), ('all', found))}, OURS,
+                           {'all': bounds})
+
+
+def judged(kind, seed, limit) -> dict:
+    """Return case -> (mean error over 5 m [m], processor time [s], scans of all lidars), for one drive."""
+    runs = {count: _run(_course(kind, seed, limit, count)) for count in (1, 2, 3)}
+    runs |= {case: _run(_course(kind, seed, limit, 2, **changes)) for case, changes in DISTURBED.items()}
+    return runs | {'masked': _run(_masked(_course(kind, seed, limit, 2)))}
+
+
+def _course(kind, seed, limit, count, **changes) -> Course:
+    """Return a drive seen by the first `count` scanners, with these `changes` of their `Lidar`."""
+    world = KINDS[kind](seed=seed)
+    path = follow(world.tour).until(SECONDS)
+    seen = [simulate(world, path, Lidar(
+        541, math.radians(-135.0), math.radians(0.5), 0.05, 30.0, rate, duration=0.75 / rate, noise=0.01,
+        resolution=0.01, mounting=mounting, phase=phase, **changes), seed + 100 * rank)
+        for rank, (mounting, rate, phase) in enumerate(SCANNERS[:count])]
+    others = tuple((Sensor(f'lidar {rank}', FRONT.inverse() @ mounting, rank), simulation.scans)
+                   for rank, ((mounting, *_), simulation) in enumerate(zip(SCANNERS, seen, strict=False)) if rank)
+    return Course(seen[0].scans, reference=seen[0].truth, others=others).take(slice(limit))
+
+
+def _masked(course) -> Course:
+    """Return the course without the returns between the bearings of `SECTOR`."""
+    def masked(scan):
+        inside = (scan.geometry.bearings >= SECTOR[0]) & (scan.geometry.bearings <= SECTOR[1])
+        return dataclasses.replace(scan, ranges=np.where(inside, math.nan, scan.ranges))
+    return dataclasses.replace(course, scans=list(map(masked, course.scans)), others=tuple(
+        (sensor, list(map(masked, scans))) for sensor, scans in course.others))
+
+
+def _run(course) -> tuple:
+    begin = time.process_time()
+    run = tracked(SeveralLidars(course.others), course, 'lidars')
+    seconds = time.process_time() - begin
+    last = course.scans[-1].stamp
+    count = len(course.scans) + sum(scan.stamp < last for _, scans in course.others for scan in scans)
+    return evaluate(run.poses, course.stamps, None, course.reference)['rpe_5m_mean_m'], seconds, count
+
+
+def _disturbed(drives) -> dict:
+    """Return mean errors without a disturbance, with each of `DISTURBED`, and without the beams of the sector."""
+    errors = {name: _error(drives, case) for name, case in (
+        ('without', 2), ('body', 'body'), ('masked', 'masked'), ('talk', 'talk'))}
+    return {f'{name}_m': error for name, error in errors.items()} | {
+        f'ratio_{name}': errors[name] / errors['without'] for name in ('body', 'masked', 'talk')}
+
+
+def _counted(drives) -> dict:
+    """Return mean errors and processor times of a scan [ms], with one, two and three lidars.
+
+    ``ratio_three``: error with three by that with two lidars; ``ratio_time``: time of a scan with three by that with
+    one.
+    """
+    names = {'one': 1, 'two': 2, 'three': 3}
+    errors = {name: _error(drives, count) for name, count in names.items()}
+    times = {name: 1e3 * float(np.divide(*np.sum([drive[count][1:] for drive in drives], axis=0)))
+             for name, count in names.items()}
+    return {f'{name}_m': error for name, error in errors.items()} | {
+        f'ms_{name}': milliseconds for name, milliseconds in times.items()} | {
+        'ratio_three': errors['three'] / errors['two'], 'ratio_time': times['three'] / times['one']}
+
+
+def _error(drives, case) -> float:
+    """Return the mean of the errors of the `drives` in a case [m]."""
+    return float(np.mean([drive[case][0] for drive in drives]))
