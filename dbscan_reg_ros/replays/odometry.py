@@ -32,7 +32,8 @@ def replay_odometry(parameters, others, topic, mounting, wheels):
     wheels : (stamps, poses) or None
         From `recorded_wheels`.
     """
-    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
+    base = mounting.aligned_pose.inverse()
+    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings, base=base)
     odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
     if wheels:
         odometry = OdometryWithWheels(odometry, wheels, mounting, parameters.prior)
@@ -101,7 +102,8 @@ class OdometryWithWheels:
     def process(self, scan, prior=None, sensor=FIRST):
         """Return the update for a scan; arguments, results and errors are those of `Odometry.process`."""
         update = self._odometry.process(scan, prior or self._prior(scan.stamp), sensor)
-        self._last = scan.stamp
+        if not update.waits:
+            self._last = scan.stamp
         return update
 
     def _prior(self, stamp):

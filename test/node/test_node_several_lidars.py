@@ -19,6 +19,7 @@ from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
+from dbscan_reg_ros.core.odometry.calibration.wheels import Wrong
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
@@ -235,6 +236,15 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     rear.counters.compared.used = estimate.pose
     list(Disagreements().found([front, rear]))
     assert f'{expected}; its estimated mounting is used; if the first one is right, set' in capfd.readouterr().err
+    rear.counters.compared.wrong = Wrong.FURTHER
+    assert next(iter(Disagreements().found([front, rear]))).startswith(
+        '/rear/scan: disagrees with the first lidar, which agrees with the wheels: its mounting is off by ')
+    assert 'its estimated mounting is used; set its transform to ' in capfd.readouterr().err
+    rear.counters.compared.wrong = Wrong.FIRST
+    rear.counters.compared.estimate = estimate._replace(covariance=1e-6 * np.eye(4))
+    assert next(iter(Disagreements().found([front, rear]))).startswith(
+        '/front/scan: disagrees with the other lidar, which agrees with the wheels: its mounting is off by ')
+    assert 'the others are not used until they agree with it; set its transform to ' in capfd.readouterr().err
     rear.counters.compared = dataclasses.replace(rear.counters.compared, apart=-2.04)
     assert disagreements.clocks([front, rear]) == ['/rear/scan: its clock is 2.0 s behind that of the first lidar']
     assert 'it is not used; synchronise the clocks' in capfd.readouterr().err

@@ -105,7 +105,7 @@ class Odometry:
             is not changed then.
         """
         result = self._process(scan, prior, sensor)
-        self.comparisons.add(result, self._locate)
+        self.comparisons.add(result, self._locate, prior)
         return result
 
     def _locate(self, result: OdometryUpdate) -> Location | None:

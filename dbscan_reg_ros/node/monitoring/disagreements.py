@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from ...core.geometry.se2 import SE2
 from ...core.odometry.calibration.compared_lidar import ComparedLidar
 from ...core.odometry.calibration.majority import described, disagreeing
+from ...core.odometry.calibration.wheels import Wrong
 from ..interfaces.lidar import Lidar
 
 
@@ -50,7 +51,7 @@ def _use(compared: ComparedLidar, is_first: bool) -> str:
     if is_first:
         return 'the others are not used until they agree with it; '
     use = 'its estimated mounting is used' if compared.used != compared.given else 'it is not used until it agrees'
-    return f'{use}; if the first one is right, '
+    return f'{use}; ' if compared.wrong is Wrong.FURTHER else f'{use}; if the first one is right, '
 
 
 def _remedy(lidar: Lidar, compared: ComparedLidar) -> str:

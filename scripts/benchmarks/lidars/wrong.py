@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two lidars, the second with a wrong mounting or late stamps: error of the odometry, and what is estimated."""
+"""Two lidars, one with a wrong mounting or late stamps: error of the odometry, what is estimated, and who is named.
+
+If the first one is wrong, wheels show it: the cases with ``wheels`` have simulated wheel odometry as external prior.
+"""
 import dataclasses
 import math
 
@@ -13,6 +16,7 @@ from ..bounds import at_most
 from ..odometry.courses import scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
 from ..report import Report
+from . import first_wrong
 from .several import add_tables
 
 LATE = 0.06
@@ -20,6 +24,8 @@ MOUNTING = SE2(0.04, -0.03, math.radians(3.0))
 CASES = {'first alone': None, 'both right': (SE2(), 0.0), 'mounting 5 cm, 3 deg': (MOUNTING, 0.0),
          'stamps 60 ms': (SE2(), LATE)}
 """Case -> error of mounting and stamps [s] of the second lidar; None: it is not used."""
+WHEELS = 'first, wheels:'
+"""Begin of the names of the cases of `first_wrong`."""
 EVERY = 3
 """One seed of three of each world."""
 BOUNDS = {'mounting 5 cm, 3 deg': {'ratio': at_most(2.0), 'off_m': at_most(0.005), 'off_deg': at_most(0.1)},
@@ -35,6 +41,9 @@ def measure(args) -> Report:
         rows[case]['ratio'] = rows[case]['rpe_5m_m'] / rows.get('both right', rows[case])['rpe_5m_m']
     report = Report()
     report.add_courses('lidars', rows, OURS, BOUNDS)
+    wheels = first_wrong.measured(courses if args.limit else scanners(None))
+    report.add_courses('first wrong, with wheels', {f'{WHEELS} {case}': row for case, row in wheels.items()}, OURS,
+                       {f'{WHEELS} {case}': bounds for case, bounds in first_wrong.BOUNDS.items()})
     add_tables(report, args)
     return report
 

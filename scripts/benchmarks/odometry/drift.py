@@ -90,10 +90,14 @@ def drive(name, course, title, prior='none') -> Drive:
 
 
 class SeveralLidars(Ours):
-    """The package's own `Odometry` with the scans of the `others` of a `Course` besides, compared by `comparisons`."""
+    """The package's own `Odometry` with the scans of the `others` of a `Course` besides, compared by `comparisons`.
 
-    def __init__(self, others, comparisons=None):
+    With `wrapped`, what it returns for the odometry processes the scans.
+    """
+
+    def __init__(self, others, comparisons=None, wrapped=None):
         super().__init__(Parameters(), comparisons)
+        self._odometry = wrapped(self._odometry) if wrapped else self._odometry
         self._scans = heapq.merge(*([(scan.stamp, k, sensor, scan) for scan in scans]
                                     for k, (sensor, scans) in enumerate(others)))
         self._next = next(self._scans, None)

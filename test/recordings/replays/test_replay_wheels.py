@@ -11,6 +11,7 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import FIRST, Sensor
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.replays.odometry import OdometryWithWheels
 from dbscan_reg_ros.robot.parameter_groups import NodePriorParameters
@@ -53,21 +54,25 @@ def test_a_replay_names_a_recording_without_wheels(corridor, tmp_path, capsys):
     assert 'prior       none, as the recording has no wheel odometry\n' in capsys.readouterr().out
 
 
-def test_the_prior_is_the_motion_of_the_lidar_by_the_wheels(corridor):
-    recording, mounting, priors = open_recording(corridor), MOUNTING, []
+def test_the_prior_is_the_motion_of_the_lidar_since_the_last_scan_that_was_used(corridor):
+    """A further lidar is not used before it has been compared."""
+    recording, mounting, priors, used = open_recording(corridor), MOUNTING, [], []
 
     class Recorder(Odometry):
-        def process(self, scan, prior=None, sensor=None):
+        def process(self, scan, prior=None, sensor=FIRST):
+            update = super().process(scan, prior, sensor)
             priors.append(prior)
-            return super().process(scan, prior)
+            used.append(not update.waits)
+            return update
 
     stamps, poses = recording.wheel_odometry()
     odometry = OdometryWithWheels(Recorder(), (stamps, poses), mounting, NodePriorParameters())
-    scans = list(recording.scans())[:5]
-    for scan in scans:
-        odometry.process(scan)
-    assert priors[0] is None
-    for before, scan, prior in zip(scans, scans[1:], priors[1:], strict=False):
+    scans = list(recording.scans())[:7]
+    for k, scan in enumerate(scans):
+        odometry.process(scan, sensor=Sensor('rear', rank=1) if k == 4 else FIRST)
+    assert priors[0] is None and used == [k != 4 for k in range(7)]
+    for k, (scan, prior) in enumerate(zip(scans[1:], priors[1:], strict=True)):
+        before = scans[k] if used[k] else scans[k - 1]
         start, end = ([np.interp(at.stamp, stamps, poses[:, k]) for k in range(3)] for at in (before, scan))
         moved = (SE2(*start) @ mounting.aligned_pose).inverse() @ (SE2(*end) @ mounting.aligned_pose)
         offset = moved.inverse() @ prior.transform

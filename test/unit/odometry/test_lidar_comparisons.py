@@ -12,10 +12,12 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.calibration.location import Location
-from dbscan_reg_ros.core.odometry.calibration.majority import error_of_first
+from dbscan_reg_ros.core.odometry.calibration.majority import described, error_of_first
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
+from dbscan_reg_ros.core.odometry.calibration.wheels import Wrong
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.registration.records import Prior
 from dbscan_reg_ros.simulation import rooms, simulate
 
 TRUE = SE2(-0.7, -0.5, 0.0)
@@ -45,11 +47,15 @@ def straight(seconds):
 
 
 class Drive:
-    """A drive of two lidars, 12.5 and 15 Hz; the first one may be silent for a while."""
+    """A drive of two lidars, 12.5 and 15 Hz; the first one may be silent for a while.
 
-    def __init__(self, update, given, late=0.0, seed=1, path=pose_at, calibrate=False):
-        self.comparisons, self._update, self.late = LidarComparisons(calibrate=calibrate), update, late
-        self.true, self._path = TRUE, path
+    `wheels` returns the motion of the base between two times [s] by the wheels.
+    """
+
+    def __init__(self, update, given, late=0.0, seed=1, **kinds):
+        self.comparisons = LidarComparisons(calibrate=kinds.get('calibrate', False))
+        self._path, self._wheels, self._last = kinds.get('path', pose_at), kinds.get('wheels'), 0.0
+        self._update, self.late, self.true = update, late, TRUE
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
         self._rng, self.used, self.now = np.random.default_rng(seed), [], 0.0
 
@@ -74,9 +80,21 @@ class Drive:
                 self.used.append(self.comparisons.uses(self.rear, round(1e9 * stamp)))
             sensor = self.rear if sensor.rank else sensor
             update = dataclasses.replace(self._update, stamp=round(1e9 * stamp), pose=self._path(time), sensor=sensor)
-            self.comparisons.add(update, self._locate)
+            update, prior = self._with_motion(update, time)
+            self.comparisons.add(update, self._locate, prior)
         self.now = end
         return self
+
+    def _with_motion(self, update, time):
+        """Return the update of a scan with its motion, and the motion by the wheels, each with noise."""
+        if update.sensor.rank and not self.used[-1]:
+            return dataclasses.replace(update, registration=None, reference_changed=False), None
+        start, self._last, motion = self._last, time, self._path(self._last).inverse() @ update.pose
+        twist = (self._path(time - 0.01).inverse() @ self._path(time + 0.01)).as_array() / 0.02
+        noise = SE2(*self._rng.normal(0.0, [0.0005, 0.0005, 0.0003]))
+        prior = self._wheels and Prior(self._wheels(start, time) @ noise, np.eye(3))
+        covariance = np.diag([0.01, 0.01, 0.005]) ** 2
+        return dataclasses.replace(update, increment=motion, twist=twist, twist_covariance=covariance), prior
 
     @property
     def lidar(self):
@@ -228,3 +246,57 @@ def test_a_lidar_with_another_clock_is_not_used(update, late):
     drive.late = 0.0
     drive.run(3.0)
     assert drive.lidar.apart == 0.0 and drive.used[-1]
+
+
+WRONG = SE2(0.04, -0.03, math.radians(3.0))
+
+
+def wheels(moved=SE2(), late=0.0):
+    """Return the wheels of a base that is moved against the first lidar, with errors of 2 %; they slip now and then."""
+    def measured(start, end):
+        motion = moved @ pose_at(start - late).inverse() @ pose_at(end - late) @ moved.inverse()
+        slip = 1.4 if start % 10.0 < 2.0 else 1.02
+        return SE2(slip * motion.x, slip * motion.y, 0.98 * motion.theta)
+    return measured
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_wheels_show_that_the_first_of_two_lidars_is_wrong(update, seed):
+    drive = Drive(update, WRONG @ TRUE, seed=seed, wheels=wheels(WRONG)).run(20.0)
+    assert drive.lidar.wrong is Wrong.FIRST and not any(drive.used[3:])
+    found = error_of_first(SE2(), [drive.lidar])
+    assert found.error.distance == pytest.approx(0.05, abs=0.005) and found.wrong is Wrong.FIRST
+    assert math.degrees(found.error.rotation) == pytest.approx(3.0, abs=0.1)
+    assert 'the other lidar, which agrees with the wheels' in described(found, is_first=True)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize(('late', 'wrong'), [(0.0, Wrong.FURTHER), (-0.06, Wrong.FIRST)])
+def test_wheels_show_whose_stamps_are_late(update, late, wrong, seed):
+    """The stamps of the further lidar are 60 ms before those of the first; the wheels have those of one of them."""
+    drive = Drive(update, TRUE, late=-0.06, seed=seed, wheels=wheels(late=late)).run(20.0)
+    found = error_of_first(SE2(), [drive.lidar])
+    assert drive.lidar.wrong is wrong and bool(found) is (wrong is Wrong.FIRST)
+    assert found is None or str(found.error).startswith('its stamps are off by ')
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_wheels_show_that_the_further_of_two_lidars_is_wrong(update, seed):
+    drive = Drive(update, TRUE @ WRONG, seed=seed, wheels=wheels()).run(10.0)
+    assert drive.lidar.wrong is Wrong.FURTHER and drive.lidar.error is None
+    drive.run(20.0)
+    assert drive.lidar.wrong is Wrong.FURTHER and error_of_first(SE2(), [drive.lidar]) is None
+    assert described(drive.lidar, is_first=False).startswith('disagrees with the first lidar, which agrees with the ')
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('bad', [wheels(SE2(-0.12, 0.1, math.radians(-6.0))), wheels(SE2(0.02, -0.015, 0.026))])
+def test_wheels_that_agree_with_neither_lidar_do_not_decide(update, bad, seed):
+    drive = Drive(update, WRONG @ TRUE, seed=seed, wheels=bad).run(30.0)
+    assert drive.lidar.wrong is Wrong.UNKNOWN and drive.lidar.error and error_of_first(SE2(), [drive.lidar]) is None
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_wheels_do_not_accuse_lidars_that_agree(update, seed):
+    drive = Drive(update, TRUE, seed=seed, wheels=wheels(WRONG)).run(30.0)
+    assert drive.lidar.wrong is Wrong.UNKNOWN and drive.lidar.error is None

@@ -14,6 +14,7 @@ from ...scan import SECOND
 from .first_lidar import HALF_SPAN, FirstLidar
 from .location import Location
 from .relative_pose import Comparison, RelativePose, estimate_relative_pose
+from .wheels import WheelComparison, Wrong
 
 
 class Disagreement(NamedTuple):
@@ -61,7 +62,12 @@ class ComparedLidar:
     estimate : RelativePose or None
         The latest estimate.
     error : Disagreement or None
-        The error of mounting or stamps that has lasted over a long drive; None if there is none.
+        The error of mounting or stamps that has lasted over a long drive, or that the wheels confirm; None if there is
+        none.
+    wheels : WheelComparison
+        Comparison of the first lidar with the wheels.
+    wrong : Wrong
+        Which lidar the error is due to, by the wheels.
     """
 
     given: SE2
@@ -73,6 +79,8 @@ class ComparedLidar:
     apart: float = 0.0
     estimate: RelativePose | None = None
     error: Disagreement | None = None
+    wheels: WheelComparison = field(default_factory=WheelComparison)
+    wrong: Wrong = Wrong.UNKNOWN
     used: SE2 = field(init=False)
     _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
     _last: SE2 | None = None
@@ -150,8 +158,10 @@ class ComparedLidar:
         self._suspected = any(difference(self.used, 0.0, estimate, PROBABLE))
         certain = difference(self.given, 0.0, estimate, _CERTAIN)
         lasting = self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
-        wrong = self.disagrees or self.used != self.given
-        self.error = certain if lasting and wrong and any(certain) else None
+        differs = any(certain) and (self.disagrees or self.used != self.given)
+        self.wrong = self.wheels.wrong(self.given, estimate) if differs else Wrong.UNKNOWN
+        # What the lidars see differently, at different heights, would not move the first one against the wheels.
+        self.error = certain if differs and (lasting or self.wrong is Wrong.FIRST) else None
         return estimate
 
     def _correct(self) -> None:

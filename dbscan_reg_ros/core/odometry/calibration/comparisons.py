@@ -6,13 +6,14 @@ from collections import deque
 from collections.abc import Callable
 
 from ...geometry.se2 import SE2
-from ...registration.records import Status
+from ...registration.records import Prior, Status
 from ..records import OdometryUpdate
 from ..sensor import Sensor
 from .clocks import ClockCheck
 from .compared_lidar import ComparedLidar
 from .first_lidar import FirstLidar
 from .location import Location
+from .wheels import WheelComparison
 
 
 class LidarComparisons:
@@ -31,6 +32,8 @@ class LidarComparisons:
         Number of comparisons that are kept of each lidar.
     calibrate : bool
         Whether the estimated mounting of a lidar is used if the given one is certainly wrong.
+    base : SE2
+        Pose of the base, whose motion external priors measure, in the followed frame.
 
     Attributes
     ----------
@@ -38,15 +41,17 @@ class LidarComparisons:
         Name of a further lidar -> `ComparedLidar`.
     """
 
-    def __init__(self, spacing: float = 0.2, only: bool = False, most: int = 200, calibrate: bool = False) -> None:
+    def __init__(self, spacing: float = 0.2, only: bool = False, most: int = 200, calibrate: bool = False,
+                 base: SE2 = SE2()) -> None:
         self.lidars: dict[str, ComparedLidar] = {}
         self._spacing, self._only, self._most, self._calibrate = spacing, only, most, calibrate
-        self._first = FirstLidar()
+        self._first, self._wheels = FirstLidar(), WheelComparison(base)
         self._clocks: dict[str, ClockCheck] = {}
 
     def restart(self) -> None:
         """Forget the poses of the first lidar: the odometry is reset."""
         self._first.clear()
+        self._wheels.restart()
 
     def uses(self, sensor: Sensor, stamp: int) -> bool:
         """Whether the scan of a `sensor` at a `stamp` [ns] may change the track."""
@@ -59,7 +64,8 @@ class LidarComparisons:
         lidar = self.lidars.get(sensor.name)
         if lidar is None or _differs(lidar.given, sensor.pose):
             lidar = self.lidars[sensor.name] = ComparedLidar(
-                sensor.pose, deque(maxlen=self._most), on_trial=lidar is None, calibrate=self._calibrate)
+                sensor.pose, deque(maxlen=self._most), on_trial=lidar is None, calibrate=self._calibrate,
+                wheels=self._wheels)
         lidar.apart = clock.apart
         if self._only or lidar.apart:
             return False
@@ -74,9 +80,15 @@ class LidarComparisons:
             return sensor
         return dataclasses.replace(sensor, pose=lidar.used)
 
-    def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None]) -> None:
-        """Add the `update` of a scan; `locate` returns the location of this scan in the map of the first lidar."""
+    def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None],
+            prior: Prior | None = None) -> None:
+        """Add the `update` of a scan and its external `prior`.
+
+        `locate` returns the location of this scan in the map of the first lidar.
+        """
         sensor = update.sensor
+        if self.lidars:
+            self._wheels.add(update, prior)
         if sensor.rank:
             lidar = self.lidars[sensor.name]
             if not lidar.apart and self._first.is_heard(update.stamp) and lidar.is_due(update.pose, self._spacing):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which lidars are wrong: the first of three or more, if all others agree with each other, but not with it."""
+"""Which lidars are wrong: the first one, if all others agree with each other, or the only other with the wheels."""
 from collections import deque
 from collections.abc import Collection, Sequence
 
@@ -9,6 +9,7 @@ from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
 from .compared_lidar import PROBABLE, ComparedLidar, difference
 from .relative_pose import RelativePose
+from .wheels import Wrong
 
 
 def disagreeing(given: SE2, others: Sequence[ComparedLidar | None]) -> list[ComparedLidar | None]:
@@ -29,15 +30,17 @@ def disagreeing(given: SE2, others: Sequence[ComparedLidar | None]) -> list[Comp
 
 def described(compared: ComparedLidar, is_first: bool) -> str:
     """Return with which lidars one of the `disagreeing` lidars disagrees, and by how much."""
-    others = 'all others, which agree with each other' if is_first else 'the first lidar'
-    return f'disagrees with {others}: {compared.error}'
+    others = {Wrong.UNKNOWN: 'all others, which agree with each other' if is_first else 'the first lidar',
+              Wrong.FIRST: 'the other lidar, which agrees with the wheels' if is_first else 'the first lidar',
+              Wrong.FURTHER: 'the first lidar, which agrees with the wheels'}
+    return f'disagrees with {others[compared.wrong]}: {compared.error}'
 
 
 def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLidar | None:
     """Return error and estimated mounting of the first lidar if it is the one that is wrong; else None.
 
     If it is, the mountings of all others seem to be moved by the same motion of the followed frame, and their stamps by
-    the same time. A single other lidar does not show which of both is wrong.
+    the same time. Of a single other lidar the wheels show which of both is wrong.
 
     Parameters
     ----------
@@ -47,7 +50,8 @@ def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLid
         All other lidars.
     """
     found = [(each.given, each.estimate) for each in others if each.error is not None and each.estimate is not None]
-    if len(found) < max(len(others), _LEAST):
+    by_wheels = [each.wrong for each in others] == [Wrong.FIRST]
+    if len(found) < max(len(others), 1 if by_wheels else _LEAST):
         return None
     best_given, best = min(found, key=lambda each: float(each[1].sigmas[2]))
     motion = best.pose @ best_given.inverse()
@@ -58,7 +62,9 @@ def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLid
             return None
     pose = motion.inverse() @ given
     estimate = RelativePose(pose, -best.time_offset, _at(best, pose))
-    return ComparedLidar(given, deque(), estimate=estimate, error=difference(given, 0.0, estimate, PROBABLE))
+    error = difference(given, 0.0, estimate, PROBABLE)
+    return ComparedLidar(given, deque(), estimate=estimate, error=error,
+                         wrong=Wrong.FIRST if by_wheels else Wrong.UNKNOWN) if any(error) else None
 
 
 def _at(best: RelativePose, pose: SE2) -> FloatArray:
