@@ -12,6 +12,7 @@ import pytest
 from benchmarks import __main__ as bench
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
+from benchmarks.lidars import several
 from benchmarks.odometry import courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
@@ -411,3 +412,31 @@ def test_a_merged_scan_has_the_nearest_return_of_both_scanners():
     for k in np.flatnonzero(whole.valid):
         near = np.abs(wrap(bearings - whole.geometry.bearings[k])) <= math.radians(0.25) + 1e-9
         assert whole.ranges[k] == pytest.approx(ranges[near].min(), abs=1e-6)
+
+
+def test_own_body_and_cross_talk_change_the_scans_of_both_lidars_only_where_they_are(monkeypatch):
+    monkeypatch.setattr(several, 'SECONDS', 2.0)
+    plain, body, talk = (several.seen_by(2, 'rooms', 1, **changes)
+                         for changes in ({}, *several.DISTURBED.values()))
+    masked = several.masked(plain)
+    for pick in (lambda course: course.scans, lambda course: course.others[0][1]):
+        ranges, own, wild, left = (np.array([scan.ranges for scan in pick(each)])
+                                   for each in (plain, body, talk, masked))
+        bearings = np.degrees(pick(plain)[0].geometry.bearings)
+        # The beams at the ends of the sector may be in it or not.
+        inside, outside = np.abs(bearings - 110.0) < 9.9, np.abs(bearings - 110.0) > 10.1
+        assert len(ranges) > 20 and inside.sum() == 39 and outside.sum() == 500
+        for others in (own, left):
+            assert np.array_equal(ranges[:, outside], others[:, outside])
+        assert np.abs(own[:, inside] - 0.3).max() < 0.06 and np.isnan(left[:, inside]).all()
+        assert 0.005 < np.mean(wild != ranges) < 0.015
+
+
+def test_three_lidars_drive_with_all_their_scans(monkeypatch):
+    monkeypatch.setattr(several, 'SECONDS', 2.0)
+    three = several.seen_by(3, 'hall', 1)
+    assert [sensor.rank for sensor, _ in three.others] == [1, 2]
+    error, seconds, count = several.followed(three.take(slice(10)))
+    last = three.scans[9].stamp
+    assert count == 10 + sum(scan.stamp < last for _, scans in three.others for scan in scans) > 25
+    assert seconds > 0.0 and math.isnan(error)

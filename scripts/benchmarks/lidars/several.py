@@ -50,12 +50,12 @@ def add_tables(report, args):
 
 def judged(kind, seed, limit) -> dict:
     """Return case -> (mean error over 5 m [m], processor time [s], scans of all lidars), for one drive."""
-    runs = {count: _run(_course(kind, seed, limit, count)) for count in (1, 2, 3)}
-    runs |= {case: _run(_course(kind, seed, limit, 2, **changes)) for case, changes in DISTURBED.items()}
-    return runs | {'masked': _run(_masked(_course(kind, seed, limit, 2)))}
+    runs = {count: followed(seen_by(count, kind, seed, limit)) for count in (1, 2, 3)}
+    runs |= {case: followed(seen_by(2, kind, seed, limit, **changes)) for case, changes in DISTURBED.items()}
+    return runs | {'masked': followed(masked(seen_by(2, kind, seed, limit)))}
 
 
-def _course(kind, seed, limit, count, **changes) -> Course:
+def seen_by(count, kind, seed, limit=None, **changes) -> Course:
     """Return a drive seen by the first `count` scanners, with these `changes` of their `Lidar`."""
     world = KINDS[kind](seed=seed)
     path = follow(world.tour).until(SECONDS)
@@ -68,22 +68,23 @@ def _course(kind, seed, limit, count, **changes) -> Course:
     return Course(seen[0].scans, reference=seen[0].truth, others=others).take(slice(limit))
 
 
-def _masked(course) -> Course:
+def masked(course) -> Course:
     """Return the course without the returns between the bearings of `SECTOR`."""
-    def masked(scan):
+    def without(scan):
         inside = (scan.geometry.bearings >= SECTOR[0]) & (scan.geometry.bearings <= SECTOR[1])
         return dataclasses.replace(scan, ranges=np.where(inside, math.nan, scan.ranges))
-    return dataclasses.replace(course, scans=list(map(masked, course.scans)), others=tuple(
-        (sensor, list(map(masked, scans))) for sensor, scans in course.others))
+    return dataclasses.replace(course, scans=list(map(without, course.scans)), others=tuple(
+        (sensor, list(map(without, scans))) for sensor, scans in course.others))
 
 
-def _run(course) -> tuple:
+def followed(course) -> tuple:
+    """Return the mean error over 5 m [m], the processor time [s] and the number of scans of all lidars."""
     begin = time.process_time()
-    run = tracked(SeveralLidars(course.others), course, 'lidars')
+    drive = tracked(SeveralLidars(course.others), course, 'lidars')
     seconds = time.process_time() - begin
     last = course.scans[-1].stamp
     count = len(course.scans) + sum(scan.stamp < last for _, scans in course.others for scan in scans)
-    return evaluate(run.poses, course.stamps, None, course.reference)['rpe_5m_mean_m'], seconds, count
+    return evaluate(drive.poses, course.stamps, None, course.reference).get('rpe_5m_mean_m', math.nan), seconds, count
 
 
 def _disturbed(drives) -> dict:
