@@ -148,7 +148,7 @@ class NodeCore:
         try:
             scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
-                self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
+                self._on_stamps_restart(lidar)
             followed = mounting if len(self._lidars) == 1 else Mounting()
             frame = self._followed_frame(scan.frame_id)
             prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
@@ -175,6 +175,13 @@ class NodeCore:
         lidar.counters.mounting = mounting
         lidar.counters.body.add(scan, update.pose @ update.sensor.pose)
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
+
+    def _on_stamps_restart(self, lidar: Lidar) -> None:
+        """Reset the odometry; if an earlier lidar of the list is heard, only the driver of this one has restarted."""
+        if self._trigger.leads(lidar.rank):
+            self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
+        else:
+            lidar.stamps.restart()
 
     def _log_tracking(self, lidar: Lidar, update: OdometryUpdate) -> None:
         """Log a restart of the tracking and a failed registration of a scan of `lidar`."""

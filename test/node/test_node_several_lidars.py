@@ -31,6 +31,7 @@ from dbscan_reg_ros.simulation import Lidar as SimulatedLidar
 from dbscan_reg_ros.simulation import follow, rooms, simulate
 
 FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
+HOUR = 3600 * 10 ** 9
 MS = 1_000_000
 
 
@@ -215,6 +216,23 @@ def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive,
     last = max(scan.stamp for scan in more if scan.frame_id == 'front')
     assert [stamp for stamp in used if scans[8].stamp <= stamp <= last] == sorted(
         scan.stamp for scan in more if scan.stamp <= last)
+
+
+def test_a_further_lidar_whose_stamps_start_again_resets_nothing(start_command, peer, drive, tf_type):
+    scans, base_at = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]')
+    said(node, 'ready: ', peer)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    lidars, statuses = loudspeakers(peer), peer.listen(DiagnosticArray, '/diagnostics')
+    found = played(peer, scans[:20], 0, lidars)
+    found += played(peer, scans[20:50], -HOUR, lidars)
+    assert diagnosis(peer, statuses, lambda status: re.search(
+        r'/rear/scan: its clock is (3599\.9|3600\.\d) s behind that of the first lidar', status.message))
+    assert 'odometry reset' not in node.output()
+    last = found[-1]
+    true = base_at(in_nanoseconds(found[0].header.stamp)).inverse() @ base_at(in_nanoseconds(last.header.stamp))
+    assert math.hypot(pose_of(last).x - true.x, pose_of(last).y - true.y) < 0.03
 
 
 def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):

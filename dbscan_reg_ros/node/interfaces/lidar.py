@@ -146,12 +146,19 @@ class OdometryTrigger:
         with several lidars, the stamp is not newer than that of the last odometry.
         """
         self._stamps[lidar].add(stamp)
-        if any(stamps.is_heard(stamp, _SILENT_PERIODS) for stamps in self._stamps[:lidar]):
+        if not self._is_first(lidar, stamp):
             return False
         if len(self._stamps) > 1 and self._last is not None and stamp <= self._last:
             return False
         self._last = stamp
         return True
+
+    def leads(self, lidar: int) -> bool:
+        """Whether no earlier lidar of the list was heard at the last odometry."""
+        return self._last is None or self._is_first(lidar, self._last)
+
+    def _is_first(self, lidar: int, stamp: int) -> bool:
+        return not any(stamps.is_heard(stamp, _SILENT_PERIODS) for stamps in self._stamps[:lidar])
 
 
 _SILENT_PERIODS = 2
