@@ -177,7 +177,7 @@ class NodeCore:
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
     def _on_stamps_restart(self, lidar: Lidar) -> None:
-        """Reset the odometry; if an earlier lidar of the list is heard, only the driver of this one has restarted."""
+        """Reset the odometry; if scans of an earlier lidar are received, only the driver of this one has restarted."""
         if self._trigger.leads(lidar.rank):
             self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
         else:

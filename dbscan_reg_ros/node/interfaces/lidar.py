@@ -154,7 +154,7 @@ class OdometryTrigger:
         return True
 
     def leads(self, lidar: int) -> bool:
-        """Whether no earlier lidar of the list was heard at the last odometry."""
+        """Whether no scan of an earlier lidar was received at the last odometry."""
         return self._last is None or self._is_first(lidar, self._last)
 
     def _is_first(self, lidar: int, stamp: int) -> bool:
