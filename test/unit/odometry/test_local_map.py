@@ -10,6 +10,7 @@ from dbscan_reg_ros import SE2
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.odometry.sensor import Sensor
 
 ROOM = outline([(-4.0, -3.0), (4.0, -3.0), (4.0, 3.0), (-4.0, 3.0)])
 BOX = outline([(1.0, -0.5), (1.0, 0.5), (1.4, 0.5), (1.4, -0.5)])
@@ -58,3 +59,18 @@ def test_a_key_frame_whose_place_is_not_known_has_no_part():
     old, unknown, last = key_frame(BEFORE), key_frame(BEFORE, constrained=False), key_frame(HERE, BOX)
     assert len(around(old, last)) > 0
     assert KeyFrameWindow([unknown, last]).local_map_of('') is last.features
+
+
+def test_a_key_frame_of_another_sensor_does_not_renew_the_local_map():
+    front, rear = Sensor('front'), Sensor('rear', rank=1)
+    frames = [dataclasses.replace(key_frame(pose), sensor=sensor)
+              for pose, sensor in ((BEFORE, front), (HERE, rear), (HERE, front), (BEFORE, rear))]
+    window = KeyFrameWindow(frames[:3])
+    map_of_front, map_of_rear = window.local_map_of('front'), window.local_map_of('rear')
+    window = window.with_frame(frames[3], 10)
+    assert window.local_map_of('front') is map_of_front and window.local_map_of('rear') is not map_of_rear
+    # A scan that is inserted before the latest key frame of its sensor completes the map of this sensor.
+    inserted = dataclasses.replace(key_frame(BEFORE, BOX), sensor=front)
+    completed = window.with_frame(inserted, 10, latest=False)
+    assert completed.frames_of('front')[-1] is frames[2] and completed.local_map_of('front') is not map_of_front
+    assert completed.local_map_of('rear') is window.local_map_of('rear')

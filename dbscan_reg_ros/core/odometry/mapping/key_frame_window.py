@@ -44,7 +44,7 @@ class KeyFrameWindow:
         fields = [frame.features.likelihood_field for frame in self.frames]
         self.fields = LikelihoodFieldStack(fields, *self.poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
-        self._local_maps: dict[str, Features] = {}
+        self._local_maps: dict[KeyFrame, Features] = {}
         self._parts: dict[int, KeyFrameWindow | None] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
 
@@ -62,12 +62,12 @@ class KeyFrameWindow:
 
         Points are taken from all key frames whose pose was constrained, also from key frames of other sensors.
         """
-        if sensor not in self._local_maps:
-            latest = self.frames_of(sensor)[-1]
+        latest = self.frames_of(sensor)[-1]
+        if latest not in self._local_maps:
             others = [frame for frame in self.frames if frame is not latest and frame.constrained]
             points = others and self.backend.step(older_map_points)(others, latest, latest.features.density)
-            self._local_maps[sensor] = replace(latest.features, map_points=points) if points else latest.features
-        return self._local_maps[sensor]
+            self._local_maps[latest] = replace(latest.features, map_points=points) if points else latest.features
+        return self._local_maps[latest]
 
     def of_rank(self, rank: int) -> 'KeyFrameWindow | None':
         """Return the window of the key frames of all sensors of this `Sensor.rank`; None if there is none."""
@@ -85,6 +85,9 @@ class KeyFrameWindow:
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
         """Return a window with one more key frame: the `latest` of its sensor, or inserted before the latest.
 
+        The local maps of the other sensors are kept until these have a new key frame: with several sensors nearly every
+        scan would otherwise need a new one.
+
         Parameters
         ----------
         frame : KeyFrame
@@ -94,7 +97,10 @@ class KeyFrameWindow:
         """
         at = len(self.frames) if latest else self.frames.index(self.frames_of(frame.sensor.name)[-1])
         frames = (*self.frames[:at], frame, *self.frames[at:])
-        return KeyFrameWindow(latest_frames(frames, size))
+        window = KeyFrameWindow(latest_frames(frames, size))
+        window._local_maps = {latest: features for latest, features in self._local_maps.items()
+                              if latest.sensor.name != frame.sensor.name}
+        return window
 
     def free_space(self, frames: int) -> FreeSpaceStack:
         """Return the free-space profiles of the latest `frames` x (number of sensors) key frames."""
