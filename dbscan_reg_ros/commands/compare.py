@@ -48,12 +48,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_recordings(parser, SEVERAL)
     add_mounting(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
-                        'or MODULE:FUNCTION, a function (reference, current, guess) that returns the pose (SE2) of the '
-                        'scan current in the frame of the scan reference. reference is the last key frame: a scan '
-                        f'becomes the key frame if it is more than {KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} '
-                        'deg from the last one; guess (SE2) repeats the last motion between two scans. Or '
-                        'MODULE:CLASS, a tracker made without arguments: process(scan) returns a Step with the pose in '
-                        'the frame of the first scan (doc/faq.md). May be repeated')
+                        'or MODULE:FUNCTION (a module in the current folder or installed), a function (reference, '
+                        'current, guess) that returns the pose (SE2) of the scan current in the frame of the scan '
+                        'reference. reference is the last key frame: a scan becomes the key frame if it is more than '
+                        f'{KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} deg from the last one; guess (SE2) repeats '
+                        'the last motion between two scans. Or MODULE:CLASS, a tracker made without arguments: '
+                        'process(scan) returns a Step with the pose in the frame of the first scan (doc/faq.md). May '
+                        'be repeated')
     parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
                         'parameter file, or the name of a ready-made parameter set (for example lds); may be repeated')
     parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
@@ -201,7 +202,7 @@ def write_comparison(folder, comparisons, results, text):
     for c in comparisons:
         if c.table:
             file = 'comparison.png' if c.letter == 'B' else f'comparison_{c.letter}.png'
-            plot_differences(folder / file, c.table, Path(c.a).name, Path(c.b).name)
+            plot_differences(folder / file, c.table, c.letter, Path(c.a).name, Path(c.b).name)
 
 
 def write_pages(folders, recordings, known, trajectories, results):

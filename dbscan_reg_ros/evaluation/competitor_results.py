@@ -102,6 +102,8 @@ def describe(results) -> list:
                      f'{number(each.error_5m_m, 4):>9} {number(each.error_5m_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
                      f'{number(evo.rpe_m, 6):>11} {number(evo.rpe_deg, 6):>11}  {each.verdict}'.rstrip())
     lines.append(DEFINITION)
+    if len({each.poses for each in results if each.recording == results[0].recording}) > 1:
+        lines.append('APE and RPE are over all poses of each trajectory: rows with other scans are not comparable')
     if any(each.interpolated for each in results):
         lines.append('scans with a pose: "n + k": n with a pose at their stamp, k with an interpolated pose')
     notes = [(recording, note) for recording, group in groupby(results, attrgetter('recording'))

@@ -166,7 +166,11 @@ def _own_tracker(name):
         return own()
 
     def align(reference, current, guess=None):
-        pose = own(reference, current, guess or SE2())
+        try:
+            pose = own(reference, current, guess or SE2())
+        except Exception as error:
+            raise BenchmarkError(f'method {name}: {type(error).__name__}: {error}; it was called with two scans '
+                                 '(Scan), reference and current, and a guess (SE2) (-v shows where)') from error
         if not isinstance(pose, SE2):
             raise BenchmarkError(f'method {name}: returned {pose!r:.60}; expected the pose of the scan `current` as an '
                                  'SE2(x, y, theta) [m, m, rad]')

@@ -183,8 +183,8 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     save(figure, path, 110, bbox_inches='tight')
 
 
-def plot_differences(path, table, a, b):
-    """Draw the differences of the errors of B and A, in per cent of the errors of A, with confidence intervals.
+def plot_differences(path, table, letter, a, b):
+    """Draw the differences of the errors of a competitor and A, in per cent of those of A, with confidence intervals.
 
     Parameters
     ----------
@@ -192,8 +192,10 @@ def plot_differences(path, table, a, b):
         The picture to write.
     table : dict
         Name of the recording -> a `Difference` for translation and one for rotation.
+    letter : str
+        Letter of the competitor.
     a, b : str
-        Names of the competitors A and B.
+        Names of A and of the competitor.
     """
     from matplotlib.figure import Figure
 
@@ -207,10 +209,10 @@ def plot_differences(path, table, a, b):
             axes.errorbar(mean, place, xerr=[[mean - scale * d.low], [scale * d.high - mean]], color='black', capsize=5,
                           fmt='s' if d.worse else 'o', markerfacecolor='black' if d.worse or d.better else 'white')
         axes.axvline(0.0, color='0.5', linestyle='--')
-        axes.set(title=title, xlabel='mean error over 1 m, B against A [%]', ylim=(len(table) - 0.5, -0.5))
+        axes.set(title=title, xlabel=f'mean error over 1 m, {letter} against A [%]', ylim=(len(table) - 0.5, -0.5))
         axes.set_yticks(range(len(table)), table)
         axes.grid(axis='x', linewidth=0.3)
-    figure.suptitle(f'A: {a}, B: {b}; filled: significant, square: B worse')
+    figure.suptitle(f'A: {a}, {letter}: {b}; filled: significant, square: {letter} worse')
     save(figure, path, 110)
 
 

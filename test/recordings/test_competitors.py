@@ -132,6 +132,16 @@ def test_a_wrong_competitor_is_one_line(hall_recording, capsys, words, says):
     assert capsys.readouterr().err == f'compare: {says}\n'
 
 
+def test_an_error_in_a_method_of_ones_own_names_it_and_what_it_is_called_with(hall_recording, tmp_path, monkeypatch,
+                                                                              capsys):
+    (tmp_path / 'of_points.py').write_text('def match(reference, current, guess):\n    x, y, theta = guess\n')
+    monkeypatch.chdir(tmp_path)
+    assert main(['identity', 'of_points:match', str(hall_recording), '--processes', '1']) == 2
+    assert capsys.readouterr().err == (
+        'compare: method of_points:match: TypeError: cannot unpack non-iterable SE2 object; it was called with two '
+        'scans (Scan), reference and current, and a guess (SE2) (-v shows where)\n')
+
+
 @pytest.mark.parametrize('form', ['tum', 'csv'])
 def test_the_truth_is_read_from_a_file(compare, write, truth, form, tmp_path):
     """That of the file counts, not that of the bag: all is twice as large in it."""
