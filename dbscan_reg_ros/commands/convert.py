@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--topics', nargs='+', default=(), metavar='TOPIC', help='topics of the bag to keep '
                         '(default: all)')
     parser.add_argument('--start', type=float, default=0.0, metavar='S', help='keep messages from S seconds after the '
-                        'first one')
+                        'first one, and all static transforms')
     parser.add_argument('--end', type=float, default=float('inf'), metavar='S', help='keep messages up to S seconds '
                         'after the first one')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',

@@ -41,7 +41,7 @@ class Kept:
     topics : collection of str
         Topics to write to a bag; empty: all topics.
     start, end : float
-        First and last time to convert, since the first message [s].
+        First and last time to convert, since the first message [s]. Static transforms from before are kept.
     """
 
     topic: str | None = None
@@ -192,7 +192,7 @@ def _bag_to_bag(source, open_target, kept, progress):
     counts, problems = Counter(), []
     with open_reader(source) as reader:
         connections = _connections(reader, source, kept.topics)
-        messages = safely(reader, connections, problems.append, **_window(reader, kept))
+        messages = _part(reader, connections, kept, problems)
         with open_target(source) as (writer, _):
             convert_message = writer.add_topics_of(reader, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
@@ -215,6 +215,18 @@ def _connections(reader, source, topics):
     if not reader.message_count:
         raise RecordingError(f'{source}: holds no message')
     return [connection for connection in reader.connections if not topics or connection.topic in topics]
+
+
+def _part(reader, connections, kept, problems):
+    """Yield the messages of the part `kept` of a bag, after the static transforms before it, at the time it starts."""
+    window = _window(reader, kept)
+    static = [connection for connection in connections if connection.topic == '/tf_static']
+    before = [(connection, window['start'], raw)
+              for connection, _, raw in safely(reader, static, problems.append, stop=window['start'])] if static else []
+    for message in safely(reader, connections, problems.append, **window):
+        yield from before
+        before = []
+        yield message
 
 
 def _window(reader, kept):

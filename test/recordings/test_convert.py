@@ -122,6 +122,14 @@ def test_a_time_range_and_topics_are_kept(data, tmp_path):
     assert counts == {'/scan': len(expected)} and 90 < len(expected) < 110
 
 
+def test_a_part_of_a_bag_has_the_static_transforms_from_before(hall_recording, tmp_path):
+    counts, _ = convert(hall_recording, tmp_path / 'part', Kept(start=5.0, end=7.0))
+    assert counts['/tf_static'] == 1 and 5 < counts['/scan'] < 12
+    assert open_recording(tmp_path / 'part').mounting == open_recording(hall_recording).mounting
+    with pytest.raises(RecordingError, match='no message to keep'):
+        convert(hall_recording, tmp_path / 'none', Kept(start=1000.0, end=1001.0))
+
+
 @pytest.mark.parametrize('storage', conversion.STORAGES)
 def test_an_end_beyond_all_time_keeps_everything(data, tmp_path, storage):
     convert(data / 'lms511' / 'static', tmp_path / 'first', storage=storage)
