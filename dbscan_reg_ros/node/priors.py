@@ -111,7 +111,8 @@ class Priors:
         base = self._source.prior(interval, predict, self.parameters.prior)
         if base is None:
             self._log.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} has no data at '
-                           'the time of the scan; using the constant-velocity prediction')
+                           'the time of the scan; using the constant-velocity prediction. If the data come later than '
+                           'the scan, raise input.max_wait above their period')
             return None
         return sensor_prior(base, last_mounting, mounting)
 

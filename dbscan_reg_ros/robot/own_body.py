@@ -12,7 +12,8 @@ from ..core.geometry.se2 import SE2
 from ..core.scan import Scan
 
 DISTANCE, ROTATION = 0.2, 0.2
-"""A scan is compared when the lidar has moved by one of these since the last compared scan [m, rad]."""
+"""A scan is compared when the lidar has moved by one of these since the last compared scan [m, rad]. Of a rotation
+during which scans are missing, at most twice this is counted."""
 COMPARED = 40
 """Number of the latest compared scans: they cover about 8 m or less."""
 LEAST_DISTANCE, LEAST_ROTATION = 2.0, 2.0
@@ -73,7 +74,7 @@ class OwnBody:
     def add(self, scan: Scan, pose: SE2) -> None:
         """Add a scan without masked returns, which a lidar measured at a `pose`; update the `sectors`."""
         motion = SE2() if self._last is None else self._last.inverse() @ pose
-        distance, rotation = math.hypot(motion.x, motion.y), abs(motion.theta)
+        distance, rotation = math.hypot(motion.x, motion.y), min(abs(motion.theta), 2.0 * ROTATION)
         if self._last is not None and distance < DISTANCE and rotation < ROTATION:
             return
         self._last = pose

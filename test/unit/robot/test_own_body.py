@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Returns from the robot itself, in simulated drives."""
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -59,6 +60,18 @@ def test_walls_along_the_path_are_no_body_before_the_robot_turns():
     world = corridor(seed=1)
     sectors, _ = searched(simulate(world, follow(world.tour, speed=2.0), LIDAR), upto=20.0)
     assert not sectors
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_walls_along_the_path_are_no_body_if_the_scans_of_rotations_are_missing(seed):
+    world = corridor(seed=seed)
+    simulation = simulate(world, follow([*world.tour, *world.tour[::-1]], speed=2.0), LIDAR, seed=seed)
+    turning = np.abs(np.diff(simulation.truth[:, 2], prepend=simulation.truth[0, 2])) > 0.05
+    body, sectors = OwnBody(), []
+    for scan, pose in zip(itertools.compress(simulation.scans, ~turning), simulation.truth[~turning], strict=True):
+        body.add(scan, SE2.from_array(pose))
+        sectors += body.sectors
+    assert turning.any() and not sectors
 
 
 def test_a_masked_body_is_not_found_any_more(drive):
