@@ -2,6 +2,7 @@
 """``register RECORDING REF CUR``, ``register SNAPSHOT [N]``: register two scans and draw each step."""
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -46,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'in a file beside it, if any)')
     parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
                         'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
+    parser.add_argument('--no-figures', action='store_true', help='draw nothing, which takes most of the time')
     parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
                         'link it as DIR/NAME_N_N/latest (default: results)')
     return run(parser, register, argv)
@@ -90,6 +92,8 @@ def register(args):
         pair = _of_recording(path, args, parameters)
     steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration, pair.truth)
     print('\n'.join(describe(steps, pair.timing or Timing(), args.verbose)), flush=True)
+    if args.no_figures:
+        return
     folder = new_folder(Path(args.out) / pair.name)
     transform = steps.registration.transform
     draw_figures(folder, steps, f'{pair.name}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
@@ -122,10 +126,43 @@ def _of_recording(path, args, parameters):
     reference, current = numbers
     recording, scans = _scans(path, args.topic, numbers, parameters)
     motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, args.truth)
+    parameters = parameters or Parameters()
     duration = max(scans[number].duration for number in numbers)
-    timing = Timing(1e-9 * (scans[current].stamp - scans[reference].stamp), duration)
-    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current],
-                parameters or Parameters(), truth=motion, timing=timing)
+    timing = Timing(1e-9 * (scans[current].stamp - scans[reference].stamp), duration,
+                    _motion_during_scan(scans, numbers, duration, parameters) if duration else None)
+    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current], parameters, truth=motion,
+                timing=timing)
+
+
+def _motion_during_scan(scans, numbers, duration, parameters):
+    """Return the largest motion [m], [rad] during one of the scans, by their neighbours; None if unknown."""
+    rates = []
+    for number in numbers:
+        known = [rate for first in (number - 1, number)
+                 if (rate := _rates(scans.get(first), scans.get(first + 1), parameters))]
+        if not known:
+            return None
+        rates += known
+    speeds, turn_rates = zip(*rates, strict=True)
+    return duration * max(speeds), duration * max(turn_rates)
+
+
+def _rates(first, second, parameters):
+    """Return the speed [m/s] and the turn rate [rad/s] from one scan to the next; None if unknown."""
+    from ..core.errors import ScanError
+    from ..core.parameters.tree import Parameters
+    from ..core.registration.pipeline import register as register_scans
+    from ..core.registration.records import Status
+
+    if first is None or second is None or first.stamp == second.stamp:
+        return None
+    try:
+        found = register_scans(first, second, replace(Parameters(), scan=parameters.scan))
+    except ScanError:
+        return None
+    interval, motion = 1e-9 * abs(second.stamp - first.stamp), found.transform
+    return ((math.hypot(motion.x, motion.y) / interval, abs(motion.theta) / interval)
+            if found.status is Status.OK else None)
 
 
 def _true_motion(recording, first, second, truth):
@@ -143,14 +180,15 @@ def _true_motion(recording, first, second, truth):
 
 
 def _scans(path, topic, numbers, parameters):
-    """Return a recording, and a dictionary number -> scan of its scans with the given numbers."""
+    """Return a recording, and a dictionary number -> scan: those with the given numbers, and their neighbours."""
     from ..recordings import open_recording
     from ..recordings.bags.clouds import CloudParameters
 
     recording = open_recording(path, topic, CloudParameters.of(parameters, topic))
     last, scans, count = max(numbers), {}, 0
-    for count, scan in enumerate(islice(recording.scans(), last + 1), 1):
-        if count - 1 in numbers:
+    wanted = {number + step for number in numbers for step in (-1, 0, 1)}
+    for count, scan in enumerate(islice(recording.scans(), last + 2), 1):
+        if count - 1 in wanted:
             scans[count - 1] = scan
     if last >= count:
         raise CommandError(f'{path}: no scan {last}; the recording contains {count} scans, numbered from 0')

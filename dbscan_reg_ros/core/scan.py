@@ -111,7 +111,7 @@ class Scan:
         Parameters
         ----------
         ranges : array_like (N,)
-            Measured ranges [m], one for each beam; `inf`, `nan` or masked for a beam without a return.
+            Measured ranges [m], one for each beam; 0, `inf`, `nan` or masked for a beam without a return.
         angles : array_like (N,)
             Bearing of each beam [rad], in the order of the beams, counter-clockwise or clockwise. A jump from pi to -pi
             is allowed.

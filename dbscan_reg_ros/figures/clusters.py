@@ -21,7 +21,8 @@ def draw_rotation(figure, steps):
         panel.axvline(result, label=_result(steps), **RESULT)
         panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
         grid(panel)
-    title = f'{rotations.difference.size} angle differences; clusters followed: {_count(len(rotations.phi))}'
+    title = (f'{rotations.difference.size} angle differences{_stage(steps)}; clusters followed: '
+             f'{_count(len(rotations.phi))}')
     axes['all'].set(title=title, xlim=(-185.0, 185.0), xticks=range(-180, 181, 45))
     axes['close'].set(title='close to the result', xlim=(result - CLOSE_ANGLE, result + CLOSE_ANGLE))
     _k_distances(axes['graph'], steps)
@@ -54,8 +55,9 @@ def draw_translation(figure, steps):
     place = np.array([(result.x, result.y)])
     shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
     middle, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.5 * np.ptp(shown, axis=0).max() + CLOSE
-    title = (f'{np.count_nonzero(own)} translations with the rotation of the result;\n'
-             f'clusters: {_count(len(ranked))}')
+    rotation = '' if steps.rotation is None else f' {np.degrees(steps.rotations.phi[steps.rotation]):.2f} deg'
+    title = (f'{np.count_nonzero(own)} translations{_stage(steps)}, rotation{rotation},\n'
+             f'nearest to the result; clusters: {_count(len(ranked))}')
     plane(axes['all'], title, middle - half, middle + half)
     plane(axes['close'], f'close to the result; eps {samples.eps:.3f} m', place[0] - CLOSE, place[0] + CLOSE)
     legend(axes['legend'], 4, axes['all'])
@@ -65,7 +67,12 @@ def explain_translation(steps):
     """Return the caption of the translation samples."""
     ends = steps.parameters.translation.form == 'signed'
     return (f'Two pairs of lines give a sample{", and so does a pair of end points" if ends else ""}. '
-            'Many samples agree near the true translation.')
+            'Near the true translation usually many samples agree.')
+
+
+def _stage(steps):
+    """Return the stage of the search that is drawn, as a text; the method of the paper has one stage."""
+    return ' of the normal search' if steps.parameters.selection.method == 'density' else ''
 
 
 def _result(steps):

@@ -26,6 +26,8 @@ from .style import (
 from .texts import heading_text
 
 CONFIDENCE = 0.95
+SMALL = 0.1
+"""Reach [m] below which the ellipse is drawn in millimetres, so that the numbers beside its axes are short."""
 THIN = {'linewidth': 0.9}
 TRUE_COLOR = '#007a5a'
 TRUE_POSE = {'color': 'none', 'markeredgecolor': TRUE_COLOR, 'markersize': 16.0}
@@ -55,8 +57,9 @@ def explain_overlay(steps):
     """Return the caption of the overlay."""
     landmarks = any(len(scan.landmarks) for _, scan in steps.scans)
     return ('Matched segments should lie on each other. Other points are visible in one scan only, or have moved.\n'
-            'If the match is right, the ellipse contains the true position with a probability of 95 %.'
-            + (' Landmarks are small objects, used in the wide search only.' if landmarks else ''))
+            'If the match is right, the ellipse (axes of the reference) contains the true position with a '
+            'probability of 95 %, if the sensor hardly moved during each scan.'
+            + ('\nLandmarks are small objects, used in the wide search only.' if landmarks else ''))
 
 
 def _draw_rival(axes, steps):
@@ -82,22 +85,22 @@ def _draw_scans(axes, steps, moved, matched):
 
 
 def _draw_ellipse(axes, registration, truth):
-    """Draw the 95 % confidence ellipse of the position of the sensor around the result, in the reference frame.
+    """Draw the 95 % confidence ellipse of the position minus that of the result, along the axes of the reference.
 
     The true position is drawn as well, unless `truth` is None.
     """
     covariance, transform = registration.covariance, registration.transform
     turn = transform.rotation()
     edge = ellipse(turn @ covariance[:2, :2] @ turn.T)
+    off = np.array([(truth.x - transform.x, truth.y - transform.y)]) if truth is not None else np.empty((0, 2))
+    reach = 1.2 * np.abs(np.vstack((edge, off))).max()
+    unit, scale = ('mm', 1000.0) if reach < SMALL else ('m', 1.0)
     heading = heading_text(covariance[2, 2], 1.96)
-    axes.plot(*edge.T, color='black')
+    axes.plot(*scale * edge.T, color='black')
     axes.plot(0.0, 0.0, '+', color='black', markersize=12.0, label='ellipse: result')
-    if truth is not None:
-        off = np.array((truth.x - transform.x, truth.y - transform.y))
-        axes.plot(*off, 'x', color=TRUE_COLOR, markersize=10.0, label='ellipse: true position')
-        edge = np.vstack((edge, off))
-    reach = np.full(2, 1.2 * np.abs(edge).max())
-    plane(axes, f'position in the\nreference frame, 95 %;\n{heading}', -reach, reach)
+    axes.plot(*scale * off.T, 'x', color=TRUE_COLOR, markersize=10.0, label='ellipse: true position')
+    plane(axes, f'position minus result, 95 %;\n{heading}', np.full(2, -scale * reach), np.full(2, scale * reach))
+    axes.set(xlabel=f'x [{unit}]', ylabel=f'y [{unit}]')
     axes.locator_params(axis='x', nbins=2)
 
 

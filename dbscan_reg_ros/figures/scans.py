@@ -7,16 +7,19 @@ from ..core.features.ring_band import Outcome
 from .style import BLUE, POINTS, REST, alike, draw_segments, draw_sensor, legend, panels, plane
 
 OUTCOMES = {
-    Outcome.SMOOTHED: ('smoothed, as measured', {'color': '#007a5a', 'marker': 'o'}),
+    Outcome.SMOOTHED: ('before smoothing', {'color': '#007a5a', 'marker': 'o'}),
     Outcome.CORNER: ('corner, kept', {'color': '#0b5fa5', 'marker': 's'}),
     Outcome.REMOVED: ('removed', {'color': '#d55e00', 'marker': 'x'}),
 }
 ENDS = {
     EndKind.CORNER: ('corner', {'color': '#d55e00', 'marker': 's'}),
     EndKind.FREE: ('free end', {'color': '#007a5a', 'marker': 'o'}),
-    EndKind.OCCLUSION: ('end by occlusion', {'color': '#8a3d7a', 'marker': 'v'}),
+    EndKind.OCCLUSION: ('other end', {'color': '#8a3d7a', 'marker': 'v'}),
 }
 OPEN = {'linestyle': 'none', 'markersize': 7.0, 'markerfacecolor': 'none', 'markeredgewidth': 1.3}
+
+NUMBERED = 5
+"""Every segment whose number is a multiple of this has the number beside it."""
 
 
 def draw_points(figure, steps):
@@ -45,6 +48,8 @@ def draw_scan_segments(figure, steps):
         torn = np.union1d(np.flatnonzero(scan.breaks), np.flatnonzero(scan.breaks) + 1)
         panel.plot(*points[torn].T, label='points beside a breakpoint',
                    **OPEN | {'color': 'black', 'marker': 'x', 'markersize': 5.0})
+        for number in range(0, len(segments), NUMBERED):
+            panel.annotate(str(number), segments.midpoint[number], (4.0, 4.0), textcoords='offset points')
         ends = np.concatenate((segments.start, segments.end))
         for kind, (label, style) in ENDS.items():
             panel.plot(*ends[segments.kinds.T.ravel() == kind].T, label=label, **OPEN | style)

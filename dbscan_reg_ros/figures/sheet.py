@@ -30,20 +30,24 @@ class Drawing(NamedTuple):
 FIGURES = {
     'points': Drawing(
         'Points before and after the ring band filter', draw_points, lambda _:
-        'Crosses mark removed points: these should be single returns between surfaces.\n'
+        'Crosses mark removed points, if any: usually single returns between surfaces.\n'
         'Walls and corners should be kept.'),
     'segments': Drawing(
         'Segments, breakpoints and ends', draw_scan_segments, lambda _:
-        'Each straight wall should be one segment, from corner to corner, or up to where another object hides it.'),
+        'Each straight wall should be one segment, up to a corner, a free end, or where another object hides it.\n'
+        'Behind a free end the next return is farther; behind another end it is nearer, as far, or missing. '
+        'Every fifth segment has its number, from 0.'),
     'rotation': Drawing(
         'Rotation: clusters of angle differences', draw_rotation, lambda _:
-        'Near the true rotation the angle differences of many segments agree and form a cluster over several rows.'),
+        'Near the true rotation the angle differences of many segments usually agree and form a cluster over several '
+        'rows.\nThe rows are numbered as in the picture of the segments. A wide search, if it '
+        'followed, is not drawn.'),
     'translation': Drawing(
         'Translation: clusters of the samples', draw_translation, explain_translation),
     'densities': Drawing(
         'Densities of the coordinates', draw_densities, lambda _:
-        'Figures 9 to 12. Only the method of the paper selects by this sum; points that only one scan sees raise it at '
-        'the true motion, too.'),
+        'Figures 9 to 12 of the paper. Only the method of the paper selects by this sum; points that only one scan '
+        'sees raise it at the true motion, too.'),
     'overlay': Drawing(
         'Overlay of the scans', draw_overlay, explain_overlay),
 }

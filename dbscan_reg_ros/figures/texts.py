@@ -22,10 +22,13 @@ class Timing(NamedTuple):
     duration : float
         Time that all beams of a scan take [s], the longer one of both; 0 if unknown, or if the motion during the scans
         was removed.
+    moved : (float, float) or None
+        Largest motion of the sensor during one of the scans [m], [rad]; None if unknown.
     """
 
     interval: float | None = None
     duration: float = 0.0
+    moved: tuple[float, float] | None = None
 
 
 def status_text(registration) -> str:
@@ -62,7 +65,7 @@ def describe(steps, timing, covariance=False) -> list:
                   *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in found.covariance)]
     if timing.interval is not None:
         lines.append(f'time        {fixed(timing.interval, 3)} s from the reference to the current scan')
-    lines += _describe_motion_during_scan(found, timing)
+    lines += _describe_motion_during_scan(steps, timing)
     lines += [f'overlap     {found.overlap:.3f}', *_describe_evidence(found)]
     if found.degenerate_direction is not None:
         degrees = fixed(math.degrees(found.degenerate_direction), 1)
@@ -75,21 +78,21 @@ def describe(steps, timing, covariance=False) -> list:
     return lines
 
 
-def _describe_motion_during_scan(registration, timing) -> list:
+def _describe_motion_during_scan(steps, timing) -> list:
     """Return a note where the motion during a scan may exceed the standard deviations of the result."""
     if not timing.duration:
         return []
-    note = (f'note        each scan lasts {timing.duration:.2f} s; the motion during a scan is not removed here (the '
-            'odometry removes it); the result may be off by up to ')
-    if not timing.interval:
-        return [f'{note}half of the motion during a scan, by more where the velocity changed']
-    ratio, motion = 0.5 * timing.duration / abs(timing.interval), registration.transform
-    distance, angle = ratio * math.hypot(motion.x, motion.y), ratio * abs(motion.theta)
-    sigma = np.sqrt(np.diag(registration.covariance))
+    scan = f'note        each scan lasts {timing.duration:.2f} s, and the '
+    kept = ('. It is not removed here (the odometry removes it), and sigma and confidence do not include the error, up '
+            'to about as much')
+    if timing.moved is None:
+        return [f'{scan}motion during it is unknown; at 90 deg/s it would be {90.0 * timing.duration:.1f} deg{kept}']
+    distance, angle = timing.moved
+    sigma = np.sqrt(np.diag(steps.registration.covariance))
     if distance <= sigma[:2].max() and angle <= sigma[2]:
         return []
-    return [f'{note}{distance:.3f} m and {math.degrees(angle):.2f} deg (half of the motion during a scan) at a '
-            'constant velocity, by several times as much where the velocity changed']
+    return [f'{scan}sensor moved by up to {distance:.3f} m and {math.degrees(angle):.2f} deg during it (by the scans '
+            f'before and after){kept}']
 
 
 def _log_odds(hypothesis) -> str:

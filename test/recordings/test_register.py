@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import Odometry, ParameterError, Parameters, Scan, Status
-from dbscan_reg_ros.commands.register import OF_A_DRIVE, main
+from dbscan_reg_ros.commands.register import OF_A_DRIVE, _motion_during_scan, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome
@@ -306,10 +306,29 @@ def test_a_failed_registration_has_no_heading_and_no_minus_zero():
 def test_scans_that_last_are_noted_where_the_sensor_moves():
     found = Registration(SE2(0.2, 0.0, math.radians(20.0)), np.diag((1e-6, 1e-6, 1e-6)), Status.OK)
     steps = SimpleNamespace(registration=found, truth=None)
-    line, = (each for each in describe(steps, Timing(0.4, 0.1)) if each.startswith('note'))
-    assert 'each scan lasts 0.10 s' in line and 'up to 0.025 m and 2.50 deg' in line
-    for timing in (Timing(0.4, 0.0), Timing(400.0, 0.1)):
+    for moved, text in (((0.025, math.radians(2.5)), 'up to 0.025 m and 2.50 deg'),
+                        (None, 'at 90 deg/s it would be 9.0')):
+        line, = (each for each in describe(steps, Timing(0.4, 0.1, moved)) if each.startswith('note'))
+        assert 'each scan lasts 0.10 s' in line and text in line
+    for timing in (Timing(0.4), Timing(0.4, 0.1, (1e-4, 1e-4))):
         assert not any(each.startswith('note') for each in describe(steps, timing))
+
+
+def test_the_motion_during_a_scan_is_that_of_the_neighbours_not_of_the_pair(drive):
+    """Of two scans far apart the sensor rotates at one only: the mean motion from scan to scan is much less."""
+    stamps = np.array([scan.stamp for scan in drive.scans]) * 1e-9
+    turn_rate = np.abs(np.diff(np.unwrap(drive.truth[:, 2]))) / np.diff(stamps)
+    straight, turning = 1 + int(np.argmin(turn_rate[1:-1])), 1 + int(np.argmax(turn_rate[1:-1]))
+    scans = dict(enumerate(drive.scans))
+    distance, angle = _motion_during_scan(scans, (straight, turning), 0.1, Parameters())
+    assert angle == pytest.approx(0.1 * turn_rate[turning], rel=0.1) and 0.0 <= distance < 0.15
+    alone = {number: scans[number] for number in (straight, turning)}
+    assert _motion_during_scan(alone, (straight, turning), 0.1, Parameters()) is None
+
+
+def test_figures_can_be_left_out(snapshot, tmp_path, capsys):
+    assert main([str(snapshot), '--no-figures', '--out', str(tmp_path / 'out')]) == 0
+    assert 'figures' not in capsys.readouterr().out and not (tmp_path / 'out').exists()
 
 
 def test_the_ellipse_holds_95_per_cent():

@@ -27,7 +27,8 @@ class EndKind(IntEnum):
     FREE = 1
     """The wall ends, and the next beams see farther: this end is a fixed point of the environment."""
     OCCLUSION = 2
-    """A nearer object hides the rest of the wall, or the scan ends: this end moves with the sensor."""
+    """The next return is not farther, or there is none: often a nearer object hides the rest of the wall. This end
+    moves with the sensor."""
 
 
 @dataclass(frozen=True, eq=False)

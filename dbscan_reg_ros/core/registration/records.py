@@ -17,7 +17,7 @@ class Status(Enum):
     """Status of a registration."""
 
     OK = 'ok'
-    """The motion is known in every direction."""
+    """The motion is known in every direction. The method of the paper, which has no check, sets it as well."""
     DEGENERATE = 'degenerate'
     """The scans agree, but the translation along one direction, or the rotation, is unobservable."""
     AMBIGUOUS = 'ambiguous'
@@ -119,8 +119,8 @@ class Registration:
     overlap : float
         Fraction of the current scan's points that lie on the reference's surfaces, 0..1.
     score : float
-        Score of the result, at most 1. If only one top candidate remained, score and overlap are those after the coarse
-        refinement.
+        Score of the result, at most 1; by the method of the paper ``exp(-D)`` for the divergence D. If only one top
+        candidate remained, score and overlap are those after the coarse refinement.
     hypotheses : tuple of Hypothesis
         Best first; the first is the result. Empty if nothing was found.
     degenerate_direction : float or None
@@ -135,9 +135,10 @@ class Registration:
     rotation_unobservable : bool
         Whether the scans do not constrain the rotation.
     confidence : float
-        Probability that the transform is right, within 0.1 m and 2 deg, 0..1.
+        Probability that the transform is right, within 0.1 m and 2 deg, 0..1. It is computed from the `evidence`, and
+        0 without any.
     evidence : Evidence or None
-        What the confidence is computed from; None if nothing was found.
+        What the confidence is computed from; None if nothing was found, and by the method of the paper.
     rivals : tuple of Hypothesis
         Those `hypotheses` whose motion differs from that of the result, best first.
     """
