@@ -197,8 +197,9 @@ def test_success_is_0_and_a_code_of_the_work_is_kept():
 
 
 def test_the_package_imports_nothing_heavy(root):
+    """Only what reads YAML files imports yaml."""
     code = ('import sys, dbscan_reg_ros as package; light = set(sys.modules);'
-            '[getattr(package, name) for name in package.__all__];'
+            '[getattr(package, name) for name in package.__all__ if name != "read_parameters"];'
             'print(sorted({"numpy"} & light), sorted({"rclpy", "rosbags", "matplotlib", "sklearn", "tqdm", "yaml"}'
             ' & set(sys.modules)))')
     result = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
