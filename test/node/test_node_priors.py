@@ -72,8 +72,10 @@ def start_with(start_command, tmp_path):
 def play_slowly(player, peer, loudspeaker, scans, messages):
     """Each scan follows the messages stamped before it; those with its own stamp follow it."""
     answered = []
-    sent = 0
     peer.greet()
+    # The first message to a new subscription may take longer than a scan, and the source would seem to have stopped.
+    loudspeaker.tell(messages[0])
+    sent = 1
     with peer.spinning():
         for scan in scans:
             while sent < len(messages) and stamp(messages[sent]) < scan.stamp:
