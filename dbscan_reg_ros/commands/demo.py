@@ -20,7 +20,6 @@ from .command_line import (
     shortened,
 )
 
-OPENED = 'a browser is connected'
 WITHOUT_DATA = 'none', 'constant_velocity'
 """Values of ``prior.source`` that need no messages."""
 STARTING = 30
@@ -137,14 +136,17 @@ def _channels(recording, others) -> list:
 
 @contextmanager
 def _page(out):
-    """Serve the live page; enter the ``with`` block when a browser shows the page."""
+    """Serve the live page; enter the ``with`` block when a browser shows the page, and the page has found the node."""
     from .processes import Process, package_command
+    from .watch import FOUND
 
     with Process(package_command('watch'), out / 'watch.log') as page:
-        for line in page.lines(OPENED):
+        for line in page.lines():
             print(line, flush=True)
             if line.startswith('from another'):
                 print('open the page: the drive begins then', flush=True)
+            if line.startswith(FOUND):
+                break
         yield
 
 

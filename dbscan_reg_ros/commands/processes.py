@@ -53,7 +53,7 @@ class Process:
         with open(self.log, encoding='utf-8', errors='replace') as log:
             return log.read()
 
-    def lines(self, last):
+    def lines(self, last=None):
         """Yield each line that the process prints, up to the line `last`; raise `ProcessEnded` if it ends before."""
         with open(self.log, encoding='utf-8', errors='replace') as log:
             line = part = ''

@@ -11,6 +11,9 @@ from ..signals import interruptible
 from .command_line import INTERRUPTED, make_parser, port, run
 
 PORT = 8710
+OPENED = 'a browser is connected'
+FOUND = 'node         '
+"""Begin of the line that names the node, once the page shows it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,7 +46,12 @@ def watch(args, ros_arguments):
     from ..replays.live.server import PageServer, is_local
 
     drive = LiveDrive()
-    with (Listener(drive.add, drive.report, drive.restart, ros_arguments) as listener,
+
+    def begin(name):
+        drive.restart(name)
+        print(f'{FOUND}{name}', flush=True)
+
+    with (Listener(drive.add, drive.report, begin, ros_arguments) as listener,
           PageServer(drive, args.host, args.port, listener.topics[0]) as server):
         print(f'topics       {" ".join(listener.topics)}')
         print(f'page         {server.address}')
@@ -63,5 +71,5 @@ def _follow(listener, drive):
         if watched != (drive.browsers > 0):
             watched = not watched
             (listener.subscribe if watched else listener.unsubscribe)()
-            print('a browser is connected' if watched else 'no browser is connected', flush=True)
+            print(OPENED if watched else 'no browser is connected', flush=True)
         listener.spin(0.1)

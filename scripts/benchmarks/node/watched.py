@@ -43,8 +43,8 @@ def measure(args):
 
 def alternate(count) -> dict:
     """Return the figures of `count` scans: without a browser, with one elsewhere, with one here."""
-    from dbscan_reg_ros.commands.demo import OPENED
     from dbscan_reg_ros.commands.processes import Process, package_command
+    from dbscan_reg_ros.commands.watch import OPENED
     from dbscan_reg_ros.node.playback.player import Player
 
     scans = make_scans(BEAMS, FIELD, RATE, count)
