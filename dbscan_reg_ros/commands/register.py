@@ -136,14 +136,11 @@ def _of_recording(path, args, parameters):
 
 def _motion_during_scan(scans, numbers, duration, parameters):
     """Return the largest motion [m], [rad] during one of the scans, by their neighbours; None if unknown."""
-    rates = []
-    for number in numbers:
-        known = [rate for first in (number - 1, number)
-                 if (rate := _rates(scans.get(first), scans.get(first + 1), parameters))]
-        if not known:
-            return None
-        rates += known
-    speeds, turn_rates = zip(*rates, strict=True)
+    rates = {first: _rates(scans.get(first), scans.get(first + 1), parameters)
+             for first in sorted({number - step for number in numbers for step in (0, 1)})}
+    if not all(rates[number - 1] or rates[number] for number in numbers):
+        return None
+    speeds, turn_rates = zip(*filter(None, rates.values()), strict=True)
     return duration * max(speeds), duration * max(turn_rates)
 
 

@@ -326,6 +326,14 @@ def test_the_motion_during_a_scan_is_that_of_the_neighbours_not_of_the_pair(driv
     assert _motion_during_scan(alone, (straight, turning), 0.1, Parameters()) is None
 
 
+def test_the_pair_between_neighbouring_scans_is_registered_once(monkeypatch):
+    pairs = []
+    monkeypatch.setattr('dbscan_reg_ros.commands.register._rates',
+                        lambda first, second, _: pairs.append((first, second)) or (1.0, 2.0))
+    assert _motion_during_scan(dict(enumerate('abcd')), (1, 2), 0.1, Parameters()) == pytest.approx((0.1, 0.2))
+    assert pairs == [('a', 'b'), ('b', 'c'), ('c', 'd')]
+
+
 def test_figures_can_be_left_out(snapshot, tmp_path, capsys):
     assert main([str(snapshot), '--no-figures', '--out', str(tmp_path / 'out')]) == 0
     assert 'figures' not in capsys.readouterr().out and not (tmp_path / 'out').exists()
