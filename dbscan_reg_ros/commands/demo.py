@@ -114,7 +114,7 @@ def _play(recording, out, words, args, topics):
         _wait_for(node, player)
         channels = _channels(recording, topics[1:])
         player.announce(channels)
-        with (_page(out) if args.live else nullcontext(),
+        with (_page(out, node) if args.live else nullcontext(),
               tqdm(desc=recording.name, total=recording.count, unit=' scans', disable=None) as bar):
             return player.play(counted(recording.play(channels), bar), 1.0 if args.live else None,
                                window=1 if channels else WINDOW)
@@ -135,13 +135,19 @@ def _channels(recording, others) -> list:
 
 
 @contextmanager
-def _page(out):
-    """Serve the live page; enter the ``with`` block when a browser shows the page, and the page has found the node."""
+def _page(out, node):
+    """Serve the live page; enter the ``with`` block when a browser shows the page, and the page has found the `node`.
+
+    Raises
+    ------
+    ProcessEnded
+        When the process of the `node` has ended before.
+    """
     from .processes import Process, package_command
     from .watch import FOUND
 
     with Process(package_command('watch'), out / 'watch.log') as page:
-        for line in page.lines():
+        for line in page.lines(others=[node]):
             print(line, flush=True)
             if line.startswith('from another'):
                 print('open the page: the drive begins then', flush=True)

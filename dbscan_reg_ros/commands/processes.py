@@ -53,19 +53,27 @@ class Process:
         with open(self.log, encoding='utf-8', errors='replace') as log:
             return log.read()
 
-    def lines(self, last=None):
-        """Yield each line that the process prints, up to the line `last`; raise `ProcessEnded` if it ends before."""
+    def lines(self, last=None, others=()):
+        """Yield each line that the process prints, up to the line `last`.
+
+        Raises
+        ------
+        ProcessEnded
+            When the process, or one of the `others`, has ended before.
+        """
         with open(self.log, encoding='utf-8', errors='replace') as log:
             line = part = ''
             while line != last:
+                ended = next((process for process in (self, *others) if not process.running()), None)
                 part += log.readline()
                 if part.endswith('\n'):
                     line, part = part[:-1], ''
                     yield line
-                elif self.running():
-                    time.sleep(POLL)
+                elif ended:
+                    raise ProcessEnded(f'{" ".join(ended.command)} has ended with exit status {ended.wait(0)}; its '
+                                       f'output is in {ended.log}')
                 else:
-                    raise ProcessEnded(f'{" ".join(self.command)} has ended; its output is in {self.log}')
+                    time.sleep(POLL)
 
     def signal(self, number):
         """Send a signal to the process if it is still running."""

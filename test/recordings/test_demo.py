@@ -157,6 +157,15 @@ def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     assert 'skipped 0' in process.output()
 
 
+def test_the_live_demo_ends_if_its_node_ends_before_the_page_is_opened(demo, scans, tmp_path):
+    process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live')
+    when(lambda: 'open the page: the drive begins then' in process.output(), 60, process)
+    os.kill(node_of(process, 1.0), signal.SIGKILL)
+    assert process.wait(30) == 2, process.output()
+    assert re.fullmatch(r'demo: .* -m dbscan_reg_ros scan_matcher --ros-args .*has ended with exit status -9; '
+                        r'its output is in .*scan_matcher\.log', process.output().splitlines()[-1])
+
+
 def test_the_live_demo_begins_when_a_browser_shows_its_page(demo, scans, tmp_path):
     process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live')
     port = int(when(lambda: re.search(r'page +http://127\.0\.0\.1:(\d+)/', process.output()), 60, process)[1])
