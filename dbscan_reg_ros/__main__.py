@@ -23,15 +23,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that the first argument names; return its exit status."""
     import argparse
     from importlib import import_module
-    from pathlib import Path
 
-    from .command_lines import COMMANDS, PROGRAM
+    from .command_lines import COMMANDS, started_as
     from .version import add_version
 
     argv = sys.argv[1:] if argv is None else argv
-    prog = PROGRAM if Path(sys.argv[0]).name == PROGRAM else 'python -m dbscan_reg_ros'
     parser = argparse.ArgumentParser(
-        prog=prog, formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog=started_as(), formatter_class=argparse.RawDescriptionHelpFormatter,
         description='2D lidar scan registration and odometry.\n\ncommands:\n' + '\n'.join(
             f'  {name:24}{summary}' for name, (_, summary) in COMMANDS.items()),
         epilog='COMMAND --help explains its arguments')

@@ -38,6 +38,16 @@ def command_line(command, *words) -> str:
     return shlex.join([*_program(Path(sys.argv[0])), command, *map(os.fspath, words)])
 
 
+def started_as(*command) -> str:
+    """Return the words by which a user has started a `command`, for its usage line: without folders and variables."""
+    started = Path(sys.argv[0])
+    if started.parent.name == PACKAGE and started.name in COMMANDS:
+        return ' '.join(('ros2', 'run', PACKAGE, *command))
+    if started.name == PROGRAM:
+        return ' '.join((PROGRAM, *command))
+    return ' '.join((Path(sys.executable).name, '-m', PACKAGE, *command))
+
+
 def python_line(*words) -> str:
     """Return the command line that runs this interpreter with `words`."""
     return shlex.join([sys.executable, *map(os.fspath, words)])

@@ -11,6 +11,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from ..allocation import keep_freed_memory
+from ..command_lines import started_as
 from ..core.errors import DbscanRegError
 from ..lasting_output import discard, lasting_output
 from ..paths import check_writable, ready_made
@@ -71,7 +72,8 @@ class CommandParser(argparse.ArgumentParser):
 
 def make_parser(command, description, verbose='show the traceback of an error') -> CommandParser:
     """Make a parser with the options that every command takes."""
-    parser = CommandParser(prog=command, description=description)
+    parser = CommandParser(prog=command, description=description,
+                           formatter_class=lambda prog: argparse.HelpFormatter(started_as(prog)))
     parser.add_argument('-v', '--verbose', action='store_true', help=verbose)
     add_version(parser)
     return parser

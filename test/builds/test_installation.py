@@ -174,7 +174,7 @@ def test_pip_installs_one_executable_under_a_name_of_its_own(source, tmp_path):
     environment = {'PYTHONPATH': str(packages)}
     assert says_version(succeed([prefix / 'bin/dbscan-reg-ros', '--version'], tmp_path, environment))
     assert succeed([prefix / 'bin/dbscan-reg-ros', 'convert', '--help'], tmp_path,
-                   environment).startswith('usage: convert ')
+                   environment).startswith('usage: dbscan-reg-ros convert ')
     assert succeed([prefix / 'bin/dbscan-reg-ros', '--help'], tmp_path,
                    environment).startswith('usage: dbscan-reg-ros ')
 
@@ -202,7 +202,7 @@ def test_installed_executables_run(workspace, tmp_path, command):
     result = subprocess.run([workspace / 'lib' / PACKAGE / command, '--help'], cwd=tmp_path, capture_output=True,
                             text=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith('usage: ')
+    assert result.stdout.startswith(f'usage: ros2 run {PACKAGE} {command} ')
 
 
 def test_the_installed_node_answers_the_installed_player(workspace, start, tmp_path):

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
+from ...command_lines import started_as
 from ...requirements import MissingPackages, check_packages
 from ...version import add_version
 from .ros_arguments import split_arguments
@@ -62,7 +63,7 @@ def _parse(name: str, description: str, argv: list[str]) -> None:
     """Parse the command line; ``--help``, ``--version`` and wrong arguments end the process."""
     parser = argparse.ArgumentParser(
         prog=name, description=description,
-        usage=f'{name} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
+        usage=f'{started_as(name)} [-h] [--version] [--ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...]')
     add_version(parser)
     parser.parse_args(split_arguments(argv)[0])
 

@@ -8,7 +8,8 @@ import pytest
 
 from dbscan_reg_ros import command_lines
 from dbscan_reg_ros.backend_choice import choose
-from dbscan_reg_ros.command_lines import ROOT, command_line, python_line
+from dbscan_reg_ros.command_lines import ROOT, command_line, python_line, started_as
+from dbscan_reg_ros.commands.command_line import make_parser
 from dbscan_reg_ros.version import version
 
 ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines import command_line; ' \
@@ -68,3 +69,20 @@ def test_words_are_quoted_and_the_interpreter_is_this_one(monkeypatch, tmp_path)
     monkeypatch.setattr(sys, 'argv', ['/opt/ros/jazzy/lib/dbscan_reg_ros/play'])
     assert command_lines.command_line('register', tmp_path / "the robot's.log") == \
         f"ros2 run dbscan_reg_ros register '{tmp_path}/the robot'\"'\"'s.log'"
+
+
+@pytest.mark.parametrize(('started', 'expected'), [
+    ('/ws/install/dbscan_reg_ros/lib/dbscan_reg_ros/replay', 'ros2 run dbscan_reg_ros register'),
+    ('/home/me/env/bin/dbscan-reg-ros', 'dbscan-reg-ros register'),
+    ('/ws/src/dbscan_reg_ros/dbscan_reg_ros/__main__.py', 'python3 -m dbscan_reg_ros register')])
+def test_the_usage_begins_as_the_user_has_typed_it(monkeypatch, capsys, started, expected):
+    monkeypatch.setattr(sys, 'argv', [started])
+    monkeypatch.setattr(sys, 'executable', '/usr/bin/python3')
+    assert started_as('register') == expected and f'{started_as()} register' == expected
+    with pytest.raises(SystemExit):
+        make_parser('register', 'Tests.').parse_args(['--help'])
+    assert capsys.readouterr().out.startswith(f'usage: {expected} [-h]')
+    with pytest.raises(SystemExit):
+        make_parser('register', 'Tests.').parse_args(['--none'])
+    complaint = capsys.readouterr().err.splitlines()
+    assert complaint[0].startswith(f'usage: {expected} [-h]') and complaint[-1].startswith('register: error: ')
