@@ -2,7 +2,7 @@
 """``convert SOURCE TARGET``: convert between CARMEN logs, ROS 1 bags and ROS 2 bags."""
 from collections.abc import Sequence
 
-from .command_line import add_data, is_topic, make_parser, run, shortened
+from .command_line import CommandError, add_data, is_topic, make_parser, run, shortened
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,6 +24,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'first one, and all static transforms')
     parser.add_argument('--end', type=float, default=float('inf'), metavar='S', help='keep messages up to S seconds '
                         'after the first one')
+    parser.add_argument('--without', nargs=3, action='append', default=[], metavar=('TOPIC', 'FROM', 'TO'),
+                        help='leave out the messages of a topic of a bag between these times [s] after the first '
+                        'message, as if a lidar failed and came back; TO may be inf; may be repeated')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='storage of a ROS 2 bag (default: mcap)')
     parser.end_list('--topics', is_topic)
@@ -36,12 +39,28 @@ def convert(args):
     from tqdm import tqdm
 
     from ..recordings import find_recording
-    from ..recordings.conversion import Kept, convert
+    from ..recordings.conversion import convert
+    from ..recordings.kept_part import Kept
 
+    kept = Kept(args.topic, args.topics, args.start, args.end, [_gap(*words) for words in args.without])
     source = find_recording(args.source, args.data)
     counts, remarks = convert(
-        source, args.target, Kept(args.topic, args.topics, args.start, args.end), storage=args.storage,
+        source, args.target, kept, storage=args.storage,
         progress=lambda items, total: tqdm(items, source.name, total, disable=None))
     for remark in shortened(remarks):
         print(remark)
     print(f'{args.target}  ' + (', '.join(f'{count} {name}' for name, count in counts.items()) or 'no message'))
+
+
+def _gap(topic, start, end):
+    """Return the `Gap` that three words of the command line define."""
+    from ..recordings.kept_part import Gap
+
+    try:
+        gap = Gap(topic, float(start), float(end))
+        if not 0.0 <= gap.start < gap.end:
+            raise ValueError
+    except ValueError:
+        raise CommandError(f'--without {topic} {start} {end}: expected TOPIC FROM TO, in s, with FROM before '
+                           'TO') from None
+    return gap

@@ -2,11 +2,9 @@
 """Conversion between CARMEN logs, ROS 1 bags and ROS 2 bags."""
 import contextlib
 import gzip
-import math
 import shutil
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -15,41 +13,17 @@ from ..core.errors import RecordingError
 from ..paths import check_writable
 from .bags.bag import LASER_SCAN, ODOMETRY
 from .bags.bag_library import bag_library, is_ros1
-from .bags.reading import open_reader, own, safely
+from .bags.reading import open_reader, own
 from .carmen.lines import SETTINGS, format_line, settings_of
+from .kept_part import SECOND, Kept, messages_of_part
 from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording
 from .recording import Record
 
 T = TypeVar('T')
-SECOND = 1_000_000_000
-LONGEST = 4e9
-"""Upper limit of the duration of a recording [s]; later times are treated as the end of the recording."""
 STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/truth': ODOMETRY, '/scan': LASER_SCAN}
 """Topic -> message type in a bag made from a CARMEN log, in this order; see `_topics_of`."""
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Part of a recording that is converted.
-
-    Attributes
-    ----------
-    topic : str or None
-        Topic of the scans; needed if a log is read or written and the source has several topics of scans.
-    topics : collection of str
-        Topics to write to a bag; empty: all topics.
-    start, end : float
-        First and last time to convert, since the first message [s]. Static transforms from before are kept.
-    """
-
-    topic: str | None = None
-    topics: Collection[str] = ()
-    start: float = 0.0
-    end: float = math.inf
-
-
 ALL = Kept()
 
 
@@ -83,13 +57,13 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     counts : Counter
         Topic -> number of messages written.
     remarks : list of str
-        Assumptions made to read `source`, and its damaged parts, which were skipped.
+        Assumptions made to read `source`, its damaged parts, which were skipped, and a line for each part left out.
 
     Raises
     ------
     RecordingError
-        When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or the part `kept` contains
-        no message.
+        When `source` cannot be read, `target` exists or cannot be made, a topic is missing, or the part `kept` or a
+        part to leave out contains no message.
     """
     source, target = Path(source), Path(target)
     check_target(target)
@@ -98,6 +72,8 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     if not 0.0 <= kept.start <= kept.end:
         raise RecordingError(f'from {kept.start:g} to {kept.end:g} s: expected a start of 0 s or later, and an end '
                              'that is not before it')
+    if kept.without and not bag_to_bag:
+        raise RecordingError(f'{target}: --without applies to a bag that is written from a bag')
     if to_log and kept.topics:
         raise RecordingError(f'{target}: topics to keep ({", ".join(kept.topics)}) apply to bags; a log takes the '
                              'scans of one topic (--topic)')
@@ -189,10 +165,11 @@ def _log_to_bag(records, open_target, topics):
 
 def _bag_to_bag(source, open_target, kept, progress):
     """Write the part `kept` of the bag `source`; return topic -> number of messages, and the damaged parts skipped."""
-    counts, problems = Counter(), []
+    counts, problems, left_out = Counter(), [], Counter()
     with open_reader(source) as reader:
         connections = _connections(reader, source, kept.topics)
-        messages = _part(reader, connections, kept, problems)
+        _check_topics({gap.topic for gap in kept.without}, {connection.topic for connection in connections}, source)
+        messages = messages_of_part(reader, connections, kept, problems, left_out)
         with open_target(source) as (writer, _):
             convert_message = writer.add_topics_of(reader, connections)
             for connection, time, raw in progress(messages, sum(c.msgcount for c in connections)):
@@ -206,7 +183,12 @@ def _bag_to_bag(source, open_target, kept, progress):
             if not counts:
                 raise (RecordingError(problems[0]) if problems
                        else _nothing(kept.start, kept.end, reader.duration / SECOND))
-    return counts, problems
+            for gap in kept.without:
+                if not left_out[gap]:
+                    raise RecordingError(f'{source}: no message on {gap.topic} from {gap.start:g} to {gap.end:g} s to '
+                                         f'leave out; the recording lasts {reader.duration / SECOND:.3f} s')
+    return counts, [*problems, *(f'{gap.topic}: {count} messages from {gap.start:g} to {gap.end:g} s left out'
+                                 for gap, count in left_out.items())]
 
 
 def _connections(reader, source, topics):
@@ -215,26 +197,6 @@ def _connections(reader, source, topics):
     if not reader.message_count:
         raise RecordingError(f'{source}: holds no message')
     return [connection for connection in reader.connections if not topics or connection.topic in topics]
-
-
-def _part(reader, connections, kept, problems):
-    """Yield the messages of the part `kept` of a bag, after the static transforms before it, at the time it starts."""
-    window = _window(reader, kept)
-    static = [connection for connection in connections if connection.topic == '/tf_static']
-    before = [(connection, window['start'], raw)
-              for connection, _, raw in safely(reader, static, problems.append, stop=window['start'])] if static else []
-    for message in safely(reader, connections, problems.append, **window):
-        yield from before
-        before = []
-        yield message
-
-
-def _window(reader, kept):
-    """Return the arguments ``start`` and ``stop`` [ns] with which the reader reads the part `kept` of the bag."""
-    window = {'start': reader.start_time + round(min(kept.start, LONGEST) * SECOND)}
-    if kept.end < LONGEST:
-        window['stop'] = reader.start_time + round(kept.end * SECOND) + 1
-    return window
 
 
 @contextlib.contextmanager

@@ -11,7 +11,8 @@ from bags import SECOND, laser_scan, needs_rosbags, write_bag
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
 from dbscan_reg_ros.recordings import conversion, open_recording
-from dbscan_reg_ros.recordings.conversion import Kept, convert
+from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.kept_part import Gap, Kept
 from dbscan_reg_ros.recordings.poses import relative
 
 BAGS = ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag']
@@ -130,6 +131,18 @@ def test_a_part_of_a_bag_has_the_static_transforms_from_before(hall_recording, t
         convert(hall_recording, tmp_path / 'none', Kept(start=1000.0, end=1001.0))
 
 
+def test_a_lidar_fails_and_comes_back(tmp_path):
+    times = [SECOND * k // 2 for k in range(100, 120)]
+    write_bag(tmp_path / 'bag', [(topic, time, laser_scan(time)) for time in times for topic in ('/front', '/rear')])
+    counts, remarks = convert(tmp_path / 'bag', tmp_path / 'part', Kept(start=1.0, without=[
+        Gap('/rear', 2.0, 4.0), Gap('/rear', 8.5, math.inf)]))
+    found = {topic: [(time - times[0]) / SECOND for each, time, _ in messages(tmp_path / 'part') if each == topic]
+             for topic in ('/front', '/rear')}
+    assert found['/front'] == [0.5 * k for k in range(2, 20)]
+    assert found['/rear'] == [1.0, 1.5, *(0.5 * k for k in range(9, 17))] and counts == {'/front': 18, '/rear': 10}
+    assert remarks == ['/rear: 5 messages from 2 to 4 s left out', '/rear: 3 messages from 8.5 to inf s left out']
+
+
 @pytest.mark.parametrize('storage', conversion.STORAGES)
 def test_an_end_beyond_all_time_keeps_everything(data, tmp_path, storage):
     convert(data / 'lms511' / 'static', tmp_path / 'first', storage=storage)
@@ -223,6 +236,9 @@ def break_off(patch, count, error):
     ('lms511/static', 'b', {'start': 50.0, 'end': 10.0},
      'from 50 to 10 s: expected a start of 0 s or later, and an end'),
     ('lms511/static', 'b', {'end': math.nan}, 'from 0 to nan s: expected'),
+    ('lms511/static', 'b', {'without': [Gap('/scan', 100.0, math.inf)]}, 'no message on /scan from 100 to inf s'),
+    ('lms511/static', 'b', {'without': [Gap('/rear', 1.0, 2.0)]}, 'no topic /rear; there are /scan'),
+    ('lms511/static', 'a.log', {'without': [Gap('/scan', 1.0, 2.0)]}, '--without applies to a bag'),
     *((source, target, {'start': start},
        f'from {start:g} to inf s: no message to keep; the recording lasts {length}')
       for source, length in (('aces/aces.log.gz', 1318), ('lms511/static', 6))
@@ -245,6 +261,19 @@ def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
     assert capsys.readouterr().out == f'{target}  {count} /scan\n' and 20 < count < 200
     assert main(['aces/aces.log.gz', str(target), '--data', str(data)]) == 2
     assert capsys.readouterr().err == f'convert: {target}: exists already; choose another name, or remove it\n'
+
+
+@needs_rosbags
+def test_the_command_leaves_out_a_part_of_a_topic(data, tmp_path, capsys):
+    words = ['lms511/static', str(tmp_path / 'bag'), '--data', str(data)]
+    for span in (('2', '1'), ('1', '1'), ('-1', '2'), ('1', 'x'), ('nan', '2')):
+        assert main([*words, '--without', '/scan', *span]) == 2
+        assert capsys.readouterr().err == (f'convert: --without /scan {" ".join(span)}: expected TOPIC FROM TO, in s, '
+                                           'with FROM before TO\n')
+    assert main([*words, '--without', '/scan', '1', '2', '--without', '/scan', '3', 'inf']) == 0
+    stamps = np.array(open_recording(tmp_path / 'bag').stamps())
+    assert 30 < len(stamps) < 90 and (np.diff(stamps) > 0.9 * SECOND).sum() == 1
+    assert capsys.readouterr().out.splitlines()[0].endswith('messages from 1 to 2 s left out')
 
 
 @pytest.mark.parametrize('source', ['intel/intel.log.gz', 'aces/aces.log.gz', *BAGS])

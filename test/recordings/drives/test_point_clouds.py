@@ -16,7 +16,8 @@ from dbscan_reg_ros.core.errors import RecordingError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.clouds import CloudParameters
-from dbscan_reg_ros.recordings.conversion import Kept, convert
+from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.kept_part import Kept
 from dbscan_reg_ros.recordings.message_fields import header_fields, pose_only_fields, scan_fields
 from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
