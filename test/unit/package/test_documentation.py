@@ -10,8 +10,9 @@ from dbscan_reg_ros.robot.parameters import NodeParameters
 
 DOCUMENTS = ('README.md', 'doc/architecture.md', 'doc/benchmarks.md', 'doc/experiments.md', 'doc/faq.md',
              'doc/method.md',
-             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/quality_declaration.md', 'doc/quickstart.md',
-             'doc/reliability.md', 'doc/sensors.md', 'doc/tuning.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md')
+             'doc/node.md', 'doc/paper.md', 'doc/parameters.md', 'doc/python.md', 'doc/quality_declaration.md',
+             'doc/quickstart.md', 'doc/recordings.md', 'doc/reliability.md', 'doc/sensors.md', 'doc/tuning.md',
+             '.github/CONTRIBUTING.md', '.github/SECURITY.md')
 
 
 def anchors(text):
