@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
 from ...core.odometry.calibration.compared_lidar import ComparedLidar
-from ...core.odometry.calibration.majority import described, disagreeing
+from ...core.odometry.calibration.majority import UNFIT, described, disagreeing
 from ...core.odometry.calibration.wheels import Wrong
 from ..interfaces.lidar import Lidar
 
@@ -35,14 +35,18 @@ class Disagreements:
         found = disagreeing(lidars[0].counters.mounting.aligned_pose,
                             [lidar.counters.compared for lidar in lidars[1:]])
         for lidar, compared in zip(lidars, found, strict=True):
-            if compared is None:
+            is_first = lidar is lidars[0]
+            if compared is not None:
+                text = described(compared, is_first)
+                remedy = f'; {_use(compared, is_first)}{_remedy(lidar, compared)}'
+            elif lidar.counters.compared and lidar.counters.compared.unfit:
+                text, remedy = UNFIT, ''
+            else:
                 self._logged.discard(lidar.topic)
                 continue
-            is_first = lidar is lidars[0]
-            text = described(compared, is_first)
             if lidar.topic not in self._logged:
                 self._logged.add(lidar.topic)
-                lidar.log.warn(f'{text}; {_use(compared, is_first)}{_remedy(lidar, compared)}')
+                lidar.log.warn(f'{text}{remedy}')
             yield f'{lidar.label}{text}'
 
 

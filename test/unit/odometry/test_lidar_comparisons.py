@@ -56,17 +56,27 @@ class Drive:
         self.comparisons = LidarComparisons(calibrate=kinds.get('calibrate', False))
         self._path, self._wheels, self._last = kinds.get('path', pose_at), kinds.get('wheels'), 0.0
         self._update, self.late, self.true = update, late, TRUE
+        self.chance = kinds.get('chance')
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
         self._rng, self.used, self.now = np.random.default_rng(seed), [], 0.0
 
     def _locate(self, update):
         """Locate a scan with noise, and an error for each metre of the drive."""
+        if self.chance is not None:
+            return self._by_chance(update)
         seconds = 1e-9 * update.stamp - self.late
         pose, group = self._path(seconds), int(seconds)
         common = np.random.default_rng(group).normal(0.0, BIAS, 3) * [1.0, 1.0, 0.5]
         sigmas = np.array([0.002, 0.002, 0.001])
         found = pose @ self.true @ SE2(*(common + self._rng.normal(0.0, sigmas)))
         return Location(update.stamp, found, np.diag(sigmas ** 2), group)
+
+    def _by_chance(self, update):
+        """Locate a scan at a random place near the given mounting, or most often nowhere: the mounting is far off."""
+        if self._rng.random() > self.chance:
+            return None
+        pose = self._path(1e-9 * update.stamp) @ self.rear.pose @ SE2(*self._rng.normal(0.0, [0.1, 0.1, 0.03]))
+        return Location(update.stamp, pose, np.diag([0.02, 0.02, 0.01]) ** 2, round(1e-9 * update.stamp))
 
     def run(self, seconds, silent=False):
         """Drive on."""
@@ -119,6 +129,21 @@ def test_a_wrong_mounting_is_named_after_a_long_drive_and_not_used_before(update
     assert error.distance == pytest.approx(0.05, abs=0.005) and error.time_offset == 0.0
     assert math.degrees(error.rotation) == pytest.approx(-3.0, abs=0.1)
     assert str(error).startswith('its mounting is off by ') and 'ms' not in str(error)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_lidar_whose_scans_fit_only_by_chance_is_never_used_and_named_after_a_long_drive(update, seed):
+    drive = Drive(update, TRUE, seed=seed, chance=0.2).run(10.0)
+    assert drive.lidar.known and not drive.lidar.unfit
+    drive.run(40.0)
+    assert not any(drive.used[3:]) and (drive.lidar.unfit or drive.lidar.error)
+
+
+def test_a_lidar_that_is_never_located_is_named_after_a_long_drive(update):
+    drive = Drive(update, TRUE, chance=0.0).run(10.0)
+    assert not drive.lidar.unfit
+    drive.run(20.0)
+    assert drive.lidar.unfit and drive.lidar.error is None and not any(drive.used[3:])
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -56,7 +56,7 @@ class ComparedLidar:
     driven, turned : float
         Distance [m] and angle [rad] over which it has been compared.
     on_trial : bool
-        Whether the lidar is not used before there are enough comparisons.
+        Whether the lidar is not used yet, because its comparisons are too few or do not agree with its mounting.
     apart : float [s]
         By how much its clock is ahead of that of the first lidar; it is not used unless this is 0.
     estimate : RelativePose or None
@@ -105,6 +105,15 @@ class ComparedLidar:
         """
         return self._suspected and sum(self._latest) < _AGREEING
 
+    @property
+    def unfit(self) -> bool:
+        """Whether the lidar has never been used over a long drive, and its error is not known either."""
+        return self.on_trial and self.error is None and self._lasting
+
+    @property
+    def _lasting(self) -> bool:
+        return self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
+
     def is_due(self, pose: SE2, spacing: float) -> bool:
         """Whether to compare a scan: the first ones, later one after each motion by `spacing` [m, rad] to a `pose`.
 
@@ -141,6 +150,8 @@ class ComparedLidar:
             relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
         self._new += 1
         self._latest.append(self._agrees(relative, location.covariance))
+        if self.known and sum(self._latest) >= _AGREEING:
+            self.on_trial = False
         if self.known and self._new * _RENEWAL >= len(self.comparisons):
             self._new = 0
             self.judge()
@@ -157,11 +168,10 @@ class ComparedLidar:
         estimate = self.estimate = estimate_relative_pose(self.comparisons, self.given)
         self._suspected = any(difference(self.used, 0.0, estimate, PROBABLE))
         certain = difference(self.given, 0.0, estimate, _CERTAIN)
-        lasting = self.driven >= _LASTING_DISTANCE and self.turned >= _LASTING_ROTATION
         differs = any(certain) and (self.disagrees or self.used != self.given)
         self.wrong = self.wheels.wrong(self.given, estimate) if differs else Wrong.UNKNOWN
         # What the lidars see differently, at different heights, would not move the first one against the wheels.
-        self.error = certain if differs and (lasting or self.wrong is Wrong.FIRST) else None
+        self.error = certain if differs and (self._lasting or self.wrong is Wrong.FIRST) else None
         return estimate
 
     def _correct(self) -> None:
@@ -174,7 +184,7 @@ class ComparedLidar:
                 self.error is None and self.used == self.given):
             return
         if self.disagrees:
-            self.used, self._suspected = estimate.pose, False
+            self.used, self._suspected, self.on_trial = estimate.pose, False, False
             return
         motion = (self.used.inverse() @ estimate.pose).as_array()
         ratio = max(math.hypot(motion[0], motion[1]) / _STEPS[0], abs(float(motion[2])) / _STEPS[1], 1.0)
@@ -213,7 +223,7 @@ _LITTLE = diagonal(_DISTANCE, _DISTANCE, _ROTATION) ** 2
 _SPARSE = 5.0
 """The motion between two comparisons grows by this factor while the latest `_LEAST` of them agree."""
 _LASTING_DISTANCE, _LASTING_ROTATION = 20.0, math.pi
-"""Drive [m, rad] from which on a difference counts as an error of the mounting."""
+"""Drive [m, rad] from which on a difference counts as an error of the mounting, and a lidar on trial as unfit."""
 _EXACT = np.array([_DISTANCE, _DISTANCE, _ROTATION])
 """An estimate replaces the given mounting if `_CERTAIN` standard deviations are below this [m, m, rad]."""
 _STEPS = 0.002, math.radians(0.05)

@@ -71,7 +71,7 @@ class LidarComparisons:
             return False
         if not self._first.is_heard(stamp):
             return True
-        return not lidar.disagrees and (lidar.known or not lidar.on_trial)
+        return not lidar.on_trial and not lidar.disagrees
 
     def mounted(self, sensor: Sensor) -> Sensor:
         """Return a `sensor` with the mounting that is used."""
