@@ -116,7 +116,8 @@ def add_mounting(parser):
     """Add the argument that gives the mountings of lidars."""
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
-                        'topics, the transforms on /tf_static of the bag; else the mounting in the parameters)')
+                        'topics, that of the recording: constant transforms of a bag, or the poses of laser and robot '
+                        'in a log; else the mounting in the parameters)')
 
 
 def add_parameters(parser, use='', otherwise=''):

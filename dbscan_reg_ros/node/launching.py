@@ -5,19 +5,23 @@
 """
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.errors import DbscanRegError, ParameterError
 from ..paths import NO_SENSORS
 from ..robot.parameter_groups import SOURCES
-from ..robot.parameters import MOUNTINGS
+from ..robot.parameters import MOUNTINGS, NodeParameters
 
 if TYPE_CHECKING:
     from launch.actions import DeclareLaunchArgument, EmitEvent
     from launch.launch_context import LaunchContext
+
+    from ..recordings.recording import Recording
 
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'
@@ -91,8 +95,9 @@ def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, s
 def player_actions(context: LaunchContext) -> list[Any]:
     """Make the actions of `scan_matcher_actions`, and a player of a recording that shuts the launch down when it ends.
 
-    The mounting of the laser is read from the static transforms of the recording; if there are none, the laser frame is
-    the base frame.
+    Played are the scans of the lidars in ``params_file``, if it has several, else those on ``scan_topic``, if the
+    recording has this topic. The mounting of the laser is read from the transforms of the recording; if there is none,
+    the laser frame is the base frame.
     """
     from launch.actions import Shutdown
     from launch_ros.actions import Node
@@ -102,11 +107,17 @@ def player_actions(context: LaunchContext) -> list[Any]:
     words = [recording, '--clock', '--rate', given.text('rate')]
     if given.text('topics'):
         words += ['--topics', *given.text('topics').split()]
+    parameters = _node_parameters(given)
+    named = parameters.scan_topics if len(parameters.scan_topics) > 1 else given.text('scan_topic').split()
+    topics = [f'/{topic.lstrip("/")}' for topic in named]
+    opened = _opened(recording, topics)
+    if opened and topics and opened.topic == topics[0]:
+        words += [word for topic in topics for word in ('--topic', topic)]
     player = Node(
         package=PACKAGE, executable='play', name='play', output='screen', namespace=given.text('namespace'),
         arguments=words, remappings=given.remappings(), ros_arguments=given.log_level(),
         on_exit=Shutdown(reason='the recording has been played'))
-    mounting = 'tf' if _has_static_transforms(recording) else 'none'
+    mounting = 'tf' if opened and _has_mounting(opened, parameters.base_frame) else 'none'
     return [*scan_matcher_actions(context, [('use_sim_time', 'true'), ('mounting', mounting)]), player]
 
 
@@ -203,16 +214,35 @@ def _rviz(given: LaunchArguments, defaults: Mapping[str, str]) -> Any:
                 remappings=given.transform_remappings() + topics, parameters=[{'use_sim_time': sim_time}])
 
 
-def _has_static_transforms(recording: str) -> bool:
-    """Whether the player publishes static transforms of a recording; False if the player cannot read the recording."""
-    from ..recordings.opening import is_bag, open_recording
+def _node_parameters(given: LaunchArguments) -> NodeParameters:
+    """Return the parameters of the node by ``params_file``, or the defaults; with ``base_frame``, if it is given."""
+    from ..robot.parameter_files import read_parameters
+
+    path = Path(given.text('params_file')).expanduser()
+    parameters = read_parameters(path) if path.is_file() else NodeParameters()
+    return dataclasses.replace(parameters, base_frame=given.text('base_frame') or parameters.base_frame)
+
+
+def _opened(recording: str, topics: Sequence[str]) -> Recording | None:
+    """Open a recording with the first of the `topics`, if it has that; None if the player cannot read it."""
+    from ..recordings.opening import open_recording
     from ..recordings.truth import find_recording
 
-    try:
-        path = find_recording(recording)
-        return is_bag(path) and any(channel.input == '/tf_static' for channel in open_recording(path).channels())
-    except (DbscanRegError, ImportError):
-        return False
+    for topic in (*topics[:1], None):
+        with suppress(DbscanRegError, ImportError):
+            return open_recording(find_recording(recording), topic)
+    return None
+
+
+def _has_mounting(recording: Recording, base_frame: str) -> bool:
+    """Whether the player publishes static transforms, or others that are the mounting of the laser."""
+    from ..recordings.opening import is_bag
+
+    if any(channel.input == '/tf_static' for channel in recording.channels()):
+        return True
+    with suppress(DbscanRegError):
+        return is_bag(recording.path) and bool(recording.mounting_on(base_frame))
+    return False
 
 
 def _config() -> Path:

@@ -66,7 +66,7 @@ def inputs_of(kinds, wheels) -> dict:
         The topic of the wheel odometry in the recording.
     """
     found = {wheels: 'wheel_odom', _imu(kinds): 'imu'}
-    found |= {_transforms(kinds, name): name for name in ('/tf', '/tf_static')}
+    found |= {topic_of_transforms(kinds, name): name for name in ('/tf', '/tf_static')}
     return {topic: name for topic, name in found.items() if topic}
 
 
@@ -76,8 +76,11 @@ def _imu(kinds):
     return only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)
 
 
-def _transforms(kinds, name):
-    """Return the topic of transforms called `name`, else the only one whose name ends with `name`, or None."""
+def topic_of_transforms(kinds, name):
+    """Return the topic of transforms called `name`, else the only one whose name ends with `name`, or None.
+
+    `kinds` has the message type of each topic.
+    """
     alike = [topic for topic, kind in kinds.items()
              if RENAMED.get(kind, kind) == TRANSFORMS and f'/{topic}'.endswith(name)]
     return name if name in alike else only(alike)

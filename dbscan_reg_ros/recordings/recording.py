@@ -104,6 +104,16 @@ class Recording:
     def truth(self):
         """Return ground-truth poses of the laser: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
 
+    def mounting_on(self, base_frame) -> Mounting:
+        """Return the mounting of the lidar on `base_frame` according to the recording.
+
+        Raises
+        ------
+        MountingError
+            When the recording does not contain it.
+        """
+        raise NotImplementedError
+
     def channels(self) -> list:
         """Return the `Channel` of every topic except the topic of the scans."""
         return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []

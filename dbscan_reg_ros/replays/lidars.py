@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 from ..core.errors import RecordingError, ScanError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.majority import described, disagreeing
+from ..core.odometry.calibration.majority import UNFIT, described, disagreeing
 from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
 from ..core.registration.records import Status
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
-from ..recordings.bags.static_transforms import static_mounting
-from ..recordings.opening import is_bag
 from ..recordings.recording import Recording
 from ..robot.mounting import mounting_from_parameters
 from ..robot.parameter_groups import InputParameters
@@ -90,18 +88,17 @@ def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
     Raises
     ------
     MountingError
-        When the mounting is neither given nor recorded on ``/tf_static``.
+        When the mounting is neither given nor recorded.
     """
     if recording.mounting:
         return recording.mounting
     if recording.topic in mountings:
         return mountings[recording.topic]
-    found = static_mounting(recording.path, base_frame, recording.frame_id) if is_bag(recording.path) else None
-    if found is None:
-        raise MountingError(f'{recording.path}: the mounting of the lidar on {recording.topic} is not known: no '
-                            f'transform from {base_frame!r} to {recording.frame_id!r} is on /tf_static; state the '
-                            f'mounting: --mounting {recording.topic} X Y DEG')
-    return found
+    try:
+        return recording.mounting_on(base_frame)
+    except MountingError as error:
+        raise MountingError(f'{recording.path}: the mounting of the lidar on {recording.topic} is not known: {error}; '
+                            f'state the mounting: --mounting {recording.topic} X Y DEG') from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,17 +180,20 @@ class LidarCounts:
     ----------
     unused : int
         Number of scans before the first and after the last scan of the first lidar, which are not used.
+    ignored : int
+        Number of scans before the lidar was found to agree with the first one, and while it disagreed.
     skipped : int
         Number of scans that could not be used.
     problem : str
         Why the last skipped scan could not be used.
     error : str
-        With which lidars it disagrees, and by how much; empty if it agrees.
+        With which lidars it disagrees, and by how much, or why it was never used; empty if it agrees.
     statuses : Counter
         Number of the processed scans by `Status`.
     """
 
     unused: int = 0
+    ignored: int = 0
     skipped: int = 0
     problem: str = ''
     error: str = ''
@@ -202,7 +202,8 @@ class LidarCounts:
     def measures(self) -> dict:
         """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""
         counts = {status.value: self.statuses[status] for status in Status}
-        return {'scans': self.skipped + sum(counts.values()), 'skipped': self.skipped, **counts}
+        scans = self.skipped + self.ignored + sum(counts.values())
+        return {'scans': scans, 'skipped': self.skipped, 'ignored': self.ignored, **counts}
 
     def __str__(self) -> str:
         counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
@@ -263,6 +264,8 @@ class OdometryWithOthers:
             if compared:
                 remedy = ' (see calibrate)' if sensor.rank else ''
                 self.counts[sensor.name].error = described(compared, not sensor.rank) + remedy
+            elif (lidar := found.get(sensor.name)) and lidar.unfit:
+                self.counts[sensor.name].error = UNFIT
         for (sensor, scans), scan in zip(self._others, self._next, strict=True):
             self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
 
@@ -290,5 +293,8 @@ class OdometryWithOthers:
             counts.skipped += 1
             counts.problem = str(error)
             raise
-        counts.statuses[update.status] += 1
+        if update.waits:
+            counts.ignored += 1
+        else:
+            counts.statuses[update.status] += 1
         return update

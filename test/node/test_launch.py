@@ -389,6 +389,24 @@ def test_the_mounting_is_read_from_static_transforms_that_the_player_publishes(p
     assert rules(play(recording=str(bag))[0]).set == [('use_sim_time', 'true'), ('mounting', mounting)]
 
 
+@pytest.mark.parametrize('arguments, topics', [
+    ({}, []), ({'scan_topic': '/rear/scan'}, ['/rear/scan']), ({'scan_topic': 'front/scan'}, ['/front/scan']),
+    ({'scan_topic': '/scan'}, []), ({'params_file': 'two.yaml'}, ['/front/scan', '/rear/scan'])])
+def test_of_several_lidars_those_of_the_arguments_are_played(play, tmp_path, monkeypatch, arguments, topics):
+    """With the mounting on /tf, as the recording has no static transforms."""
+    pytest.importorskip('rosbags', reason='needs rosbags')
+    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'two.yaml').write_text('/**: {ros__parameters: {scan_topics: [front/scan, /rear/scan]}}')
+    mounting = {'header': {'frame_id': 'base_link'}, 'child_frame_id': 'front'}
+    transforms = bytes(MessageMaker().serialize('tf2_msgs/msg/TFMessage', {'transforms': [mounting]}))
+    bag = write_bag(tmp_path / 'bag', [('/front/scan', 10, laser_scan()), ('/rear/scan', 10, laser_scan()),
+                                       ('/tf', 10, transforms)], kinds={'/tf': 'tf2_msgs/msg/TFMessage'})
+    matcher, player = play(recording=str(bag), **arguments)
+    assert rules(player).own[4:] == [word for topic in topics for word in ('--topic', topic)]
+    assert rules(matcher).set[1] == ('mounting', 'tf' if topics else 'none')
+
+
 @pytest.mark.parametrize('name', ['intel/intel.log.gz', 'missing.log', '.'])
 def test_in_a_log_and_in_what_cannot_be_read_the_laser_is_the_base(play, data, name):
     assert rules(play(recording=str(data / name))[0]).set[1] == ('mounting', 'none')

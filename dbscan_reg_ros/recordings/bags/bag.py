@@ -17,7 +17,7 @@ from ..truth import interpolate
 from .bag_faults import other_contents
 from .clouds import POINT_CLOUD, CloudParameters, CloudReader
 from .reading import open_reader, own, safely
-from .static_transforms import static_mounting
+from .static_transforms import ancestors, static_mounting
 
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 CLOUDS_INSTEAD = (f'has point clouds ({POINT_CLOUD}), but laser scans are expected here; replay, compare, tune, '
@@ -147,6 +147,16 @@ class Bag(Recording):
         self._note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
         stamps, poses = truth
         return stamps, compose(poses, mounting.pose.as_array()[None])
+
+    def mounting_on(self, base_frame) -> Mounting:
+        """Return the mounting of the lidar by the transforms of the bag; raise a MountingError if they lack it."""
+        found = static_mounting(self.path, base_frame, self.frame_id)
+        if found is None:
+            above = ', '.join(ancestors(self.path, self.frame_id))
+            advice = f'; base_frame may be one of the frames above it: {above}' if above else ''
+            raise MountingError(f'no transform from {base_frame!r} to {self.frame_id!r} is on /tf_static, and none '
+                                f'that is constant on /tf{advice}')
+        return found
 
     def _mounting_on(self, frame) -> Mounting | None:
         """Return the mounting of the scans on another frame; None if it is unknown."""

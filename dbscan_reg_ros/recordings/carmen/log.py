@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from ...core.errors import RecordingError, ScanError
+from ...core.geometry.mounting import Mounting, MountingError
 from ..files import UNREADABLE, reason_of
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
@@ -79,6 +80,12 @@ class CarmenLog(Recording):
     def truth(self):
         """Return stamps and poses of the laser if its poses were corrected afterwards (see `Findings`), else None."""
         return self._poses(self._found.laser) if self._found.corrected else None
+
+    def mounting_on(self, base_frame) -> Mounting:
+        """Return the pose of the laser on the robot by the poses in its lines; raise a MountingError without one."""
+        if self._found.mounting is None:
+            raise MountingError('its lines have no poses of the laser with a constant offset from those of the robot')
+        return Mounting(self._found.mounting)
 
     def _poses(self, poses):
         return np.array(self._found.stamps, dtype=np.int64), poses.copy()

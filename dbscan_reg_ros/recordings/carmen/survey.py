@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry.se2 import SE2
-from ..poses import corrected
+from ..poses import corrected, relative
 from ..stamps import mend
 from .no_return import NoReturn
 
@@ -41,12 +41,23 @@ class Survey:
         no_return = self._no_return.limit()
         range_note = '' if no_return is None else (f'readings of {no_return:.3f} m or more are used as no return: the '
                                                    'greatest value of the log is frequent and isolated')
-        poses = self._poses(filtered)
+        poses, mounting = self._poses(filtered), self._mounting()
         notes = [note for note in (stamp_note, range_note, poses.note) if note]
-        return Findings(stamps, poses.laser, poses.robot, poses.corrected, no_return, notes)
+        return Findings(stamps, poses.laser, poses.robot, poses.corrected, no_return, notes, mounting)
+
+    def _mounting(self) -> SE2 | None:
+        """Return the constant pose of the laser on the robot, or None: without one, programs write both poses equal."""
+        laser, robot = self._recorded()
+        if not len(robot) or corrected(laser, robot) or np.abs(laser[0] - robot[0]).max() <= SAME:
+            return None
+        return SE2(*relative(robot[:1], laser[:1])[0].tolist())
+
+    def _recorded(self):
+        """Return the poses of laser and robot in the lines, both ``(N, 3)``."""
+        return (np.array(poses).reshape(-1, 3) for poses in (self._laser, self._robot))
 
     def _poses(self, filtered) -> 'Poses':
-        laser, robot = (np.array(poses).reshape(-1, 3) for poses in (self._laser, self._robot))
+        laser, robot = self._recorded()
         is_corrected, wheels = bool(len(robot)) and corrected(laser, robot), self.wheels.poses()
         if not robot.any():
             if wheels is not None:
@@ -84,6 +95,8 @@ class Findings(NamedTuple):
         Smallest range that means "no return", from `NoReturn.limit`.
     notes : list of str
         Assumptions that were made.
+    mounting : SE2 or None
+        Pose of the laser on the robot, if its offset in the poses of the lines is constant and not zero.
     """
 
     stamps: list
@@ -92,6 +105,7 @@ class Findings(NamedTuple):
     corrected: bool
     no_return: float | None
     notes: list
+    mounting: SE2 | None = None
 
 
 class Wheels:

@@ -81,9 +81,10 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     assert len(lines) == 3 and lines[2].endswith('those of the lidar on /scan')
     assert lines[0].startswith(f'lidar       /scan: scans {found["scans"]} skipped 0 ok {found["ok"]}')
     rear = found['lidars']['/scan_2']
-    assert lines[1].startswith(f'lidar       /scan_2: scans {rear["scans"]} skipped 0 ok {rear["ok"]}')
+    assert lines[1].startswith(f'lidar       /scan_2: scans {rear["scans"]} skipped 0 ignored {rear["ignored"]} ok ')
+    assert 0 < rear['ignored'] < 30
     assert rear['scans'] >= open_recording(pair, '/scan_2').count - 2
-    assert found['lidars']['/scan'] == {name: found[name] for name in rear}
+    assert found['lidars']['/scan'] == {'ignored': 0} | {name: found[name] for name in rear if name != 'ignored'}
     assert found['scans'] == open_recording(pair, '/scan').count
     assert found['ok'] > 0.95 * found['scans'] and found['rpe_5m_mean_m'] < 0.01
     # The same mountings, given on the command line.
@@ -190,8 +191,11 @@ def test_each_line_on_a_lidar_names_it(scans, tmp_path, capsys):
     assert any(line.startswith(f'lidar       /scan: scans 25 skipped 1 ok 24; the last skipped: {reason}')
                for line in lines)
     # The last scan of the rear lidar is later than that of the front one.
-    assert any(line.startswith('lidar       /scan_2: scans 29 skipped 5 ok 24, 1 not used, as before or after all '
-                               f'scans of the first lidar; the last skipped: {reason}') for line in lines)
+    rear = found['lidars']['/scan_2']
+    assert rear['ignored'] + rear['ok'] == 24
+    assert any(line.startswith(f'lidar       /scan_2: scans 29 skipped 5 ignored {rear["ignored"]} ok {rear["ok"]}, 1 '
+                               f'not used, as before or after all scans of the first lidar; the last skipped: {reason}')
+               for line in lines)
     assert any(line.startswith('warning     /scan_2: the scans change from 361 to 180 beams') for line in lines)
     assert found['lidars']['/scan_2']['skipped'] == 5 and found['lidars']['/scan']['skipped'] == found['skipped'] == 1
     assert [(warning['topic'], warning['kind']) for warning in found['warnings']] == [('/scan_2', 'beams')]
