@@ -56,6 +56,16 @@ def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans)
     assert played(player, scans[:5]).lost == 0
 
 
+def test_frames_that_begin_with_a_slash_as_in_ros_1_are_known_without_it(start_command, player, peer, scans, tf_type):
+    start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
+    slashed = [Scan(s.stamp, s.ranges, s.geometry, s.time_increment, '/laser') for s in scans[:2]]
+    static.until(lambda: not player.play(slashed[:1], patience=0.2).lost,
+                 tf_type(transforms=[transform('/base_link', '/laser', SE2(0.3))]))
+    assert player.play(slashed[1:]).lost == 0
+
+
 def test_scans_of_another_frame_do_not_change_the_mounting(start_command, player, peer, scans, tf_type):
     """One on /tf does nothing, one on /tf_static only while its publisher is there."""
     start_command('scan_matcher')

@@ -272,7 +272,7 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
     rear.counters.compared = ComparedLidar(SE2(-0.4, 0.2), deque(), driven=21.0, turned=3.0)
     assert not list(disagreements.found([front, rear]))
     rear.counters.compared.turned = 3.2
-    expected = '/rear/scan: is not used, as its scans do not fit the map of the first lidar: check its transform, '
+    expected = '/rear/scan: is not used, as its scans do not fit the map of the first lidar: check the transforms '
     assert [text.startswith(expected) for text in (*disagreements.found([front, rear]),
                                                    *disagreements.found([front, rear]))] == [True, True]
     assert capfd.readouterr().err.count(expected) == 1

@@ -114,6 +114,9 @@ class TransformListener:
 
     def _receive(self, message: Any, topic: str) -> None:
         for transform in message.transforms:
+            # In ROS 1 the names of frames may begin with a slash.
+            transform.header.frame_id = transform.header.frame_id.lstrip('/')
+            transform.child_frame_id = transform.child_frame_id.lstrip('/')
             if self._store:
                 self._store.add(transform, static=topic == '/tf_static')
             self._on_transform(transform, topic)

@@ -133,6 +133,7 @@ class ScanInbox:
         if (self.received - 1) % self.parameters.every_nth:
             return
         self._correct_stamp(message)
+        message.header.frame_id = message.header.frame_id.lstrip('/')
         self.stamps.add(in_nanoseconds(message.header.stamp))
         self._pending.append((message, time.monotonic()))
         while len(self._pending) > self.parameters.queue_size:

@@ -75,8 +75,8 @@ def _at(best: RelativePose, pose: SE2) -> FloatArray:
     return covariance
 
 
-UNFIT = ('is not used, as its scans do not fit the map of the first lidar: check its transform, also roll and the sign '
-         'of yaw, and whether both lidars have frames of their own')
+UNFIT = ('is not used, as its scans do not fit the map of the first lidar: check the transforms of both, also roll and '
+         'the sign of yaw, and whether each has a frame of its own')
 """What is wrong with a lidar that is `unfit <ComparedLidar.unfit>`."""
 _LEAST = 2
 """Number of other lidars that have to agree with each other."""
