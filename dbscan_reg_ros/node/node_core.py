@@ -166,7 +166,7 @@ class NodeCore:
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
             self._listener.poll()
-        if not (lidar.rank and update.waits) and self._trigger.is_due(lidar.rank, scan.stamp):
+        if not (update.repeats or (lidar.rank and update.waits)) and self._trigger.is_due(lidar.rank, scan.stamp):
             self._sender.send(state)
             self._outputs.publish(update, state, self._origin)
         else:

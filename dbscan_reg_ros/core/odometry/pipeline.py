@@ -16,13 +16,14 @@ from ..geometry.se2 import SE2
 from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
 from ..registration.pipeline import load_strategies
-from ..registration.records import Prior
+from ..registration.records import Prior, Status
 from ..scan import Scan
 from . import update
 from .calibration.comparisons import LidarComparisons
 from .calibration.location import Location, locate
 from .gate import Gate
 from .models.deskew import deskew
+from .models.repeated_scans import RepeatedScans
 from .models.stamps import Jump, ScanInterval, middle_offset
 from .prediction import Predictions, predict
 from .records import OdometryUpdate
@@ -56,7 +57,7 @@ class Odometry:
         self.parameters = parameters
         self.comparisons = comparisons or LidarComparisons()
         self._backend = backend or default_backend()
-        self._state = update.initial_state(SE2(), number=0)
+        self._state, self._repeated = update.initial_state(SE2(), number=0), RepeatedScans()
 
     @property
     def backend(self) -> Backend:
@@ -76,7 +77,7 @@ class Odometry:
 
     def reset(self, pose: SE2 = SE2()) -> None:
         """Forget everything except the number of scans; the next scan starts a track at `pose`."""
-        self._state = update.initial_state(pose, self._state.output.number)
+        self._state, self._repeated = update.initial_state(pose, self._state.output.number), RepeatedScans()
         self.comparisons.restart()
 
     def process(self, scan: Scan, prior: Prior | None = None, sensor: Sensor = FIRST) -> OdometryUpdate:
@@ -101,11 +102,15 @@ class Odometry:
         Raises
         ------
         ScanError
-            When the scan has too few returns, or is too old compared with the last scan of another sensor. The state
-            is not changed then.
+            When the scan has too few returns, is too old compared with the last scan of another sensor, or repeats the
+            scan before although the robot moves. The track is not changed then.
         """
         result = self._process(scan, prior, sensor)
-        self.comparisons.add(result, self._locate, prior)
+        if not result.waits:
+            motion = result.increment if result.status is Status.OK else None
+            self._repeated.used(sensor.name, motion, prior)
+        if not result.repeats:
+            self.comparisons.add(result, self._locate, prior)
         return result
 
     def _locate(self, result: OdometryUpdate) -> Location | None:
@@ -131,9 +136,10 @@ class Odometry:
         # Features of the deskewed scan.
         twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, sensor)
+        repeats = self._repeated.add(sensor.name, scan, prior, p.odometry.coast_time)
         interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
-        if not uses or self._waits(scan, sensor):
-            return report_waiting(state, features, sensor)
+        if not uses or repeats or self._waits(scan, sensor):
+            return report_waiting(state, features, sensor, repeats)
         interval = self._since_last(scan, sensor, interval)
         if state.window is None or interval.jump is Jump.BACKWARD:
             return update.start(state, features, interval.reason, sensor)

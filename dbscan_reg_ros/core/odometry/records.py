@@ -55,6 +55,8 @@ class OdometryUpdate:
         The sensor of the scan.
     joined : bool
         Whether this is the first scan of another sensor, added to a track that a first sensor started.
+    repeats : bool
+        Whether the scan was not used because its ranges are those of the scan before, while others are new.
     """
 
     stamp: int
@@ -76,6 +78,7 @@ class OdometryUpdate:
     reference_number: int | None = None
     sensor: Sensor = FIRST
     joined: bool = False
+    repeats: bool = False
 
     @property
     def starts_track(self) -> bool:

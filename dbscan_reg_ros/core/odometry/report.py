@@ -26,6 +26,7 @@ class ReportedStep(NamedTuple):
     is_key_frame: bool = False
     sensor: Sensor = FIRST
     joined: bool = False
+    repeats: bool = False
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
@@ -42,12 +43,13 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         reference_changed=step.is_key_frame, restarted=step.interval.reason,
         wheel_correction=state.wheels.matrix.copy(),
         number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor,
-        joined=step.joined)
+        joined=step.joined, repeats=step.repeats)
 
 
-def report_waiting(state: TrackState, features: Features, sensor: Sensor) -> OdometryUpdate:
-    """Return the last pose again: at the start of a track, scans of another `sensor` than the first are not used."""
-    return report(state, features, ReportedStep(state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor))
+def report_waiting(state: TrackState, features: Features, sensor: Sensor, repeats: bool = False) -> OdometryUpdate:
+    """Return the last pose again: a scan of the `sensor` was not used, for example because it `repeats` the last."""
+    return report(state, features, ReportedStep(
+        state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor, repeats=repeats))
 
 
 _LEAST = RESOLUTION ** 2 * IDENTITY

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several lidars in one odometry."""
+import dataclasses
 import heapq
 import math
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
 
 FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
 FRONT_SENSOR, REAR_SENSOR = Sensor('front'), Sensor('rear', FRONT.inverse() @ REAR)
+RANKED = {'front': FRONT_SENSOR, 'rear': Sensor('rear', REAR_SENSOR.pose, 1)}
 SECONDS = 6.0
 
 
@@ -24,16 +27,31 @@ def scanner(name, mounting, rate, phase):
                  mounting=mounting, phase=phase, frame_id=name)
 
 
+def two_lidars(seed, seconds, noise=(0.01, 0.01), rest=0.0):
+    """Simulate the front and the rear lidar on a drive that begins with a `rest` [s]."""
+    world = rooms(seed)
+    path = follow(world.tour[:4], speed=1.0, pauses={0: rest})
+    path = Path(path.times[path.times < seconds], path.poses[path.times < seconds])
+    front, rear = scanner('front', FRONT, 12.5, 0.0), scanner('rear', REAR, 15.0, 0.019)
+    return tuple(simulate(world, path, dataclasses.replace(lidar, noise=each), number)
+                 for lidar, each, number in zip((front, rear), noise, (seed, seed + 9), strict=True))
+
+
+def in_order(front, rear):
+    """Return the scans of both lidars in the order of their stamps."""
+    return list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
+
+
+def truth_of(front):
+    """Return the truth of the front lidar by its stamp."""
+    return dict(zip(front.stamps.tolist(), front.truth, strict=True))
+
+
 @pytest.fixture(scope='module', params=[1, 2])
 def drive(request):
     """Scans of both lidars on one drive in the order of their stamps, and the truth of the front one by its stamp."""
-    world = rooms(request.param)
-    path = follow(world.tour[:4], speed=1.0)
-    path = Path(path.times[path.times < SECONDS], path.poses[path.times < SECONDS])
-    front = simulate(world, path, scanner('front', FRONT, 12.5, 0.0), request.param)
-    rear = simulate(world, path, scanner('rear', REAR, 15.0, 0.019), request.param + 9)
-    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
-    return scans, dict(zip(front.stamps.tolist(), front.truth, strict=True))
+    front, rear = two_lidars(request.param, SECONDS)
+    return in_order(front, rear), truth_of(front)
 
 
 def updates_of(scans, rear=REAR_SENSOR):
@@ -94,6 +112,53 @@ def test_either_lidar_may_stop_and_come_back(drive):
         front, rear = updates_of(kept)
         assert np.mean([update.status is Status.OK for update in front + rear]) > 0.95
         assert largest_error(front, truth) < alone
+
+
+def repeated(scans, frozen, begin, end):
+    """Return the scans; the lidar `frozen` sends its last ranges again and again between two times [s]."""
+    latest, found = {}, []
+    for scan in scans:
+        if scan.frame_id == frozen and begin < 1e-9 * (scan.stamp - scans[0].stamp) < end:
+            scan = dataclasses.replace(scan, ranges=latest[frozen])
+        latest[scan.frame_id] = scan.ranges
+        found.append(scan)
+    return found
+
+
+@pytest.mark.parametrize('frozen', ['front', 'rear'])
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_a_lidar_that_repeats_a_scan_while_the_robot_drives_is_not_used_until_it_sends_new_ones(seed, frozen):
+    """5 s of 11 s. Ranks as in the node: the first lidar counts as right."""
+    front, rear = two_lidars(seed, 11.0)
+    scans = in_order(front, rear)
+    undisturbed, _ = updates_of(scans, RANKED['rear'])
+    odometry, found, skipped = Odometry(), [], []
+    for scan in repeated(scans, frozen, 3.0, 8.0):
+        try:
+            found.append(odometry.process(scan, None, RANKED[scan.frame_id]))
+        except ScanError as error:
+            skipped.append((scan, str(error)))
+    used = [update for update in found if not update.waits]
+    assert np.mean([update.status is Status.OK for update in used]) > 0.98
+    error = largest_error([update for update in used if not update.sensor.rank], truth_of(front))
+    assert error < largest_error(undisturbed, truth_of(front)) + 0.02
+    seconds = np.array([1e-9 * (scan.stamp - scans[0].stamp) for scan, _ in skipped])
+    assert {scan.frame_id for scan, _ in skipped} == {frozen} and 3.0 < seconds[0] < 3.4 and 7.85 < seconds[-1] < 8.0
+    assert re.fullmatch(r'the lidar repeats the same scan: its 361 ranges are those of [45]\.\d\d s before, but the '
+                        r'robot has moved by \d\.\d\d m and \d+ deg', skipped[-1][1])
+    assert {update.sensor.name for update in used[-5:]} == {'front', 'rear'}
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('noise', [(0.0, 0.0), (0.0, 0.01), (0.01, 0.0)])
+def test_lidars_that_repeat_scans_at_rest_are_not_accused(seed, noise):
+    """Without noise a lidar at rest sends equal scans: of both lidars, or of one. Then the robot drives."""
+    front, rear = two_lidars(seed, 5.0, noise, rest=3.0)
+    odometry = Odometry()
+    found = [odometry.process(scan, None, RANKED[scan.frame_id]) for scan in in_order(front, rear)]
+    used = [update for update in found if not update.waits]
+    assert largest_error([update for update in used if not update.sensor.rank], truth_of(front)) < 0.02
+    assert {update.sensor.name for update in used[-5:]} == {'front', 'rear'}
 
 
 def test_a_scan_that_comes_too_late_is_refused_and_changes_nothing(drive):
