@@ -12,6 +12,8 @@ from dbscan_reg_ros.commands import register
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording, read_tum
+from dbscan_reg_ros.recordings.conversion import convert
+from dbscan_reg_ros.recordings.kept_part import Gap, Kept
 from dbscan_reg_ros.recordings.poses import compose
 
 SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} {} {} --rate {} '
@@ -60,6 +62,18 @@ def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair
     assert 'ready: /scan, /scan_2 -> /odom' in (tmp_path / 'out' / 'scan_matcher.log').read_text()
     stamps, _ = read_tum(tmp_path / 'out' / 'trajectory.tum')
     assert stamps.tolist() == open_recording(pair, '/scan').stamps()
+
+
+@needs_rosbags
+@needs_tf2_msgs
+def test_the_demo_goes_on_with_the_second_lidar_while_the_first_is_silent(start_command, tmp_path):
+    whole = two_lidars(tmp_path / 'whole', '--world', 'rooms', '--speed', '1', '--seconds', '14')
+    convert(whole, tmp_path / 'failing', Kept(without=[Gap('/scan', 3.0, 10.0)]))
+    process = start_command('demo', '--out', tmp_path / 'out', tmp_path / 'failing', *TOPICS)
+    assert process.wait(120.0) == 0, process.output()
+    assert float(re.search(r'final error (\d+\.\d+) m', process.output())[1]) < 0.05
+    log = (tmp_path / 'out' / 'scan_matcher.log').read_text()
+    assert 'the odometry continues with the other lidars' in log and 'tracking restarted' not in log
 
 
 @needs_rosbags

@@ -23,16 +23,20 @@ from sensor_msgs.msg import LaserScan
 from ...command_lines import command_line
 from ...core.errors import DbscanRegError
 from ...core.scan import Scan, in_nanoseconds
+from ...recordings.bags.bag import LASER_SCAN
 from ...recordings.message_fields import filled, message_class
 from ...recordings.playback import Channel, Played
 from ...recordings.schedule import Timeline
 from ..interfaces.messages import scan_to_message, stamp_to_message
 from .answers import Answers
+from .pace import Pace
 
 DEPTH = 100
 WINDOW = 3
 """Number of scans that are published in lockstep before their odometry arrives; fewer than sensor-data QoS can
 queue."""
+SILENCE = 250_000_000
+"""Time [ns] without a scan after which the scans of other lidars are published in real time."""
 CLOCK_PERIOD = 0.025
 """Interval [s] between messages on /clock."""
 POLL = 0.02
@@ -43,20 +47,6 @@ RETRY = 1.0
 
 class PlayerError(DbscanRegError):
     """No node subscribes to the scans of the player, or the node does not respond."""
-
-
-class _Pace:
-    """Playback at a constant rate: the time of the recording runs `rate` times as fast as the steady clock."""
-
-    def __init__(self, rate: float) -> None:
-        self.rate = rate
-        self._start: tuple[int, float] | None = None
-
-    def remaining(self, due: int) -> float:
-        """Return the time [s] until the recording time reaches `due` [ns]; 0 at the first call."""
-        now = time.monotonic()
-        self._start = self._start or (due, now)
-        return self._start[1] + (due - self._start[0]) * 1e-9 / self.rate - now
 
 
 class Player:
@@ -190,7 +180,8 @@ class Player:
             Scans and messages to publish; messages of channels that were not announced are skipped.
         rate : float, optional
             Speed of the playback relative to the stamps. If it is None (lockstep), each scan is published as soon as
-            the node has published the odometry for the earlier scans.
+            the node has published the odometry for the earlier scans. While there are none, the scans of other lidars
+            are published in real time.
         window : int
             In lockstep, number of scans that are published before their odometry arrives.
         patience : float
@@ -202,14 +193,18 @@ class Player:
             When odometry is missing and no node subscribes to the scans any more.
         """
         self._begin()
-        timeline, pace = Timeline(), rate and _Pace(rate)
+        timeline, pace = Timeline(), rate and Pace(rate)
+        silence, silent_from = Pace(1.0), 0
         for item in items:
             played = item if isinstance(item, Played) else Played(item)
             due = timeline.due(played)
             if pace and due is not None:
                 self._wait_until(pace, due)
-            elif not pace and not played.channel:
+            elif not played.channel:
                 self._wait_for_answers(window - 1, patience)
+                silence, silent_from = Pace(1.0), (due or 0) + SILENCE
+            elif due is not None and due > silent_from and played.channel.kind == LASER_SCAN:
+                self._wait_until(silence, due)
             self._publish(played, due)
         if not pace or any(self.answers.messages):
             self._wait_for_answers(0, patience)
@@ -269,7 +264,7 @@ class Player:
             else:
                 self._executor.spin_once(remaining)
 
-    def _wait_until(self, pace: '_Pace', due: int) -> None:
+    def _wait_until(self, pace: Pace, due: int) -> None:
         """Publish /clock until the time of the recording reaches `due` [ns]."""
         while (remaining := pace.remaining(due)) > 0.0:
             self._executor.spin_once(min(remaining, CLOCK_PERIOD) if self._clock else remaining)
