@@ -85,7 +85,7 @@ def _recording(args, topics):
 
         path = find_recording(args.file, args.data)
         if topics[1:] and not is_bag(path):
-            raise CommandError(f'{path}: expected a bag for several lidars, with their transforms on /tf_static; for '
+            raise CommandError(f'{path}: expected a bag for several lidars, with their transforms; for '
                                'a log, use replay --topic A --topic B --mounting A X Y DEG --mounting B X Y DEG')
         return open_recording(path, topics[0] if topics else None)
     if topics[1:]:
@@ -121,7 +121,7 @@ def _play(recording, out, words, args, topics):
 
 
 def _channels(recording, others) -> list:
-    """Return the channels to play besides the scans: with several lidars the `others`, and the static transforms.
+    """Return the channels to play besides the scans: with several lidars the `others`, and the transforms.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def _channels(recording, others) -> list:
     from ..recordings.playback import choose
 
     return [channel for channel in choose(recording.channels(), others)
-            if channel.recorded in others or channel.input == '/tf_static'] if others else []
+            if channel.recorded in others or channel.input in ('/tf_static', '/tf')] if others else []
 
 
 @contextmanager

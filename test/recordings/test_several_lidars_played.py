@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from bags import needs_rosbags
+from bags import laser_scan, needs_rosbags, write_bag
 from events import Reader
 from ros_helpers import Peer, needs_tf2_msgs, said
 
@@ -62,6 +62,18 @@ def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair
     assert 'ready: /scan, /scan_2 -> /odom' in (tmp_path / 'out' / 'scan_matcher.log').read_text()
     stamps, _ = read_tum(tmp_path / 'out' / 'trajectory.tum')
     assert stamps.tolist() == open_recording(pair, '/scan').stamps()
+
+
+@needs_rosbags
+def test_the_demo_plays_the_mountings_on_tf_too(tmp_path):
+    from dbscan_reg_ros.commands.demo import _channels
+    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    empty = bytes(MessageMaker().serialize('tf2_msgs/msg/TFMessage', {}))
+    bag = write_bag(tmp_path / 'bag', [('/scan', 10, laser_scan()), ('/scan_2', 10, laser_scan()), ('/tf', 10, empty)],
+                    kinds={'/tf': 'tf2_msgs/msg/TFMessage'})
+    recording = open_recording(bag, '/scan')
+    assert {channel.recorded for channel in _channels(recording, ['/scan_2'])} == {'/scan_2', '/tf'}
+    assert _channels(recording, []) == []
 
 
 @needs_rosbags
