@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
 import hashlib
+import importlib.util
 import os
 import re
 import shutil
@@ -162,7 +163,9 @@ def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
     plugin = wheel(tmp_path, 'plugin', '1.0', 'Requires-Dist: tool[more]>=0.9')
     wheel(tmp_path, 'tool', '2.0', 'Provides-Extra: more')
     (tmp_path / 'lock.txt').write_text(plugin + tool)
-    subprocess.run([sys.executable, '-m', 'venv', tmp_path / 'venv'], check=True)
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True)
+    packages, = (tmp_path / 'venv').glob('lib/python*/site-packages')
+    (packages / 'pip').symlink_to(Path(importlib.util.find_spec('pip').origin).parent)
     result = subprocess.run(['bash', '-c', f'source {root}/scripts/setup; install {tmp_path}/venv {tmp_path}/lock.txt'],
                             env={'PATH': '/usr/bin:/bin', 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)},
                             capture_output=True, text=True, check=False, timeout=120)
