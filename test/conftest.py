@@ -249,10 +249,11 @@ def compiled():
 
 @pytest.fixture(scope='session')
 def hall_recording(tmp_path_factory):
-    """A simulated drive through a hall as a bag."""
+    """A simulated drive through a hall as a bag, of 45 s."""
     pytest.importorskip('rosbags', reason='needs the Python package rosbags')
     target = tmp_path_factory.mktemp('recording') / 'hall'
-    assert simulate_command([str(target), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed', '4']) == 0
+    assert simulate_command([str(target), '--world', 'hall', '--speed', '2', '--rate', '4', '--seconds', '45', '--seed',
+                             '4']) == 0
     return target
 
 

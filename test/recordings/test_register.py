@@ -180,7 +180,7 @@ def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot
     (tmp_path
      / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.top_candidates: 3, '
                             'advanced.selection.min_support_ratio: 0.0, advanced.selection.max_score_gap: 2.0}}')
-    assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--out', str(tmp_path)]) == 0
+    assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--no-figures']) == 0
     text, update = capsys.readouterr().out, updates[2]
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
     assert len(again.hypotheses) > len(update.registration.hypotheses)

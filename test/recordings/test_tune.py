@@ -37,8 +37,8 @@ def recordings(tmp_path_factory):
     pytest.importorskip('rosbags', reason='needs the Python package rosbags')
     folder = tmp_path_factory.mktemp('recordings')
     for name, seed in (('a', 1), ('b', 2)):
-        assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seed',
-                         str(seed)]) == 0
+        assert simulate([str(folder / name), '--world', 'hall', '--speed', '2', '--rate', '4', '--seconds', '31',
+                         '--seed', str(seed)]) == 0
     (folder
      / 'bad.yaml').write_text('/**:\n  ros__parameters:\n    advanced: {refinement: {map_scale: 0.5, map_first_scale: '
                               '0.9}}\n')
@@ -140,29 +140,29 @@ def test_a_gain_within_the_noise_is_called_that(recordings, tmp_path, capsys):
 
 
 def test_one_seed_gives_one_result_however_many_processes(words, tmp_path):
-    assert main(words(10, 'one')) == 0
-    assert main([*words(10, 'two'), '--processes', '2']) == 0
+    assert main(words(6, 'one')) == 0
+    assert main([*words(6, 'two'), '--processes', '2']) == 0
     one, two = (trials_of(tmp_path / name) for name in ('one', 'two'))
-    assert one == two and len(one) == 10
+    assert one == two and len(one) == 6
     assert (tmp_path / 'one/best.yaml').read_bytes() == (tmp_path / 'two/best.yaml').read_bytes()
 
 
 def test_a_killed_search_goes_on_where_it_was(words, tmp_path, root, capsys):
-    assert main(words(12, 'whole')) == 0
-    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(12, 'killed')],
+    assert main(words(8, 'whole')) == 0
+    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(8, 'killed')],
                                env=os.environ | {'PYTHONPATH': str(root)}, stdout=subprocess.DEVNULL,
                                stderr=subprocess.DEVNULL)
     file, deadline = tmp_path / 'killed' / 'trials.jsonl', time.monotonic() + 60
-    while not (file.exists() and file.read_bytes().count(b'\n') >= 4) and time.monotonic() < deadline:
+    while not (file.exists() and file.read_bytes().count(b'\n') >= 3) and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
     kept = file.read_bytes()
-    assert 4 <= kept.count(b'\n') < 12
-    file.write_bytes(kept + b'{"number": 11, "co')
+    assert 3 <= kept.count(b'\n') < 8
+    file.write_bytes(kept + b'{"number": 7, "co')
     capsys.readouterr()
-    assert main(words(12, 'killed')) == 0
-    known = int(re.search(r'(\d+) of 12 trials known', capsys.readouterr().out)[1])
+    assert main(words(8, 'killed')) == 0
+    known = int(re.search(r'(\d+) of 8 trials known', capsys.readouterr().out)[1])
     assert known == kept.count(b'\n') and file.read_bytes().startswith(kept)
     assert trials_of(tmp_path / 'killed') == trials_of(tmp_path / 'whole')
     assert (tmp_path / 'killed/best.yaml').read_bytes() == (tmp_path / 'whole/best.yaml').read_bytes()
@@ -289,8 +289,8 @@ def test_optuna_finds_a_minimum_sooner_than_chance_and_can_be_resumed(tmp_path):
 
 
 def test_a_cluster_gives_the_same_even_when_a_worker_is_killed(words, tmp_path, cluster):
-    assert main([*words(10, 'here'), '--processes', '2']) == 0
-    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(10, 'there'), '--scheduler',
+    assert main([*words(6, 'here'), '--processes', '2']) == 0
+    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', 'tune', *words(6, 'there'), '--scheduler',
                                 cluster.scheduler_address], stdout=subprocess.DEVNULL)
     file, deadline = tmp_path / 'there' / 'trials.jsonl', time.monotonic() + 60
     while not (file.exists() and file.read_bytes()) and time.monotonic() < deadline:
