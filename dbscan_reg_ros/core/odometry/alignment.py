@@ -74,6 +74,7 @@ def align_scan(window: KeyFrameWindow, match: Match, prior: PosePrior, predictio
                          and bool(prior.information.any()))
     step = match.features.backend.step
     pose, correspondences = step(align_to_map)(
-        window, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p)
+        window, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p,
+        coarse=window.of_sensor(match.key_frame.sensor.name))
     covariance, observed = step(alignment_uncertainty)(match.features, pose, correspondences, initial, p)
     return Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)

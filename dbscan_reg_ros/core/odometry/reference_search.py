@@ -60,7 +60,7 @@ class ReferenceSearch:
         window, best = self._state.key_frames, self._gate.predictions.best
         static = self._features
         if best.prior.translation_sigma < self._parameters.odometry.dynamic_margin:
-            static = without_dynamic_points(static, best.pose, window, self._parameters)
+            static = without_dynamic_points(static, best.pose, window, self._parameters, self._sensor)
         latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
         match = self._match(latest, static, None)
         if match.registration.degenerate_direction is not None and static.weights is not None:
@@ -177,7 +177,7 @@ class ReferenceSearch:
         if registration.status is not Status.FAILED or not is_recoverable(registration, p):
             return registration, static
         pose = reference.key_frame.pose @ registration.transform
-        retried = without_dynamic_points(self._features, pose, self._state.key_frames, p)
+        retried = without_dynamic_points(self._features, pose, self._state.key_frames, p, self._sensor)
         if retried.normals is static.normals:
             return registration, static
         return register(reference.features, retried, self._search_parameters, prior), retried

@@ -82,15 +82,17 @@ SETTINGS = {
 
 @pytest.mark.parametrize('name', SETTINGS)
 def test_scan_to_map(both, rng, window, name):
-    """Also from a degenerate direction, and with an unobservable rotation."""
-    p = SETTINGS[name]
+    """Also from a degenerate direction, with an unobservable rotation, and first with some key frames only."""
+    p, part = SETTINGS[name], KeyFrameWindow(window.frames[::2])
     distance, bearings = ranges(rng, 180)
     features = extract_features(Scan.from_ranges(distance, bearings), backend=REFERENCE)
     pose, expected = (SE2.from_array(rng.normal(0.0, 0.05, 3)) for _ in range(2))
     for each in (features, dataclasses.replace(features, noise_ratio=0.03).downweighted([0, 1], 0.5)):
         for initial in (InitialAlignment(pose), InitialAlignment(pose, 0.7), InitialAlignment(pose, None, True)):
             for information in (np.zeros((3, 3)), np.diag((100.0, 300.0, 500.0))):
-                _, found = both(align_to_map, window, each, initial, PosePrior(expected, information), p)
+                prior = PosePrior(expected, information)
+                both(align_to_map, window, each, initial, prior, p, part)
+                _, found = both(align_to_map, window, each, initial, prior, p)
                 both(alignment_uncertainty, each, pose, found, initial, p)
 
 

@@ -17,9 +17,11 @@ from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
     detached_points,
     dynamic_points,
     information_ratio,
+    without_dynamic_points,
 )
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow, confirm
+from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.point_to_line import Alignment, refine
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -83,6 +85,20 @@ def test_a_person_at_rest_is_not_dynamic():
     scan, _ = with_person(room, 0.4)
     assert not moving_beams(scan, [seen_from(THERE, scan)])
     assert moving_beams(scan, [seen_from(THERE, scan), seen_from(HERE)])
+
+
+def test_what_a_lidar_at_another_height_does_not_see_is_not_dynamic():
+    """The lower lidar sees an object over which the higher one sees."""
+    room = look(outline(L_ROOM), THERE, FULL)
+    low, _ = with_person(room, 0.4)
+    frames = [dataclasses.replace(seen_from(*seen), sensor=Sensor(name))
+              for name, seen in (('low', (THERE, low)), ('high', (HERE,)), ('high', (THERE, room)))]
+    features, window = extract_features(low), KeyFrameWindow(frames)
+
+    def static(sensor):
+        return without_dynamic_points(features, THERE, window, Parameters(), sensor)
+    assert static('low').normals is features.normals
+    assert len(static('high').oriented_points) < len(features.oriented_points)
 
 
 def test_if_most_points_would_be_dynamic_none_are():

@@ -2,7 +2,7 @@
 """Scan-to-map alignment, as `core.odometry.mapping.scan_to_map`."""
 
 
-def align_to_map(window, features, initial, prior, p):
+def align_to_map(window, features, initial, prior, p, coarse=None):
     """Align a scan with all key frames of the window.
 
     Parameters
@@ -15,6 +15,8 @@ def align_to_map(window, features, initial, prior, p):
     prior : PosePrior
         Information in the frame of the scan [1/m^2, 1/rad^2]; zero where it contradicts `initial`.
     p : Parameters
+    coarse : KeyFrameWindow, optional
+        Key frames with which all iterations but the last align the scan; None: those of `window`.
 
     Returns
     -------
@@ -22,19 +24,21 @@ def align_to_map(window, features, initial, prior, p):
         Pose of the scan in the odometry frame.
     correspondences : Correspondences
     """
+    coarse = window if coarse is None else coarse
     points, direction = features.oriented_points, initial.direction
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
     last = max(len(scales) - 1, 0)
     information = max(p.refinement.map_scale, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
-    found = find_correspondences(window, pose, points, direction, p)
+    found = find_correspondences(coarse, pose, points, direction, p)
     if direction is not None or initial.rotation_unobservable:
         information = map_steps._strengthened(information, features, found, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(found, pose, prior, scales[:last], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     cell = p.density.cell_size
-    if len(points) > p.density.max_points or displacement(found, pose) > map_steps._MAX_DISPLACEMENT * cell:
+    if (coarse is not window or len(points) > p.density.max_points
+            or displacement(found, pose) > map_steps._MAX_DISPLACEMENT * cell):
         found = find_correspondences(window, pose, points, direction, p)
     return align(found, pose, prior, scales[last:], damping), found
 

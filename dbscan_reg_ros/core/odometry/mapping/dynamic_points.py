@@ -14,7 +14,8 @@ from .key_frame_window import KeyFrameWindow, confirm
 from .stacked_lookup import FreeSpaceStack
 
 
-def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters) -> Features:
+def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters,
+                           sensor: str = '') -> Features:
     """Remove the dynamic points of a scan, and reduce the weights of movable objects.
 
     Movable objects and poles keep their weight if a key frame from another position contains them at the same place.
@@ -26,9 +27,12 @@ def without_dynamic_points(features: Features, pose: SE2, window: KeyFrameWindow
         Pose of the scan in the odometry frame.
     window : KeyFrameWindow
     parameters : Parameters
+    sensor : str
+        Name of the sensor of the scan. Only its own key frames show free space: a lidar at another height sees over
+        what this one sees.
     """
     p = parameters.odometry
-    features, candidates = _remove_dynamic(features, pose, window, parameters)
+    features, candidates = _remove_dynamic(features, pose, window.of_sensor(sensor), parameters)
     walls = features.wall_points
     movable = candidates.nonzero()[0]
     step = features.backend.step

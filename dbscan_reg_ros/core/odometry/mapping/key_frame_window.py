@@ -45,7 +45,8 @@ class KeyFrameWindow:
         self.fields = LikelihoodFieldStack(fields, *self.poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
         self._local_maps: dict[KeyFrame, Features] = {}
-        self._parts: dict[int, KeyFrameWindow | None] = {}
+        self._parts: dict[str, KeyFrameWindow] = {}
+        self._ranks: dict[int, KeyFrameWindow | None] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
 
     @property
@@ -71,10 +72,18 @@ class KeyFrameWindow:
 
     def of_rank(self, rank: int) -> 'KeyFrameWindow | None':
         """Return the window of the key frames of all sensors of this `Sensor.rank`; None if there is none."""
-        if rank not in self._parts:
+        if rank not in self._ranks:
             frames = [frame for frame in self.frames if frame.sensor.rank == rank]
-            self._parts[rank] = KeyFrameWindow(frames) if frames else None
-        return self._parts[rank]
+            self._ranks[rank] = KeyFrameWindow(frames) if frames else None
+        return self._ranks[rank]
+
+    def of_sensor(self, sensor: str) -> 'KeyFrameWindow':
+        """Return the window of `frames_of` a `sensor`."""
+        if len(self.sensors) == 1 or sensor not in self.sensors:
+            return self
+        if sensor not in self._parts:
+            self._parts[sensor] = KeyFrameWindow(self.frames_of(sensor))
+        return self._parts[sensor]
 
     def without(self, sensor: str) -> 'KeyFrameWindow':
         """Return a window without the key frames of a `sensor`, unless it has no others."""
@@ -103,12 +112,11 @@ class KeyFrameWindow:
         return window
 
     def free_space(self, frames: int) -> FreeSpaceStack:
-        """Return the free-space profiles of the latest `frames` x (number of sensors) key frames."""
-        count = frames * len(self.sensors)
-        if count not in self._free_space:
-            profiles = [frame.features.free_space for frame in self.frames[-count:]]
-            self._free_space = {count: FreeSpaceStack(profiles, *(part[-count:] for part in self.poses))}
-        return self._free_space[count]
+        """Return the free-space profiles of the latest `frames` key frames."""
+        if frames not in self._free_space:
+            profiles = [frame.features.free_space for frame in self.frames[-frames:]]
+            self._free_space = {frames: FreeSpaceStack(profiles, *(part[-frames:] for part in self.poses))}
+        return self._free_space[frames]
 
     def correspondences(self, pose: SE2, points: OrientedPoints, density: DensityParameters) -> Correspondences:
         """Call `look_up_correspondences` for this window with the implementation of the backend."""

@@ -45,7 +45,7 @@ class InitialAlignment(NamedTuple):
 
 
 def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAlignment, prior: PosePrior,
-                 p: Parameters) -> tuple[SE2, Correspondences]:
+                 p: Parameters, coarse: KeyFrameWindow | None = None) -> tuple[SE2, Correspondences]:
     """Align a scan with all key frames of the window.
 
     Parameters
@@ -58,6 +58,8 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     prior : PosePrior
         Its information is in the frame of the scan [1/m^2, 1/rad^2], and zero if it contradicts `initial`.
     p : Parameters
+    coarse : KeyFrameWindow, optional
+        Key frames with which all iterations but the last align the scan; None: those of `window`.
 
     Returns
     -------
@@ -65,17 +67,19 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
         Pose of the scan in the odometry frame.
     correspondences : Correspondences
     """
+    coarse = coarse or window
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
     information = max(p.refinement.map_scale, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
-    correspondences = _correspondences(window, pose, features, initial.direction, p)
+    correspondences = _correspondences(coarse, pose, features, initial.direction, p)
     if initial.direction is not None or initial.rotation_unobservable:
         information = _strengthened(information, features, correspondences, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(correspondences, pose, prior, scales[:-1], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     is_dense = len(features.oriented_points) > p.density.max_points
-    if is_dense or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size:
+    if (coarse is not window or is_dense
+            or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size):
         correspondences = _correspondences(window, pose, features, initial.direction, p)
     return align(correspondences, pose, prior, scales[-1:], damping), correspondences
 
