@@ -2,23 +2,26 @@
 """Draw the clustered samples of the registration: angle differences (Figure 6) and translations (Figure 8)."""
 import numpy as np
 
-from .style import CLUSTERS, EPS, REST, RESULT, grid, legend, panels, plane
+from .style import CLUSTERS, EPS, REST, RESULT, TRUE_COLOR, grid, legend, panels, plane
 
 CLOSE_ANGLE = 8.0
 """Half the width [deg] of the enlarged plot of the angle differences."""
 CLOSE = 0.4
 """Half the side [m] of the enlarged plot of the translations."""
+TRUE = {'color': TRUE_COLOR, 'linestyle': ':', 'linewidth': 1.8}
 
 
 def draw_rotation(figure, steps):
     """Draw the angle differences of all pairs of segments with their clusters, and the k-dist graph with eps."""
-    rotations, result = steps.rotations, np.degrees(steps.registration.transform.theta)
+    rotations, result, truth = steps.rotations, np.degrees(steps.registration.transform.theta), steps.truth
     axes = panels(figure, ['all', 'all'], ['close', 'graph'])
     row = np.broadcast_to(np.arange(len(rotations.difference))[:, None], rotations.difference.shape)
     for panel in (axes['all'], axes['close']):
-        for label, members, style in _clusters(rotations.labels, range(len(rotations.phi))):
+        for label, members, style in _clusters(rotations, range(len(rotations.phi)), rotations.labels, ' m'):
             panel.plot(np.degrees(rotations.difference[members]), row[members], label=label, **style)
         panel.axvline(result, label=_result(steps), **RESULT)
+        if truth is not None:
+            panel.axvline(np.degrees(truth.theta), label='true', **TRUE)
         panel.set(xlabel='angle difference [deg]', ylabel="reference's segment")
         grid(panel)
     title = (f'{rotations.difference.size} angle differences{_stage(steps)}; clusters followed: '
@@ -42,19 +45,24 @@ def _k_distances(axes, steps):
 
 def draw_translation(figure, steps):
     """Draw the translation samples from lines and end points, for the rotation hypothesis nearest to the result."""
-    samples, result = steps.translations, steps.registration.transform
+    samples, result, truth = steps.translations, steps.registration.transform, steps.truth
     axes = panels(figure, ['all', 'close'])
     own = samples.rotation == steps.rotation
     ranked = np.unique(samples.labels[own & (samples.labels >= 0)])
-    for panel in axes['all'], axes['close']:
-        panel.plot(*samples.samples[~own].T, label='with another rotation', **REST | {'color': '#cccccc'})
-        for label, members, style in _clusters(np.where(own, samples.labels, -2), ranked):
-            panel.plot(*samples.samples[members].T, label=label, **style)
-        panel.axvline(result.x, label=_result(steps), **RESULT)
-        panel.axhline(result.y, **RESULT)
     place = np.array([(result.x, result.y)])
     shown = np.concatenate((place, np.quantile(samples.samples[own], (0.05, 0.95), axis=0) if own.any() else place))
     middle, half = 0.5 * (shown.min(axis=0) + shown.max(axis=0)), 0.5 * np.ptp(shown, axis=0).max() + CLOSE
+    inside = (np.abs(samples.samples - middle) <= half).all(axis=1)
+    for panel in axes['all'], axes['close']:
+        panel.plot(*samples.samples[~own].T, label='with another rotation', **REST | {'color': '#cccccc'})
+        for label, members, style in _clusters(samples, ranked, np.where(own, samples.labels, -2)):
+            outside = '' if inside[members].any() else ', outside'
+            panel.plot(*samples.samples[members].T, label=f'{label}{outside}', **style)
+        panel.axvline(result.x, label=_result(steps), **RESULT)
+        panel.axhline(result.y, **RESULT)
+        if truth is not None:
+            panel.axvline(truth.x, label='true', **TRUE)
+            panel.axhline(truth.y, **TRUE)
     rotation = '' if steps.rotation is None else f' {np.degrees(steps.rotations.phi[steps.rotation]):.2f} deg'
     title = (f'{np.count_nonzero(own)} translations{_stage(steps)}, rotation{rotation},\n'
              f'nearest to the result; clusters: {_count(len(ranked))}')
@@ -67,17 +75,22 @@ def explain_translation(steps):
     """Return the caption of the translation samples."""
     ends = steps.parameters.translation.form == 'signed'
     return (f'Two pairs of lines give a sample{", and so does a pair of end points" if ends else ""}. '
-            'Near the true translation usually many samples agree.')
+            'Near the true translation usually many samples agree.'
+            + (' The divergences of the densities select one cluster.' if _of_paper(steps) else ''))
+
+
+def _of_paper(steps):
+    return steps.parameters.selection.method == 'divergence'
 
 
 def _stage(steps):
     """Return the stage of the search that is drawn, as a text; the method of the paper has one stage."""
-    return ' of the normal search' if steps.parameters.selection.method == 'density' else ''
+    return '' if _of_paper(steps) else ' of the normal search'
 
 
 def _result(steps):
     """Return the name of the result in legends: the method of the paper does not refine it."""
-    return 'result' if steps.parameters.selection.method == 'divergence' else 'result, refined'
+    return 'result' if _of_paper(steps) else 'result, refined'
 
 
 def _count(clusters):
@@ -85,9 +98,12 @@ def _count(clusters):
     return f'{clusters}, the heaviest {len(CLUSTERS)} marked' if clusters > len(CLUSTERS) else f'{clusters}'
 
 
-def _clusters(labels, ranked):
+def _clusters(hypotheses, ranked, labels, unit=''):
     """Yield (name, mask of samples, style) of the heaviest clusters, listed first in `ranked`, and of the rest."""
     leading = list(ranked)[:len(CLUSTERS)]
     yield 'other clusters', (labels >= -1) & ~np.isin(labels, leading), REST
     for rank, (number, style) in enumerate(zip(leading, CLUSTERS), 1):
-        yield f'cluster {rank}{" (heaviest)" if rank == 1 else ""}', labels == number, style
+        members = labels == number
+        count = np.count_nonzero(members)
+        weight = f'{hypotheses.weight[number]:.3g}{unit}'
+        yield f'cluster {rank}: {count} sample{"" if count == 1 else "s"}, weight {weight}', members, style

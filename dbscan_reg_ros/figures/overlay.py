@@ -16,6 +16,7 @@ from .style import (
     REFERENCE_LANDMARKS,
     REFERENCE_POINTS,
     RIVAL_POINTS,
+    TRUE_COLOR,
     draw_segments,
     draw_sensor,
     drawn,
@@ -29,7 +30,6 @@ CONFIDENCE = 0.95
 SMALL = 0.1
 """Reach [m] below which the ellipse is drawn in millimetres, so that the numbers beside its axes are short."""
 THIN = {'linewidth': 0.9}
-TRUE_COLOR = '#007a5a'
 TRUE_POSE = {'color': 'none', 'markeredgecolor': TRUE_COLOR, 'markersize': 16.0}
 
 
@@ -66,7 +66,8 @@ def _draw_rival(axes, steps):
     """Draw the points of the current scan moved by the best rival hypothesis, if there is one."""
     for rival in steps.registration.rivals[:1]:
         points = rival.transform.apply(dict(steps.scans)['current'].features.points)
-        axes.plot(*points.T, label=f'best rival, score {rival.score:.2f}', **RIVAL_POINTS)
+        axes.plot(*points.T, **RIVAL_POINTS,
+                  label=f'current: points, moved by the best rival (score {rival.score:.2f})')
 
 
 def _draw_scans(axes, steps, moved, matched):

@@ -7,6 +7,7 @@ import numpy as np
 from ..core.geometry.se2 import SE2
 
 GREY, BLUE = '#999999', '#0b3d66'
+TRUE_COLOR = '#007a5a'
 REFERENCE = {'color': GREY, 'linewidth': 5.0, 'alpha': 0.6, 'solid_capstyle': 'butt'}
 CURRENT = {'color': BLUE, 'linewidth': 1.6, 'linestyle': (0, (4, 2))}
 """Line styles of the two scans, chosen so that both remain visible if the second lies on the first."""
