@@ -18,7 +18,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                            'of the first lidar; given at least twice'})
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
                         'pose of the lidar of a topic on the base [m, m, deg], which for further lidars may be wrong '
-                        'by 0.3 m and 10 deg; may be repeated (default: that of the recording, as for replay)')
+                        'by 0.3 m and 10 deg; may be repeated (default: laser_pose of the lidar in the parameter file, '
+                        'else that of the recording, as for replay)')
     add_parameters(parser)
     parser.add_argument('--json', type=Path, metavar='FILE', help='also write the results to this file')
     return run(parser, calibrate, argv)

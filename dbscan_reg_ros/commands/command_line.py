@@ -115,9 +115,9 @@ def add_recordings(parser, topic=None):
 def add_mounting(parser):
     """Add the argument that gives the mountings of lidars."""
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
-                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: with several '
-                        'topics, that of the recording: constant transforms of a bag, or the poses of laser and robot '
-                        'in a log; else the mounting in the parameters)')
+                        'pose of the lidar of a topic on the base [m, m, deg]; may be repeated (default: laser_pose '
+                        'of the lidar in the parameter file; else, with several topics, that of the recording: '
+                        'constant transforms of a bag, or the poses of laser and robot in a log)')
 
 
 def add_parameters(parser, use='', otherwise=''):

@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def demo(args):
     """Play the recording to a newly started node, write the results and print the summary."""
     from ..replays.faults import Faults
-    from ..replays.lidars import mounting_in, scan_topics
+    from ..replays.lidars import given_mountings, mounting_in, scan_topics
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import NodeParameters
 
@@ -53,7 +53,8 @@ def demo(args):
         parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
         topics = scan_topics(args.topic, parameters)
         recording = _recording(args, topics)
-        mounting = mounting_in(recording, {}, parameters.base_frame) if topics[1:] else None
+        mountings = given_mountings(parameters, topics)
+        mounting = mounting_in(recording, mountings, parameters.base_frame, option='') if topics[1:] else None
         out = Path(args.out or Path('results', f'demo-{recording.name}'))
         out.mkdir(parents=True, exist_ok=True)
         answers = _play(recording, out, _node_words(args.params_file, parameters, topics), args, topics)

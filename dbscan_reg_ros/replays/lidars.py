@@ -39,10 +39,7 @@ def scan_topics(given, parameters) -> tuple[str, ...]:
 def parse_mountings(given) -> dict:
     """Parse mountings from the command line, NAME X Y DEG [upside_down]; return topic -> `Mounting`.
 
-    Raises
-    ------
-    MountingError
-        When a mounting does not have this form.
+    Raises a MountingError when a mounting does not have this form.
     """
     mountings = {}
     for name, *words in given or ():
@@ -82,8 +79,10 @@ class Lidars:
         return open_recording(path, self.first, CloudParameters.of(parameters, self.first, self.mountings))
 
 
-def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
+def mounting_in(recording: Recording, mountings, base_frame, option='--mounting {} X Y DEG, or ') -> Mounting:
     """Return the mounting of the lidar of a `recording`: the mounting given for its topic, else the recorded one.
+
+    `option` begins the advice in the error; it is empty for a command without this option.
 
     Raises
     ------
@@ -98,7 +97,8 @@ def mounting_in(recording: Recording, mountings, base_frame) -> Mounting:
         return recording.mounting_on(base_frame)
     except MountingError as error:
         raise MountingError(f'{recording.path}: the mounting of the lidar on {recording.topic} is not known: {error}; '
-                            f'state the mounting: --mounting {recording.topic} X Y DEG') from error
+                            f'state it: {option.format(recording.topic)}NAME.laser_pose with sensors in the parameter '
+                            'file') from error
 
 
 @dataclass(frozen=True, eq=False)

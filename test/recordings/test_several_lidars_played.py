@@ -65,6 +65,26 @@ def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair
 
 
 @needs_rosbags
+def test_the_demo_reads_the_mountings_from_the_parameter_file(start_command, tmp_path):
+    """The bag has no transforms."""
+    bag, file = tmp_path / 'bag', tmp_path / 'sensors.yaml'
+    convert(two_lidars(tmp_path / 'begin', '--seconds', '3'), bag, Kept(topics=TOPICS[1::2]))
+    words = 'demo', '--out', tmp_path / 'out', bag
+    process = start_command(*words, *TOPICS)
+    assert process.wait(60.0) == 2
+    assert process.output().endswith('; state it: NAME.laser_pose with sensors in the parameter file\n')
+    file.write_text("""/**:
+  ros__parameters:
+    sensors: [front, rear]
+    front: {topic: /scan, laser_pose: [0.3, 0.2, 0.785398]}
+    rear: {topic: /scan_2, laser_pose: [-0.3, -0.2, -2.356194]}
+""")
+    process = start_command(*words, '--params-file', file)
+    assert process.wait(120.0) == 0, process.output()
+    assert process.output().splitlines()[-1] == f'scans {open_recording(bag, "/scan").count} skipped 0'
+
+
+@needs_rosbags
 def test_the_demo_plays_the_mountings_on_tf_too(tmp_path):
     from dbscan_reg_ros.commands.demo import _channels
     from dbscan_reg_ros.recordings.bags.messages import MessageMaker
