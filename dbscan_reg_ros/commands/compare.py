@@ -21,7 +21,7 @@ from .command_line import (
     run,
     seed,
 )
-from .competitors import Competitor, first_parameters, follow_all
+from .competitors import Competitor, first_parameters, follow_all, note_missing
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
@@ -38,8 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'recordings). More competitors are compared with A and reported. Of several lidars, methods '
                          'and trajectories use the first one only. doc/faq.md, "Comparing methods", defines every '
                          'column. Exit status 0: B is not worse; 1: B is worse in translation or in rotation (with '
-                         '--all: any is); 2: an argument or a recording cannot be used; 3: no verdict, because B has '
-                         'no pose for more than 10 % of the scans.')
+                         '--all: any is); 2: an argument or a recording cannot be used; 3: not worse, but a recording '
+                         'is not judged, because B has no pose for more than 10 % of its scans.')
     parser.add_argument('a', metavar='A', help='a parameter file; or the name of a ready-made parameter set: '
                         f'defaults, {", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the '
                         'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
@@ -51,17 +51,17 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'or MODULE:FUNCTION (a module in the current folder or installed), a function (reference, '
                         'current, guess) that returns the pose (SE2) of the scan current in the frame of the scan '
                         'reference. reference is the last key frame: a scan becomes the key frame if it is more than '
-                        f'{KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} deg from the last one; guess (SE2) repeats '
-                        'the last motion between two scans. Or MODULE:CLASS, a tracker made without arguments: '
-                        'process(scan) returns a Step with the pose in the frame of the first scan (doc/faq.md). May '
-                        'be repeated')
+                        f'{KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} deg from the last one; guess (SE2) is the '
+                        'expected result, if the last motion between two scans is repeated. Or MODULE:CLASS, a tracker '
+                        'made without arguments: process(scan) returns a Step with the pose in the frame of the first '
+                        'scan (doc/faq.md). May be repeated')
     parser.add_argument('--parameters', metavar='YAML', action='append', default=[], help='another competitor: a '
                         'parameter file, or the name of a ready-made parameter set (for example lds); may be repeated')
     parser.add_argument('--trajectory', metavar='NAME=FILE', action='append', default=[], help='another competitor: '
                         'the trajectory of another program in TUM format; NAME=FILE.tum@X,Y,DEG if the file contains '
                         'poses of a body, on which the sensor has the pose X,Y,DEG; NAME=FOLDER with a file '
                         'RECORDING.tum for each recording, its name without .log.gz, .log or .bag (@X,Y,DEG as above); '
-                        'may be repeated')
+                        'recordings without a file are not judged; may be repeated')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, for one recording: TUM, or the '
                         'columns index,x,y,theta (default: the true poses in the recording or in a file beside it)')
     parser.add_argument('--all', action='store_true', help='the exit status is 1 if any competitor is worse than A, '
@@ -92,6 +92,7 @@ def compare(args):
                            'file truth.tum beside each')
     lidars = Lidars(tuple(args.topic or ()), parse_mountings(args.mounting))
     recordings = open_all('compare', paths, lidars, first_parameters(competitors))
+    note_missing(competitors, [recording.name for recording in recordings])
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:
@@ -108,7 +109,8 @@ def compare(args):
     for each in zip(names, folders, known, trajectories, strict=True):
         each[1].mkdir()
         results.append(results_of(*each, comparisons))
-    text = '\n\n'.join(['\n'.join(describe_results([*itertools.chain(*results)])), *map(describe, comparisons)])
+    lines = describe_results([*itertools.chain(*results)]) + note_deskewing(competitors, recordings)
+    text = '\n\n'.join(['\n'.join(lines), *map(describe, comparisons)])
     print(text, flush=True)
     write_comparison(folder, comparisons, results, text)
     write_pages(folders, recordings, known, trajectories, results)
@@ -129,6 +131,19 @@ def chosen(args) -> list:
             used = REPLAYED | wheel_parameters(competitor.parameters) | ({'scan_topics'} if args.topic else set())
             note_unused('compare', competitor.name, competitor.parameters, used)
     return competitors
+
+
+def note_deskewing(competitors, recordings) -> list:
+    """Return a note if some competitors correct the motion during a scan, and others get the scans as measured."""
+    corrected = [letter for letter, each in zip(LETTERS, competitors, strict=False)
+                 if each.parameters and each.parameters.odometry.deskew]
+    measured = [letter for letter, each in zip(LETTERS, competitors, strict=False)
+                if each.method not in ('', 'dbscan', 'identity')]
+    if not (corrected and measured and any(scan.time_increment for recording in recordings
+                                           for scan in itertools.islice(recording.scans(), 1))):
+        return []
+    return [f'{", ".join(corrected)}: with correction of the motion during a scan; {", ".join(measured)}: scans as '
+            'measured. Without this difference: a competitor with odometry.deskew: false in its parameter file']
 
 
 def unique(names):
@@ -153,7 +168,7 @@ def compared(followed, competitors, seed) -> list:
     -------
     list of Comparison
     """
-    from ..evaluation.comparison import Comparison, TooShort, coverage, paired
+    from ..evaluation.comparison import MEASURES, Comparison, TooShort, coverage, difference, paired
 
     comparisons = []
     for place, competitor in enumerate(competitors[1:], 1):
@@ -166,24 +181,19 @@ def compared(followed, competitors, seed) -> list:
             except TooShort:
                 if covered[name] >= Comparison.LEAST_COVERAGE:
                     raise
-        comparisons.append(Comparison(LETTERS[place], competitors[0].name, competitor.name, covered,
-                                      differences(pairs, seed)))
+        judged = [pair for name, pair in pairs.items() if covered[name] >= Comparison.LEAST_COVERAGE]
+        groups = {name: [pair] for name, pair in pairs.items()} | ({ALL: judged} if judged else {})
+        table = {name: [difference(group, row, seed) for row in range(len(MEASURES))]
+                 for name, group in groups.items()}
+        comparisons.append(Comparison(LETTERS[place], competitors[0].name, competitor.name, covered, table))
     return comparisons
 
 
-def differences(pairs, seed):
-    """Return recording name or ``all`` -> `Difference` of translation and of rotation; empty without pairs."""
-    from ..evaluation.comparison import MEASURES, difference
-
-    groups = {name: [pair] for name, pair in pairs.items()} | ({ALL: list(pairs.values())} if pairs else {})
-    return {name: [difference(group, row, seed) for row in range(len(MEASURES))] for name, group in groups.items()}
-
-
 def status(comparisons) -> int:
-    """Return exit status 1 if a competitor is worse than A, else 3 if a competitor has no verdict, else 0."""
+    """Return exit status 1 if a competitor is worse than A, else 3 if a recording is not judged, else 0."""
     if any(comparison.worse for comparison in comparisons):
         return FAILED
-    return 0 if all(comparison.judged for comparison in comparisons) else INCOMPLETE
+    return INCOMPLETE if any(comparison.not_judged for comparison in comparisons) else 0
 
 
 def write_comparison(folder, comparisons, results, text):
@@ -194,7 +204,7 @@ def write_comparison(folder, comparisons, results, text):
     from ..figures.plots import plot_differences
 
     (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
-    contents = [{'b': c.b, 'judged': c.judged, 'coverage': c.coverage, 'differences': {
+    contents = [{'b': c.b, 'judged': not c.not_judged, 'coverage': c.coverage, 'differences': {
         name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in c.table.items()}} for c in comparisons]
     content = {'table': [each.as_json() for each in itertools.chain(*results)], 'a': comparisons[0].a, **contents[0],
                'others': contents[1:]}
@@ -220,24 +230,33 @@ def write_pages(folders, recordings, known, trajectories, results):
 
 def describe(comparison) -> str:
     """Format a comparison as a table with a concluding sentence."""
+    from ..evaluation.comparison import ENOUGH_BLOCKS
+
     letter, table = comparison.letter, comparison.table
     width = max(len(name) for name in (*table, 'recording'))
     lines = [f'{"recording":{width}}  error over 1 m          A          {letter}      {letter} - A    interval']
     for name, row in table.items():
         for d, what in zip(row, ('translation', 'rotation'), strict=True):
-            verdict = f'{letter} {d.verdict}' if d.verdict and comparison.judged else ''
+            verdict = f'{letter} {d.verdict}' if d.verdict and name not in comparison.not_judged else ''
             lines.append(f'{name:{width}}  {what:11} [{d.unit:>3}] {d.a:10.4f} {d.b:10.4f} {d.b - d.a:+10.4f}    '
                          f'{d.low:+.4f} to {d.high:+.4f}  {verdict}'.rstrip())
-    lines += [f'{name:{width}}  {letter} has a pose for {100.0 * share:.1f} % of the scans with a pose of A'
-              for name, share in comparison.coverage.items() if share < 1.0]
+    lines += [f'{name:{width}}  {letter} has a pose for {100.0 * fraction:.1f} % of the scans with a pose of A'
+              for name, fraction in comparison.coverage.items() if fraction < 1.0]
     lines.append(f'A: {comparison.a}  {letter}: {comparison.b}  {letter} {_conclusion(comparison)}.')
-    if comparison.judged:
+    if ALL in table:
         found = table[ALL][0]
-        lines.append(f'The verdict rests on {found.motions} motions in {found.blocks} blocks.')
+        few = f': fewer than {ENOUGH_BLOCKS}, so that only large differences are found'
+        lines.append(f'The verdict rests on {found.motions} motions in {found.blocks} blocks'
+                     f'{few if found.blocks < ENOUGH_BLOCKS else ""}.')
     return '\n'.join(lines)
 
 
 def _conclusion(comparison):
-    if not comparison.judged:
-        return f'is not judged: it has poses for less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
-    return f'is {comparison.verdict(ALL)}'
+    few = f'it has poses for less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
+    judged = [name for name in comparison.coverage if name not in comparison.not_judged]
+    if not judged:
+        return f'is not judged: {few}'
+    if not comparison.not_judged:
+        return f'is {comparison.verdict(ALL)}'
+    return (f'is {comparison.verdict(ALL)} over {", ".join(judged)}; it is not judged on '
+            f'{", ".join(comparison.not_judged)}, where {few}')

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Competitors of a comparison: a parameter set, a method, or the trajectory of another program."""
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,6 +101,29 @@ class Competitor:
                 trajectory.statuses.append(Status.OK)
 
 
+def note_missing(competitors, names):
+    """Print which trajectory files the recordings called `names` lack.
+
+    Raises
+    ------
+    CommandError
+        When a competitor has no trajectory of any recording, or A, the first one, has none of some recording.
+    """
+    for place, competitor in enumerate(competitors):
+        missing = competitor.given.missing(names) if competitor.given else {}
+        if not missing:
+            continue
+        files = ', '.join(map(str, missing.values()))
+        if len(missing) == len(set(names)):
+            raise CommandError(f'{competitor.name}: no such trajectory: {files}; expected in the folder a file '
+                               'RECORDING.tum for each recording, its name without .log.gz, .log or .bag')
+        if place == 0:
+            raise CommandError(f'{competitor.name}: no such trajectory: {files}; A needs one for each recording: add '
+                               'it, leave out the recording, or let another competitor be A')
+        print(f'compare: {competitor.name}: no such trajectory: {files}; not judged on {", ".join(missing)}',
+              file=sys.stderr)
+
+
 def first_parameters(competitors):
     """Return the parameters of the first of the `competitors` that has some, to read point clouds with; else None."""
     return next((each.parameters for each in competitors if each.parameters), None)
@@ -107,6 +131,8 @@ def first_parameters(competitors):
 
 def follow_one(path, lidars, competitor, parameters):
     """Run the competitor over the recording at `path`, whose point clouds are read with the `parameters`.
+
+    Where standard error is no terminal, and so has no progress bar, a line is printed at the begin.
 
     Returns
     -------
@@ -116,6 +142,8 @@ def follow_one(path, lidars, competitor, parameters):
 
     recording = lidars.open(path, parameters)
     title = f'{recording.name}, {Path(competitor.name).name}'
+    if not sys.stderr.isatty():
+        print(f'compare: {title} ...', file=sys.stderr, flush=True)
     return competitor.follow(recording, watched(recording.scans(), title, recording.count), lidars)
 
 

@@ -17,6 +17,8 @@ FARTHER_METRES = 5.0
 BLOCK_METRES = 5.0
 """Errors within this distance [m] are treated as correlated and resampled together."""
 FEWEST_BLOCKS = 8
+ENOUGH_BLOCKS = 20
+"""With fewer blocks of errors than this, only large differences are found."""
 DRAWS = 2000
 MEASURES = ('m', 'deg')
 
@@ -101,11 +103,11 @@ class Comparison:
     coverage : dict
         Recording -> fraction of the scans with a pose of A that also have a pose of the competitor.
     table : dict
-        Recording, or ``all`` -> `Difference` of translation and of rotation.
+        Recording, or ``all`` for the judged recordings together -> `Difference` of translation and of rotation.
     """
 
     LEAST_COVERAGE = 0.9
-    """Minimum `coverage` of every recording for a verdict."""
+    """Minimum `coverage` of a recording for a verdict."""
 
     letter: str
     a: str
@@ -114,18 +116,18 @@ class Comparison:
     table: dict
 
     @property
-    def judged(self) -> bool:
-        """Whether the coverage of every recording suffices for a verdict."""
-        return all(share >= self.LEAST_COVERAGE for share in self.coverage.values())
+    def not_judged(self) -> list:
+        """Recordings whose coverage does not suffice for a verdict."""
+        return [name for name, fraction in self.coverage.items() if fraction < self.LEAST_COVERAGE]
 
     @property
     def worse(self) -> bool:
         """Whether the error of the competitor is significantly larger than the error of A."""
-        return self.judged and any(d.worse for d in self.table['all'])
+        return any(d.worse for d in self.table.get('all', ()))
 
     def verdict(self, recording) -> str:
         """Return in words whether the competitor is better or worse than A on a recording, or on ``all``."""
-        if not self.judged:
+        if recording in self.not_judged or recording not in self.table:
             return 'not judged'
         words = [f'{d.verdict} in {what}'
                  for d, what in zip(self.table[recording], ('translation', 'rotation'), strict=True) if d.verdict]

@@ -51,14 +51,15 @@ class GivenTrajectory:
         return cls(Path(path), (x, y, math.radians(degrees)))
 
     def file(self, recording) -> Path:
-        """Return the trajectory file for the recording with this name; raise RecordingError if there is none."""
-        path = self.path / f'{recording}.tum' if self.path.is_dir() else self.path
-        if not path.is_file():
-            raise RecordingError(f'{path}: no such trajectory of the recording {recording}')
-        return path
+        """Return the path of the trajectory file for the recording with this name."""
+        return self.path / f'{recording}.tum' if self.path.is_dir() else self.path
+
+    def missing(self, recordings) -> dict:
+        """Return name -> trajectory file of those of the `recordings`, given by name, whose file does not exist."""
+        return {name: file for name in recordings if not (file := self.file(name)).is_file()}
 
     def poses_at(self, recording, stamps) -> Matched:
-        """Return the poses of the sensor at the scans of a recording.
+        """Return the poses of the sensor at the scans of a recording; none if its trajectory file does not exist.
 
         Parameters
         ----------
@@ -67,6 +68,8 @@ class GivenTrajectory:
         stamps : sequence of int (N,)
             Stamps of the scans [ns].
         """
+        if self.missing([recording]):
+            return Matched(np.full((len(stamps), 3), np.nan), f'no such trajectory: {self.file(recording)}')
         own, poses = read_tum(self.file(recording))
         mounted = compose(poses, np.broadcast_to(self.mounting, poses.shape))
         return match(own, mounted, np.asarray(stamps, dtype=np.int64))

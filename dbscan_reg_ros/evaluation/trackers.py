@@ -132,8 +132,9 @@ def tracker(name):
 
     ``module:function`` is a method of the user's own, imported from the current folder as well:
     ``function(reference, current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the
-    `Scan` `reference`, the last key frame, starting from the `SE2` `guess`, the last motion repeated. ``module:Class``
-    names a tracker class, made without arguments: ``process(scan)`` returns a `Step`.
+    `Scan` `reference`, the last key frame. The `SE2` `guess` is the expected result: the motion from the key frame to
+    the last scan, followed by the last motion between two scans repeated. ``module:Class`` names a tracker class, made
+    without arguments: ``process(scan)`` returns a `Step`.
 
     Raises
     ------

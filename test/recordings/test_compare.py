@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dbscan_reg_ros import Parameters, RecordingError
-from dbscan_reg_ros.commands.compare import main
+from dbscan_reg_ros import Parameters, RecordingError, open_recording
+from dbscan_reg_ros.commands.compare import main, note_deskewing
+from dbscan_reg_ros.commands.competitors import Competitor
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
-from dbscan_reg_ros.evaluation.comparison import Paired, difference, mean_errors, paired
+from dbscan_reg_ros.evaluation.comparison import ENOUGH_BLOCKS, Paired, difference, mean_errors, paired
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.robot.parameters import NodeParameters
@@ -66,7 +67,8 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
     code, printed, content = compare('defaults', tmp_path / 'robot.yaml')
     assert code == 0 and 'B is neither better nor worse.' in printed.out
     assert printed.err == (f'compare: {tmp_path}/robot.yaml: these parameters have no effect in compare: '
-                           'publish_tf, input.every_nth\n')
+                           'publish_tf, input.every_nth\ncompare: hall, defaults ...\n'
+                           'compare: hall, robot.yaml ...\n')
     assert set(content['differences']) == {'hall', 'all'}
     assert all(d['low'] == d['high'] == 0.0 for row in content['differences'].values() for d in row.values())
 
@@ -117,6 +119,24 @@ def test_wheels_and_a_second_lidar_are_used_as_in_a_replay(tmp_path, capsys):
 def test_a_baseline_is_compared_like_a_parameter_set(compare):
     code, _, content = compare('defaults', 'identity')
     assert code == 1 and content['differences']['hall']['m']['b'] > 0.5
+
+
+def test_methods_that_get_the_scans_as_measured_are_named_where_another_corrects_the_motion(hall_recording, tmp_path):
+    assert simulate([str(tmp_path / 'swept.log'), '--seconds', '1', '--lidar', 'hokuyo_urg04lx']) == 0
+    (tmp_path / 'plain.yaml').write_text('/**: {ros__parameters: {odometry.deskew: false}}')
+    at_once, swept = map(open_recording, (hall_recording, tmp_path / 'swept.log'))
+    corrected, plain, icp, still = map(Competitor.named, ('defaults', str(tmp_path / 'plain.yaml'), 'icp', 'identity'))
+    note, = note_deskewing([corrected, plain, icp], [at_once, swept])
+    assert note.startswith('A: with correction of the motion during a scan; C: scans as measured.')
+    assert note_deskewing([plain, icp], [swept]) == note_deskewing([corrected, still], [swept]) == []
+    assert note_deskewing([corrected, icp], [at_once]) == []
+
+
+def test_few_blocks_are_named_in_the_verdict_and_in_the_faq(compare, root):
+    _, printed, content = compare('identity', 'identity')
+    blocks = content['differences']['all']['m']['blocks']
+    assert (f'in {blocks} blocks: fewer than {ENOUGH_BLOCKS}, so' in printed.out) is (blocks < ENOUGH_BLOCKS)
+    assert f'fewer than {ENOUGH_BLOCKS} blocks' in (root / 'doc' / 'faq.md').read_text()
 
 
 def test_scans_that_only_one_could_use_are_left_out():

@@ -117,7 +117,37 @@ def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path
     assert compare(write('a', 0.002), f'theirs={folder}')[0] == 0
     (folder / 'hall.tum').rename(folder / 'room.tum')
     assert main(['identity', f'theirs={folder}', str(hall_recording), '--processes', '1', '--out', str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f'compare: {folder}/hall.tum: no such trajectory of the recording hall\n'
+    assert capsys.readouterr().err == (
+        f'compare: theirs: no such trajectory: {folder}/hall.tum; expected in the folder a file RECORDING.tum for each '
+        'recording, its name without .log.gz, .log or .bag\n')
+
+
+@pytest.mark.parametrize(('noise', 'verdict'), [
+    (0.002, 'neither better nor worse'), (0.02, 'worse in translation and worse in rotation')])
+def test_a_recording_without_a_trajectory_is_not_judged_and_the_others_are(write, noise, verdict, tmp_path,
+                                                                           hall_recording, capsys):
+    names = [write('a', 0.002), write('b', noise, seed=1)]
+    shutil.copytree(hall_recording, tmp_path / 'room')
+    for folder, name, recordings in zip(('ours', 'theirs'), names, (('hall', 'room'), ('room',)), strict=True):
+        (tmp_path / folder).mkdir()
+        for recording in recordings:
+            shutil.copy(name.partition('=')[2], tmp_path / folder / f'{recording}.tum')
+    ours, theirs = (f'{name}={tmp_path}/{name}' for name in ('ours', 'theirs'))
+    given = [str(hall_recording), str(tmp_path / 'room'), '--processes', '1', '--out', str(tmp_path)]
+    assert main([ours, theirs, *given]) == (3 if verdict.startswith('neither') else 1)
+    printed = capsys.readouterr()
+    missing = f'no such trajectory: {tmp_path}/theirs/hall.tum'
+    assert printed.err.startswith(f'compare: theirs: {missing}; not judged on hall\ncompare: hall, ours ...\n')
+    assert f'hall, B: {missing}\n' in printed.out
+    assert re.search(r'^hall +B theirs +0 of \d+( +unknown){7}  not judged$', printed.out, re.MULTILINE)
+    assert (f'B is {verdict} over room; it is not judged on hall, where it has poses for less than 90 % of the '
+            'scans.\n') in printed.out
+    content = json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
+    assert [row['verdict'] for row in content['table']] == ['', 'not judged', '', verdict]
+    assert content['differences']['room'] == content['differences']['all'] and not content['judged']
+    assert main([theirs, ours, *given]) == 2
+    assert capsys.readouterr().err == (f'compare: theirs: {missing}; A needs one for each recording: add it, leave out '
+                                       'the recording, or let another competitor be A\n')
 
 
 @pytest.mark.parametrize(('words', 'says'), [
@@ -137,9 +167,9 @@ def test_an_error_in_a_method_of_ones_own_names_it_and_what_it_is_called_with(ha
     (tmp_path / 'of_points.py').write_text('def match(reference, current, guess):\n    x, y, theta = guess\n')
     monkeypatch.chdir(tmp_path)
     assert main(['identity', 'of_points:match', str(hall_recording), '--processes', '1']) == 2
-    assert capsys.readouterr().err == (
-        'compare: method of_points:match: TypeError: cannot unpack non-iterable SE2 object; it was called with two '
-        'scans (Scan), reference and current, and a guess (SE2) (-v shows where)\n')
+    assert capsys.readouterr().err.endswith(
+        'of_points:match ...\ncompare: method of_points:match: TypeError: cannot unpack non-iterable SE2 object; it '
+        'was called with two scans (Scan), reference and current, and a guess (SE2) (-v shows where)\n')
 
 
 @pytest.mark.parametrize('form', ['tum', 'csv'])
@@ -226,7 +256,7 @@ def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_record
     assert main([write('a', 0.0), 'identity', str(hall_recording), '--truth', str(tmp_path / 'other.tum'),
                  '--processes', '1', '--out', str(tmp_path)]) == 2
     count = len(stamps)
-    assert capsys.readouterr().err == (
+    assert capsys.readouterr().err.endswith(
         f'compare: too few scans have a true pose: 0 of {count} scans have the stamp of a pose; {count} have no pose: '
         f'{count} after the last pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s (the stamps of the scans go from '
         f'{1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected the same stamps in the trajectory file, in '
