@@ -181,7 +181,9 @@ def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(beg
 
 def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
     process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
-    assert interrupted(process) == (130, '', 'compare: interrupted\n')
+    code, output, errors = interrupted(process)
+    assert (code, output) == (130, '') and errors.splitlines()[-1] == 'compare: interrupted'
+    assert all(line.endswith(' ...') for line in errors.splitlines()[:-1])
     assert not (tmp_path / 'results' / 'compare').exists() or not list((tmp_path / 'results/compare').iterdir())
 
 
