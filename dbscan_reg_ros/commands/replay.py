@@ -183,6 +183,7 @@ def replay_one(job) -> Replayed:
     from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
     from ..replays.odometry import describe_prior, recorded_wheels, replay_odometry
+    from ..replays.own_bodies import OwnBodies
     from ..replays.page.scan_history import ScanHistory
     from ..replays.pairs_to_review import PairsToReview
     from ..replays.result_folder import new_folder, point_latest, register_command
@@ -197,11 +198,12 @@ def replay_one(job) -> Replayed:
     yaw = mounting.pose.theta
     trajectory, broken = Trajectory(yaw, mounting.upside_down), None
     wheels = recorded_wheels(job.parameters, recording)
-    odometry = replay_odometry(job.parameters, others, recording.topic, mounting, wheels)
+    bodies = OwnBodies([(recording.topic, mounting), *((each.recording.topic, each.mounting) for each in others)])
+    odometry = replay_odometry(job.parameters, others, recording.topic, mounting, wheels, bodies)
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
-                      grid=job.grid)
+                      grid=job.grid, bodies=bodies)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:

@@ -19,7 +19,7 @@ def recorded_wheels(parameters, recording):
     return recording.wheel_odometry() if parameters.prior.source == WHEELS else None
 
 
-def replay_odometry(parameters, others, topic, mounting, wheels):
+def replay_odometry(parameters, others, topic, mounting, wheels, bodies=None):
     """Return the odometry for the scans of the first lidar of a recording.
 
     Parameters
@@ -31,10 +31,14 @@ def replay_odometry(parameters, others, topic, mounting, wheels):
         Topic and mounting of the first lidar.
     wheels : (stamps, poses) or None
         From `recorded_wheels`.
+    bodies : OwnBodies, optional
+        Receives each scan.
     """
     base = mounting.aligned_pose.inverse()
     comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings, base=base)
     odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
+    if bodies:
+        odometry = bodies.watching(odometry)
     if wheels:
         odometry = OdometryWithWheels(odometry, wheels, mounting, parameters.prior)
     return OdometryWithOthers(odometry, others, topic, mounting, parameters) if others else odometry

@@ -16,6 +16,7 @@ from .faults import Faults
 from .lidars import OdometryWithOthers
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
+from .own_bodies import OwnBodies
 from .page.entries import replay_entry
 from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
@@ -53,6 +54,8 @@ class Results:
         The odometry of several lidars; None for a single lidar.
     grid : float or None
         Side of the cells of the occupancy grid [m]; None: no grid is written.
+    bodies : OwnBodies or None
+        Finds where the lidars see the robot itself; None if that is not searched.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -70,6 +73,7 @@ class Results:
     index: str = ''
     lidars: OdometryWithOthers | None = None
     grid: float | None = None
+    bodies: OwnBodies | None = None
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -84,12 +88,14 @@ class Results:
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
         measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
-        write_metrics(self.folder / 'metrics.json', recordings, measures, counts)
+        bodies = self.bodies.found(self.parameters) if self.bodies else []
+        write_metrics(self.folder / 'metrics.json', recordings, measures, counts, bodies)
         truth = self.faults.attempt('truth.tum', self._truth, known)
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*describe_recordings(recordings, counts), *summarise(measures), *_without_truth(known, stamps)]
+        summary = [*describe_recordings(recordings, counts, bodies), *summarise(measures),
+                   *_without_truth(known, stamps)]
         if self.grid:
             placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)
             self.faults.attempt('map.pgm', write_occupancy_map, self.folder, placed, self.grid)

@@ -8,7 +8,7 @@ from ..core.registration.records import Status
 from ..recordings.files import replacing
 
 
-def write_metrics(path, recordings, measures, counts):
+def write_metrics(path, recordings, measures, counts, bodies=()):
     """Write ``metrics.json``.
 
     The file contains name and file of the recording, the backend, notes on how the recording was read, warnings about
@@ -24,10 +24,13 @@ def write_metrics(path, recordings, measures, counts):
         Measures of the first lidar.
     counts : dict
         Topic -> `LidarCounts`; empty for a single lidar.
+    bodies : list of (str, str)
+        Topic of each lidar that sees the robot itself, and a sentence about this.
     """
     recording = recordings[0]
     warnings = [{'topic': each.topic} | sighting.as_fields()
                 for each in recordings for sighting in each.watch.sightings]
+    warnings += [{'topic': topic, 'kind': 'own_body', 'text': text} for topic, text in bodies]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
                'backend': default_backend().name, 'notes': recording.notes, 'warnings': warnings}
     if counts:
@@ -37,17 +40,17 @@ def write_metrics(path, recordings, measures, counts):
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
 
 
-def describe_recordings(recordings, counts) -> list:
+def describe_recordings(recordings, counts, bodies=()) -> list:
     """Return lines about the lidars, assumptions in reading, and warnings about scans, as (name, text) pairs.
 
-    `recordings` and `counts` are those of `write_metrics`; with several lidars each line begins with a topic.
+    `recordings`, `counts` and `bodies` are those of `write_metrics`; with several lidars each line begins with a topic.
     """
     lidars = [('lidar', f'{topic}: {count}') for topic, count in counts.items()]
     if lidars:
-        lidars.append(('poses', f'those of the lidar on {recordings[0].topic}'))
+        lidars.append(('poses', f'those of the lidar on {recordings[0].topic}, in its frame at its first scan'))
+    seen = [(each.topic, line) for each in recordings for line in each.watch.lines()]
     return [*lidars, *(('note', note) for note in recordings[0].notes),
-            *(('warning', f'{each.topic}: {line}' if counts else line)
-              for each in recordings for line in each.watch.lines())]
+            *(('warning', f'{topic}: {line}' if counts else line) for topic, line in (*seen, *bodies))]
 
 
 def summarise(measures) -> list:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Directions in which a lidar sees the robot itself."""
+import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.scan import Scan
+from .parameter_groups import SECTORS as MOST
 
 DISTANCE, ROTATION = 0.2, 0.2
 """A scan is compared when the lidar has moved by one of these since the last compared scan [m, rad]. Of a rotation
@@ -27,6 +30,8 @@ TOLERANCE = 0.03, 0.01
 """A range is the same if it differs from the median by at most this [m] plus this fraction of the median."""
 SAME = 0.9
 """Fraction of the compared scans that must have the same range: there are outliers."""
+MARGIN = 2.0 * math.pi / SECTORS
+"""A sector is wider by this [rad] at both ends than where the robot is seen: it may cover a part of the next one."""
 FARTHEST = 3.0
 """Largest range [m] of a return from the robot: drivers send constant large ranges where there is no return."""
 
@@ -119,6 +124,28 @@ def _runs(seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
 
 
 def _sector(run: NDArray[np.int64], middle: NDArray[np.float64]) -> BodySector:
-    """Return the sector of a run, one step wider at both ends, which the robot may cover in part."""
+    """Return the sector of a run, with the `MARGIN` at both ends."""
     step = 2.0 * math.pi / SECTORS
-    return BodySector(step * (int(run[0]) - 1), step * (int(run[-1]) + 2), float(middle[run % SECTORS].min()))
+    first, last = step * int(run[0]), step * (int(run[-1]) + 1)
+    return BodySector(first - MARGIN, last + MARGIN, float(middle[run % SECTORS].min()))
+
+
+def described(sectors: Sequence[BodySector]) -> str:
+    """Describe where a lidar sees the robot itself; the `sectors` are in its frame."""
+    bearings = [f'from {math.degrees(first):.0f} to {math.degrees(last):.0f} deg at {distance:.2f} m'
+                for first, last, distance in sectors]
+    return f'sees the robot itself: {", ".join(bearings)}'
+
+
+def advice(name: str, several: bool, given: Sequence[float], sectors: Sequence[BodySector]) -> str:
+    """Return what to set the mask of a lidar to: the sectors `given` and found, as many as it can have.
+
+    `name` is that of the lidar, empty if it has none; `several`: whether there are several lidars.
+    """
+    unnamed = 'its numbers in input.mask' if several else 'input.mask'
+    mask = f'{name}.mask' if name else unnamed
+    pairs = [(first, last) for first, last in zip(given[::2], given[1::2], strict=True) if first != last]
+    pairs += [(round(each.first, 3), round(each.last, 3)) for each in sectors]
+    values = list(itertools.chain(*pairs))[:2 * MOST]
+    values += [0.0] * (2 * MOST - len(values))
+    return f'set {mask} to {values}, which includes a margin of {math.degrees(MARGIN):.0f} deg at both ends'

@@ -184,7 +184,7 @@ class NodeParameters(Parameters):
                   for group in ('input', 'scan')}
         return LidarParameters(values['topic'], dataclasses.replace(self.input, **fields['input']),
                                dataclasses.replace(self.scan, **fields['scan']), values['mounting'],
-                               values['laser_pose'], values['upside_down'])
+                               values['laser_pose'], values['upside_down'], self.sensors[number])
 
     def input_of(self, topic: str) -> InputParameters:
         """Return the input parameters of the lidar on `topic`, as `lidar`."""

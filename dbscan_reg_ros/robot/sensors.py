@@ -3,7 +3,7 @@
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.errors import ParameterError
@@ -39,6 +39,8 @@ class LidarParameters:
         [m, m, rad]
     upside_down : bool
         As the parameters of these names.
+    name : str
+        Its name in ``sensors``; empty if it has none.
     """
 
     topic: str
@@ -47,6 +49,7 @@ class LidarParameters:
     mounting: str
     laser_pose: tuple[float, ...]
     upside_down: bool
+    name: str = field(default='', compare=False)
 
 
 def is_named(names: object) -> bool:

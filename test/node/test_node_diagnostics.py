@@ -111,7 +111,7 @@ def test_a_lidar_that_sees_the_robot_itself_is_named(node, player, peer, reports
     text = 'sees the robot itself: from 26 to 54 deg at 0.29 m'
     report = diagnosis(peer, received, lambda s: text in s.message)
     assert level(report) in ('warn', 'stale')
-    said(node, f'{text}; set input.mask of it to [0.454, 0.942, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]', peer)
+    said(node, f'{text}; set input.mask to [0.454, 0.942, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], which includes a margin', peer)
 
 
 def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):

@@ -318,6 +318,7 @@ def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, c
 
 def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer, capfd):
     front, rear = (Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'rear'))
+    rear.name = 'rear'
     rear.input = dataclasses.replace(rear.input, mask=(0.0, 0.0, 2.0, 2.4, 0.0, 0.0, 0.0, 0.0))
     rear.counters.mounting = Mounting(SE2(theta=math.pi))
     rear.counters.body.sectors = [BodySector(math.radians(90.0), math.radians(110.0), 0.3)]
@@ -326,7 +327,8 @@ def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer
     assert [list(bodies.found([front, rear])) for _ in range(2)] == [[expected]] * 2
     logged = capfd.readouterr().err
     assert logged.count('sees') == 1 and logged.endswith(
-        f'{expected}; set input.mask of it to [2.0, 2.4, -1.571, -1.222, 0.0, 0.0, 0.0, 0.0]\n')
+        f'{expected}; set rear.mask to [2.0, 2.4, -1.571, -1.222, 0.0, 0.0, 0.0, 0.0], which includes a margin of '
+        '2 deg at both ends\n')
     rear.counters.body.sectors = []
     assert not list(bodies.found([front, rear]))
 

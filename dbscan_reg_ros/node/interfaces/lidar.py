@@ -45,6 +45,8 @@ class Lidar:
     stamps : StampFilter
     input : InputParameters
         Selection of its scans, with the mask and the time offset of this lidar, and the type of its messages.
+    name : str
+        Its name in ``sensors``; empty if it has none.
     inbox : ScanInbox or None
         Pending scans; None while the node is not subscribed to the topic.
     """
@@ -57,7 +59,7 @@ class Lidar:
         self.counters = Counters()
         self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
         self._type = LASER_SCAN
-        self.input = InputParameters()
+        self.input, self.name = InputParameters(), ''
         self._limits: ScanParameters | None = None
         self._has_new_type = False
         self.inbox: ScanInbox | None = None
@@ -65,7 +67,7 @@ class Lidar:
     def reconfigure(self, parameters: NodeParameters) -> None:
         """Apply the parameters of the node."""
         own = parameters.lidar(self.topic)
-        given, self._limits = own.input, own.scan
+        given, self._limits, self.name = own.input, own.scan, own.name
         self._is_auto = given.type not in TYPES
         if not self._is_auto:
             self._type = given.type

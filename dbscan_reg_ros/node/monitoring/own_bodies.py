@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lidars that see the robot itself: named on /diagnostics, and once in the log with the mask to set."""
-import itertools
-import math
 from collections.abc import Iterator, Sequence
 
-from ...robot.own_body import BodySector
-from ...robot.parameter_groups import SECTORS
+from ...robot.own_body import advice, described
 from ..interfaces.lidar import Lidar
 
 
@@ -20,21 +17,8 @@ class OwnBodies:
         for lidar in lidars:
             sectors = [each.in_lidar(lidar.counters.mounting) for each in lidar.counters.body.sectors]
             if sectors:
-                text = f'sees the robot itself: {", ".join(map(_described, sectors))}'
+                text = described(sectors)
                 if len(sectors) > self._logged.get(lidar.topic, 0):
                     self._logged[lidar.topic] = len(sectors)
-                    lidar.log.warn(f'{text}; set input.mask of it to {_mask(lidar.input.mask, sectors)}')
+                    lidar.log.warn(f'{text}; {advice(lidar.name, bool(lidar.label), lidar.input.mask, sectors)}')
                 yield f'{lidar.label}{text}'
-
-
-def _described(sector: BodySector) -> str:
-    first, last = (math.degrees(bearing) for bearing in (sector.first, sector.last))
-    return f'from {first:.0f} to {last:.0f} deg at {sector.range:.2f} m'
-
-
-def _mask(given: Sequence[float], sectors: Sequence[BodySector]) -> list[float]:
-    """Return the value of the mask with the sectors `given` and found, as many as it can have."""
-    pairs = [(first, last) for first, last in zip(given[::2], given[1::2], strict=True) if first != last]
-    pairs += [(round(each.first, 3), round(each.last, 3)) for each in sectors]
-    values = list(itertools.chain(*pairs))[:2 * SECTORS]
-    return values + [0.0] * (2 * SECTORS - len(values))

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
 from dbscan_reg_ros.replays.sensor_mounting import turned
+from dbscan_reg_ros.simulation import Lidar, follow, rooms
+from dbscan_reg_ros.simulation import simulate as simulated
 
 pytestmark = needs_rosbags
 
@@ -78,7 +81,7 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     found = replayed(pair, tmp_path / 'both', *words)
     printed = capsys.readouterr().out
     lines = [line for line in printed.splitlines() if line.startswith(('lidar ', 'poses '))]
-    assert len(lines) == 3 and lines[2].endswith('those of the lidar on /scan')
+    assert len(lines) == 3 and lines[2].endswith('those of the lidar on /scan, in its frame at its first scan')
     assert lines[0].startswith(f'lidar       /scan: scans {found["scans"]} skipped 0 ok {found["ok"]}')
     rear = found['lidars']['/scan_2']
     assert lines[1].startswith(f'lidar       /scan_2: scans {rear["scans"]} skipped 0 ignored {rear["ignored"]} ok ')
@@ -108,6 +111,26 @@ def test_the_lidars_of_a_replay_may_have_names(scans, tmp_path):
     file.write_text(f'{front}    rear:\n{rear.replace("range_max: 0.0", "range_max: 0.5", 1)}')
     few = replayed(bag, tmp_path / 'few', '--params-file', str(file))['lidars']
     assert few['/scan']['skipped'] == 0 and few['/scan_2']['skipped'] == few['/scan_2']['scans'] > 20
+
+
+def test_a_replay_names_the_mask_of_a_lidar_that_sees_the_robot_itself(tmp_path, capsys):
+    world, poses, scans = rooms(seed=1), {'front': FRONT, 'rear': REAR}, {}
+    for name, (x, y, degrees) in poses.items():
+        body = ((0.5, 0.9, 0.3),) if name == 'rear' else ()
+        lidar = Lidar(beams=360, angle_min=-math.pi + 0.01, rate=5.0, body=body, frame_id=name,
+                      mounting=SE2(x, y, math.radians(degrees)))
+        scans[f'/{name}'] = simulated(world, follow(world.tour[:4], speed=2.0), lidar, seed=1).scans
+    bag, file = scan_bag(tmp_path / 'bag', scans), tmp_path / 'parameters.yaml'
+    lines = [f'{name}: {{topic: /{name}, laser_pose: [{x}, {y}, {math.radians(degrees)}]}}'
+             for name, (x, y, degrees) in poses.items()]
+    file.write_text(f'/**: {{ros__parameters: {{sensors: [front, rear], {", ".join(lines)}}}}}')
+    warning, = replayed(bag, tmp_path / 'out', '--params-file', str(file))['warnings']
+    assert (warning['topic'], warning['kind']) == ('/rear', 'own_body')
+    assert f'warning     /rear: {warning["text"]}\n' in capsys.readouterr().out
+    values = re.search(r'; set rear\.mask to (\[.*\]), which includes a margin', warning['text'])[1]
+    first, last, *others = json.loads(values)
+    # The margin of 2 deg, the 2 deg of a sector and the distance of beams.
+    assert 0.5 - 0.09 < first < 0.5 and 0.9 < last < 0.9 + 0.09 and not any(others)
 
 
 @pytest.mark.parametrize('words, expected', [

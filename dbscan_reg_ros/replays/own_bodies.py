@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lidars of a replay that see the robot itself."""
+from ..core.odometry.sensor import FIRST
+from ..robot.own_body import OwnBody, advice, described
+
+
+class OwnBodies:
+    """Finds for each lidar where it sees the robot itself, as the node does.
+
+    Parameters
+    ----------
+    lidars : list of (str, Mounting)
+        Topic and mounting of each lidar, in the order of their ranks.
+
+    Attributes
+    ----------
+    comparisons : LidarComparisons
+        Those of the odometry.
+    """
+
+    def __init__(self, lidars):
+        self._lidars = [(topic, mounting, OwnBody()) for topic, mounting in lidars]
+
+    def watching(self, odometry):
+        """Return the `odometry`, each scan of which is searched."""
+        self._odometry, self.comparisons = odometry, odometry.comparisons
+        return self
+
+    def process(self, scan, prior=None, sensor=FIRST):
+        """Return the update for a scan; arguments, results and errors are those of `Odometry.process`."""
+        update = self._odometry.process(scan, prior, sensor)
+        _, _, body = self._lidars[sensor.rank]
+        body.add(scan, update.pose @ update.sensor.pose)
+        return update
+
+    def found(self, parameters) -> list:
+        """Return the topic of each lidar that sees the robot, and a sentence with what to do."""
+        seen = [(parameters.lidar(topic), topic, [each.in_lidar(mounting) for each in body.sectors])
+                for topic, mounting, body in self._lidars if body.sectors]
+        several = len(self._lidars) > 1
+        return [(topic, f'{described(sectors)}; {advice(lidar.name, several, lidar.input.mask, sectors)}')
+                for lidar, topic, sectors in seen]
