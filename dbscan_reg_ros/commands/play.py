@@ -38,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='play R times as fast as recorded '
                         '(default: 1)')
     speed.add_argument('--lockstep', action='store_true',
-                       help='publish scans as fast as the node answers on odom, so that no scan of --topic is skipped')
+                       help='publish scans as fast as the node answers on odom, so that no scan of --topic is '
+                            'skipped; while the first of several topics is silent, the others come in real time')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='wait at most S seconds for a subscriber of the scans (default: 10)')
@@ -71,7 +72,7 @@ def play(args, ros_arguments):
                 player.play(counted(recording.play(channels), bar), None if args.lockstep else args.rate,
                             window=1 if others else WINDOW)
         finally:
-            report(recording, player.answers, problems)
+            report(recording, player.answers, problems, len(others) > 0)
 
 
 def counted(items, bar):
@@ -81,8 +82,11 @@ def counted(items, bar):
         yield item
 
 
-def report(recording, answers, problems):
-    """Print the numbers of scans that were played, answered and skipped, and of damaged messages."""
+def report(recording, answers, problems, several):
+    """Print the numbers of scans that were played, answered and skipped, and of damaged messages.
+
+    With `several` lidars the scans counted as answered are those of the first one, on the topic of the `recording`.
+    """
     problems = [*problems, *(f'{topic}: {count} damaged messages skipped' for topic, count in answers.damaged.items())]
     for line in [*recording.notes, *problems, *shortened(recording.problems), *recording.watch.lines()]:
         print(line, file=sys.stderr)
@@ -92,7 +96,8 @@ def report(recording, answers, problems):
               file=sys.stderr)
     if answers.passed:
         print('messages', *(f'{topic} {count}' for topic, count in answers.passed.items()))
-    print(f'scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} skipped {answers.lost}')
+    topic = f'{recording.topic}: ' if several else ''
+    print(f'{topic}scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} skipped {answers.lost}')
 
 
 def _positive(text):

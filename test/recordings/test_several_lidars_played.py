@@ -122,7 +122,8 @@ def test_two_lidars_are_played_in_lockstep_and_the_page_finds_their_topics(start
         player = start_command('play', '--lockstep', pair, '--topic', '/scan_2', '--topic', '/scan')
         assert player.wait(120.0) == 0, player.output()
         recording = open_recording(pair, '/scan_2')
-        assert player.output().splitlines()[-1] == f'scans {recording.count} answered {recording.count} skipped 0'
+        assert player.output().splitlines()[-1] == (f'/scan_2: scans {recording.count} answered {recording.count} '
+                                                    'skipped 0')
         assert f'/scan {open_recording(pair, "/scan").count}' in player.output()
         assert 'change from the frame' not in node.output()
         times = {round(reader.next('scan')[1]['time'], 3) for _ in range(10)}
