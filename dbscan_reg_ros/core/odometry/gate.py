@@ -218,11 +218,15 @@ class Gate:
         return verdict.reason is not Reason.WITHIN_GATE and self._leaps(pose)
 
     def _leaps(self, pose: SE2) -> bool:
-        """Whether a result differs from a prediction that is not weak by more than 1 m/s."""
+        """Whether a result differs from a prediction that is not weak by more than 1 m/s.
+
+        Scans of different sensors may have the same stamp: there the gate of a prediction without motion is allowed.
+        """
         if self.weak_prior or self._tracking.mode is Mode.STARTING:
             return False
-        change = self.predictions.best.pose.inverse() @ pose
-        return math.hypot(change.x, change.y) > self._time_since_found
+        change, p = self.predictions.best.pose.inverse() @ pose, self._parameters.prior
+        allowed = p.gate * p.min_sigma if self.predictions.interval.of_others else 0.0
+        return math.hypot(change.x, change.y) > max(self._time_since_found, allowed)
 
     def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
         """Return the registration with its status lowered from ``OK`` if pose or motion are not reliable.

@@ -287,3 +287,11 @@ def test_few_points_after_a_weak_prior_are_no_longer_ok():
     assert gate(covariance=weak).demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.DEGENERATE
     assert gate(covariance=weak).demoted(SE2(), result(information=MANY), WITHIN, False).status is Status.OK
     assert gate().demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.OK
+
+
+@pytest.mark.parametrize('length', [0.0, 0.005])
+@pytest.mark.parametrize(('x', 'correction'), [(0.03, False), (0.05, True)])
+def test_scans_of_two_sensors_at_one_time_may_differ_by_the_gate_of_a_sensor_at_rest(length, x, correction):
+    interval = ScanInterval(length, length, 0.0, of_others=True)
+    tested = gate(interval=interval, tracking=Tracking(mode=Mode.TRACKING))
+    assert tested.is_correction(SE2(x), Verdict(Decision.TENTATIVE, Reason.INCONCLUSIVE)) is correction
