@@ -49,6 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_parameters(parser)
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
                         'it as DIR/NAME/latest; for several recordings, also write DIR/index.html (default: results)')
+    parser.add_argument('--frame', choices=('lidar', 'base'), default='lidar', help='whose poses trajectory.tum, '
+                        'closed.tum and truth.tum contain: those of the first lidar, or of the base, with the mounting '
+                        'of the parameter file, else of the recording; errors and maps are those of the lidar '
+                        '(default: lidar)')
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
@@ -84,7 +88,7 @@ def replay(args):
     place = Path.absolute if args.scheduler else Path
     lidars = Lidars(topics, parse_mountings(args.mounting))
     jobs = [Job(place(_path(file, args)), lidars, parameters, place(Path(args.out)),
-                args.close_loops, args.verbose, args.animation, len(args.files) > 1, args.grid)
+                args.close_loops, args.verbose, args.animation, len(args.files) > 1, args.grid, args.frame == 'base')
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -134,6 +138,8 @@ class Job:
         An index of several replays is written, to which the page links.
     grid : float or None
         Side of the cells of the occupancy grid [m]; None: no grid is written.
+    base : bool
+        Write the poses of the base instead of those of the lidar.
     """
 
     path: Path
@@ -145,6 +151,7 @@ class Job:
     animation: bool = False
     indexed: bool = False
     grid: float | None = None
+    base: bool = False
 
 
 @dataclass(frozen=True)
@@ -178,7 +185,6 @@ def replay_one(job) -> Replayed:
         When the recording cannot be read, or fewer than two of its scans can be used.
     """
     from ..figures.plots import MapPoints
-    from ..recordings import write_tum
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
@@ -192,7 +198,7 @@ def replay_one(job) -> Replayed:
     from ..robot.parameter_files import write_parameters
 
     recording = job.lidars.open(job.path, job.parameters)
-    mounting, others = lidars_of(recording, job.lidars, job.parameters)
+    mounting, others = lidars_of(recording, job.lidars, job.parameters, job.base)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
     yaw = mounting.pose.theta
@@ -203,7 +209,7 @@ def replay_one(job) -> Replayed:
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
-                      grid=job.grid, bodies=bodies)
+                      grid=job.grid, bodies=bodies, on_base=mounting.pose if job.base else None)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:
@@ -211,7 +217,7 @@ def replay_one(job) -> Replayed:
     except Exception as error:  # noqa: BLE001 - what was found until then is written
         broken = error
     finally:
-        write_tum(folder / 'trajectory.tum', trajectory.stamps, trajectory.poses)
+        results.write_poses('trajectory.tum', trajectory.stamps, trajectory.poses)
     if len(trajectory.poses) <= 1:
         raise broken or too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording))

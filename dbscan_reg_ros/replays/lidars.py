@@ -153,19 +153,15 @@ def further_lidars(first: Recording, topics, mountings, parameters) -> list:
                          parameters.lidar(recording.topic).scan) for recording in opened]
 
 
-def lidars_of(first: Recording, lidars: Lidars, parameters) -> tuple:
+def lidars_of(first: Recording, lidars: Lidars, parameters, base=False) -> tuple:
     """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `lidars`.
 
-    The mountings that the user gave come before those of the `parameters`.
-
-    Raises
-    ------
-    RecordingError, MountingError
-        As `further_lidars`.
+    The mountings that the user gave come before those of the `parameters`. A recorded mounting is used with several
+    lidars, or where poses of the `base` are asked for. Raises as `further_lidars`.
     """
     topics = lidars.topics[1:]
     mountings = given_mountings(parameters, (first.topic, *topics)) | lidars.mountings
-    if topics and parameters.mounting != 'laser_pose':
+    if (topics or base) and parameters.mounting != 'laser_pose':
         mounting = mounting_in(first, mountings, parameters.base_frame)
     else:
         mounting = first.mounting or mountings.get(first.topic) or mounting_of(parameters.lidar(first.topic))

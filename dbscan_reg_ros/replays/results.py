@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.geometry.se2 import SE2
 from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import MapPoints, draw_map
 from ..recordings import write_tum
+from ..recordings.poses import compose
 from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
@@ -56,6 +58,8 @@ class Results:
         Side of the cells of the occupancy grid [m]; None: no grid is written.
     bodies : OwnBodies or None
         Finds where the lidars see the robot itself; None if that is not searched.
+    on_base : SE2 or None
+        Pose of the lidar on the base, where the files of poses have those of the base; None: those of the lidar.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -74,6 +78,7 @@ class Results:
     lidars: OdometryWithOthers | None = None
     grid: float | None = None
     bodies: OwnBodies | None = None
+    on_base: SE2 | None = None
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -94,7 +99,7 @@ class Results:
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*describe_recordings(recordings, counts, bodies), *summarise(measures),
+        summary = [*describe_recordings(recordings, counts, bodies, self.on_base is not None), *summarise(measures),
                    *_without_truth(known, stamps)]
         if self.grid:
             placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)
@@ -110,6 +115,16 @@ class Results:
                 self.entry = replay_entry(name, self.folder, measures, density, _lines(poses, _aligned(truth, poses)))
         return summary
 
+    def write_poses(self, file, stamps, poses):
+        """Write poses ``(N, 3)`` that begin at the origin as TUM `file`, those of the lidar or of the base."""
+        poses = np.asarray(poses, dtype=float).reshape(-1, 3)
+        write_tum(self.folder / file, stamps, poses if self.on_base is None else
+                  compose(np.array([self.on_base.as_tuple()]), self._of_base(poses)))
+
+    def _of_base(self, poses):
+        """Return the poses of the base for those of the lidar ``(N, 3)``, if poses of the base are asked for."""
+        return poses if self.on_base is None else compose(poses, np.array([self.on_base.inverse().as_tuple()]))
+
     def _known(self):
         return self.faults.attempt('errors against the truth', KnownMotion.of, self.recording) or NOTHING_KNOWN
 
@@ -119,7 +134,8 @@ class Results:
             return None
         truth = known.true_poses(self.trajectory.stamps).poses
         there = np.isfinite(truth).all(axis=1)
-        write_tum(self.folder / 'truth.tum', np.array(self.trajectory.stamps, dtype=np.int64)[there], truth[there])
+        stamps = np.array(self.trajectory.stamps, dtype=np.int64)[there]
+        write_tum(self.folder / 'truth.tum', stamps, self._of_base(truth[there]))
         return truth
 
     def _close(self, known, measures):
@@ -128,7 +144,7 @@ class Results:
         closed, pairs = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
-        write_tum(self.folder / 'closed.tum', self.trajectory.stamps, closed)
+        self.write_poses('closed.tum', self.trajectory.stamps, closed)
         return closed, pairs
 
     def _draw_closed(self, closed, truth):

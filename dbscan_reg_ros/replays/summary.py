@@ -40,14 +40,17 @@ def write_metrics(path, recordings, measures, counts, bodies=()):
         file.write(json.dumps(content, indent=1, allow_nan=False) + '\n')
 
 
-def describe_recordings(recordings, counts, bodies=()) -> list:
+def describe_recordings(recordings, counts, bodies=(), base=False) -> list:
     """Return lines about the lidars, assumptions in reading, and warnings about scans, as (name, text) pairs.
 
     `recordings`, `counts` and `bodies` are those of `write_metrics`; with several lidars each line begins with a topic.
+    `base`: whether the files of poses have those of the base.
     """
     lidars = [('lidar', f'{topic}: {count}') for topic, count in counts.items()]
-    if lidars:
-        lidars.append(('poses', f'those of the lidar on {recordings[0].topic}, in its frame at its first scan'))
+    if lidars or base:
+        of_files = ', in the files *.tum those of the base' if base else ''
+        lidars.append(
+            ('poses', f'those of the lidar on {recordings[0].topic}, in its frame at its first scan{of_files}'))
     seen = [(each.topic, line) for each in recordings for line in each.watch.lines()]
     return [*lidars, *(('note', note) for note in recordings[0].notes),
             *(('warning', f'{topic}: {line}' if counts else line) for topic, line in (*seen, *bodies))]

@@ -14,8 +14,9 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.scan import Scan
-from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.sensor_mounting import turned
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
@@ -93,6 +94,25 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     # The same mountings, given on the command line.
     again = replayed(pair, tmp_path / 'given', *given('/scan', '/scan_2'))
     assert again['rpe_5m_mean_m'] == pytest.approx(found['rpe_5m_mean_m'], rel=1e-6)
+
+
+@pytest.mark.parametrize('topics', [['/scan', '/scan_2'], ['/scan']])
+def test_the_files_of_poses_may_contain_those_of_the_base(pair, topics, tmp_path, capsys):
+    """By the recorded mounting: equal to /odom in the bag of the replay, which the node would publish."""
+    from rosbags.highlevel import AnyReader
+    words = [word for topic in topics for word in ('--topic', topic)]
+    found = replayed(pair, tmp_path, *words, '--frame', 'base')
+    assert 'in the files *.tum those of the base' in capsys.readouterr().out
+    latest = tmp_path / pair.name / 'latest'
+    (_, poses), (_, truth) = read_tum(latest / 'trajectory.tum'), read_tum(latest / 'truth.tum')
+    with AnyReader([latest / 'bag']) as reader:
+        connections = [connection for connection in reader.connections if connection.topic == '/odom']
+        odom = [reader.deserialize(raw, each.msgtype).pose.pose for each, _, raw in reader.messages(connections)]
+    # Of several lidars, the scans of the others are messages on /odom as well.
+    base = np.array([(pose.position.x, pose.position.y) for pose in odom])
+    assert all(np.abs(base - pose[:2]).max(axis=1).min() < 1e-6 for pose in poses[::20])
+    error = relative(truth[:1].repeat(len(truth), axis=0), truth) - poses
+    assert np.hypot(*error[:, :2].T).max() < 0.2 and found['ate_m'] < 0.1
 
 
 def test_the_lidars_of_a_replay_may_have_names(scans, tmp_path):
