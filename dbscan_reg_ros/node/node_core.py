@@ -69,7 +69,7 @@ class NodeCore:
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
                               Mountings(parameters.base_frame, lidar, self._listener), rank)
                         for rank, lidar in enumerate(lidars)]
-        self._trigger = OdometryTrigger(len(lidars))
+        self._trigger = OdometryTrigger(len(lidars), parameters.odom_on == 'all')
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
         self._diagnostics = Diagnostics(node, self._lidars, self._log, self._sender, self._outputs.odom,

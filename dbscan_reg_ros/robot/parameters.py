@@ -64,9 +64,14 @@ class NodeParameters(Parameters):
              'finer walls.')
     scan_topics: tuple[str, ...] = parameter(
         NO_TOPICS, read_only=True,
-        help='Topics of the scans, one for each lidar. Odometry is published for each scan of the first lidar. If '
-             'that lidar sends no scan for two of its periods, odometry is published for each scan of the next lidar. '
-             'Several scan_topics require mounting tf; with sensors, each lidar may have its own laser_pose.')
+        help='Topics of the scans, one for each lidar. With odom_on first, odometry is published for each scan of the '
+             'first lidar. If that lidar sends no scan for two of its periods, odometry is published for each scan of '
+             'the next lidar. Several scan_topics require mounting tf; with sensors, each lidar may have its own '
+             'laser_pose.')
+    odom_on: str = parameter(
+        'first', choices=('first', 'all'), read_only=True,
+        help='With several lidars, the scans for which odometry is published: those of the first lidar, or all, in the '
+             'order of their stamps.')
     sensors: tuple[str, ...] = parameter(
         NAMELESS, read_only=True,
         help='Names of the lidars, in place of scan_topics. Each has its own parameters NAME.topic (default: '

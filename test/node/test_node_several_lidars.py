@@ -65,6 +65,34 @@ def test_odometry_is_due_for_the_first_lidar_that_publishes():
     # One lidar: every scan, even with a stamp that is not later.
     alone = OdometryTrigger(1)
     assert all(alone.is_due(0, stamp) for stamp in (5, 5, 3))
+    # All scans, in the order of their stamps.
+    of_all = OdometryTrigger(2, on_all=True)
+    assert [of_all.is_due(lidar, stamp * MS) for lidar, stamp in ((0, 80), (1, 90), (0, 160), (1, 155), (1, 220))] == [
+        True, True, True, False, True]
+
+
+def test_odometry_is_published_for_the_scans_of_all_lidars_if_asked_for(start_command, peer, drive, tf_type):
+    scans, base_at = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
+                         'odom_on:=all', '-p', 'input.queue_size:=50')
+    said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(
+        tf_type(transforms=[transform('base_link', 'front', FRONT), transform('base_link', 'rear', REAR)]))
+    found = peer.subscribe(Odometry, '/odom')
+    lidars['front'].until(lambda: found, scan_to_message(scans[0]))
+    for scan in scans[1:]:
+        count = len(found)
+        lidars[scan.frame_id].tell(scan_to_message(scan))
+        if scan.frame_id == 'front':
+            peer.until(lambda count=count: len(found) > count)
+    fronts, rears = ({scan.stamp for scan in scans if scan.frame_id == name} for name in ('front', 'rear'))
+    peer.until(lambda: fronts <= {in_nanoseconds(message.header.stamp) for message in found})
+    stamps = [in_nanoseconds(message.header.stamp) for message in found]
+    # The second lidar is used after some comparisons; its scans that come too late have no odometry.
+    assert stamps == sorted(set(stamps)) and rears & set(stamps)
+    end = base_at(stamps[0]).inverse() @ base_at(stamps[-1])
+    assert math.dist((found[-1].pose.pose.position.x, found[-1].pose.pose.position.y), (end.x, end.y)) < 0.05
 
 
 def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, peer, drive, tf_type):

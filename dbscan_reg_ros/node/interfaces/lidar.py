@@ -123,15 +123,18 @@ class Lidar:
 
 
 class OdometryTrigger:
-    """Decides for which scans odometry is published: for the scans of the first lidar that is not silent.
+    """Decides for which scans odometry is published: those of the first lidar that is not silent, or all.
 
     Parameters
     ----------
     count : int
         Number of lidars.
+    on_all : bool
+        Publish odometry for the scans of all lidars.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, on_all: bool = False) -> None:
+        self._on_all = on_all
         self._stamps = [RecentStamps() for _ in range(count)]
         self._last: int | None = None
 
@@ -144,11 +147,11 @@ class OdometryTrigger:
     def is_due(self, lidar: int, stamp: int) -> bool:
         """Store the `stamp` [ns] of a scan of a lidar, and return whether odometry is published for this scan.
 
-        Odometry is published unless an earlier lidar of the list published a scan within its last two scan periods, or,
-        with several lidars, the stamp is not newer than that of the last odometry.
+        Unless it is published for the scans of all lidars, no earlier lidar of the list may have published a scan
+        within its last two scan periods. With several lidars, the stamp must be newer than that of the last odometry.
         """
         self._stamps[lidar].add(stamp)
-        if not self._is_first(lidar, stamp):
+        if not (self._on_all or self._is_first(lidar, stamp)):
             return False
         if len(self._stamps) > 1 and self._last is not None and stamp <= self._last:
             return False
