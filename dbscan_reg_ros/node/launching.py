@@ -215,11 +215,17 @@ def _rviz(given: LaunchArguments, defaults: Mapping[str, str]) -> Any:
 
 
 def _node_parameters(given: LaunchArguments) -> NodeParameters:
-    """Return the parameters of the node by ``params_file``, or the defaults; with ``base_frame``, if it is given."""
+    """Return the parameters of the node by ``params_file``, or the defaults; with ``base_frame``, if it is given.
+
+    A file that is wrong by itself may be right with the launch arguments; if it is not, the node names what is wrong.
+    """
     from ..robot.parameter_files import read_parameters
 
     path = Path(given.text('params_file')).expanduser()
-    parameters = read_parameters(path) if path.is_file() else NodeParameters()
+    parameters = NodeParameters()
+    if path.is_file():
+        with suppress(ParameterError):
+            parameters = read_parameters(path)
     return dataclasses.replace(parameters, base_frame=given.text('base_frame') or parameters.base_frame)
 
 

@@ -167,7 +167,8 @@ def test_the_live_demo_ends_if_its_node_ends_before_the_page_is_opened(demo, sca
 
 
 def test_the_live_demo_begins_when_a_browser_shows_its_page(demo, scans, tmp_path):
-    process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live')
+    (tmp_path / 'patient.yaml').write_text('/**: {ros__parameters: {input.queue_size: 30}}')
+    process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live', '--params-file', str(tmp_path / 'patient.yaml'))
     port = int(when(lambda: re.search(r'page +http://127\.0\.0\.1:(\d+)/', process.output()), 60, process)[1])
     when(lambda: 'open the page: the drive begins then' in process.output(), 60, process)
     reader = Reader('127.0.0.1', port)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
 import hashlib
-import importlib.util
 import os
 import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import zipfile
 from pathlib import Path
 
@@ -165,7 +165,7 @@ def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
     (tmp_path / 'lock.txt').write_text(plugin + tool)
     subprocess.run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True)
     packages, = (tmp_path / 'venv').glob('lib/python*/site-packages')
-    (packages / 'pip').symlink_to(Path(importlib.util.find_spec('pip').origin).parent)
+    (packages / 'pip').symlink_to(Path(sysconfig.get_paths()['purelib'], 'pip'))
     result = subprocess.run(['bash', '-c', f'source {root}/scripts/setup; install {tmp_path}/venv {tmp_path}/lock.txt'],
                             env={'PATH': '/usr/bin:/bin', 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)},
                             capture_output=True, text=True, check=False, timeout=120)

@@ -103,15 +103,21 @@ def test_a_lidar_with_a_wrong_mounting_joins_without_a_jump(drive):
     assert distance(joined.pose, before.pose) < 1.2 * speed * 1e-9 * (joined.stamp - before.stamp) + 0.002
 
 
-def test_either_lidar_may_stop_and_come_back(drive):
-    scans, truth = drive
-    start = scans[0].stamp
-    alone = largest_error(updates_of([scan for scan in scans if scan.frame_id == 'front'])[0], truth)
-    for silent in ('front', 'rear'):
-        kept = [scan for scan in scans if scan.frame_id != silent or not 2.0 < 1e-9 * (scan.stamp - start) < 4.0]
-        front, rear = updates_of(kept)
-        assert np.mean([update.status is Status.OK for update in front + rear]) > 0.95
-        assert largest_error(front, truth) < alone
+def test_either_lidar_may_stop_and_come_back():
+    """Worse than the front lidar alone in no mean over three drives; one drive may be, by chance."""
+    errors = {'alone': [], 'front': [], 'rear': []}
+    for seed in (1, 2, 3):
+        front, rear = two_lidars(seed, SECONDS)
+        scans, truth = in_order(front, rear), truth_of(front)
+        errors['alone'].append(largest_error(updates_of(front.scans)[0], truth))
+        for silent in ('front', 'rear'):
+            kept = [scan for scan in scans
+                    if scan.frame_id != silent or not 2.0 < 1e-9 * (scan.stamp - scans[0].stamp) < 4.0]
+            found = updates_of(kept)
+            assert np.mean([update.status is Status.OK for updates in found for update in updates]) > 0.95
+            errors[silent].append(largest_error(found[0], truth))
+    alone, front, rear = (np.mean(each) for each in errors.values())
+    assert max(front, rear) < alone, errors
 
 
 def repeated(scans, frozen, begin, end):

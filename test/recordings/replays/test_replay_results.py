@@ -194,10 +194,10 @@ def test_v_names_the_parameters_whose_steps_are_not_compiled(replay, rotating, t
 def test_an_odometry_that_breaks_off_leaves_what_it_found_until_then(replay, rotating, capsys, monkeypatch):
     process, left = CoreOdometry.process, iter(range(12))
 
-    def breaks_off(self, scan):
+    def breaks_off(self, scan, *further):
         if next(left, None) is None:
             raise ZeroDivisionError('by zero')
-        return process(self, scan)
+        return process(self, scan, *further)
 
     monkeypatch.setattr(CoreOdometry, 'process', breaks_off)
     code, folder = replay(rotating[:20])
