@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from ..core.errors import RecordingError
+from ..core.scan import SECOND
 from ..paths import check_writable
 from .bags.bag import LASER_SCAN, ODOMETRY
 from .bags.bag_library import bag_library, is_ros1
 from .bags.reading import open_reader, own
 from .carmen.lines import SETTINGS, format_line, settings_of
-from .kept_part import SECOND, Kept, messages_of_part
+from .kept_part import Kept, messages_of_part
 from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording
 from .recording import Record

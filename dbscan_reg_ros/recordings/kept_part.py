@@ -5,9 +5,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..core.scan import SECOND
 from .bags.reading import safely
 
-SECOND = 1_000_000_000
 LONGEST = 4e9
 """Upper limit of the duration of a recording [s]; later times are treated as the end of the recording."""
 

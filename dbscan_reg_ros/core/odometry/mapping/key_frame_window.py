@@ -45,8 +45,7 @@ class KeyFrameWindow:
         self.fields = LikelihoodFieldStack(fields, *self.poses)
         self._free_space: dict[int, FreeSpaceStack] = {}
         self._local_maps: dict[KeyFrame, Features] = {}
-        self._parts: dict[str, KeyFrameWindow] = {}
-        self._ranks: dict[int, KeyFrameWindow | None] = {}
+        self._parts: dict[tuple[KeyFrame, ...], KeyFrameWindow] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
 
     @property
@@ -72,18 +71,20 @@ class KeyFrameWindow:
 
     def of_rank(self, rank: int) -> 'KeyFrameWindow | None':
         """Return the window of the key frames of all sensors of this `Sensor.rank`; None if there is none."""
-        if rank not in self._ranks:
-            frames = [frame for frame in self.frames if frame.sensor.rank == rank]
-            self._ranks[rank] = KeyFrameWindow(frames) if frames else None
-        return self._ranks[rank]
+        frames = tuple(frame for frame in self.frames if frame.sensor.rank == rank)
+        return self._part(frames) if frames else None
 
     def of_sensor(self, sensor: str) -> 'KeyFrameWindow':
         """Return the window of `frames_of` a `sensor`."""
         if len(self.sensors) == 1 or sensor not in self.sensors:
             return self
-        if sensor not in self._parts:
-            self._parts[sensor] = KeyFrameWindow(self.frames_of(sensor))
-        return self._parts[sensor]
+        return self._part(self.frames_of(sensor))
+
+    def _part(self, frames: tuple[KeyFrame, ...]) -> 'KeyFrameWindow':
+        """Return the window of some of the `frames`, which is made once."""
+        if frames not in self._parts:
+            self._parts[frames] = KeyFrameWindow(frames)
+        return self._parts[frames]
 
     def without(self, sensor: str) -> 'KeyFrameWindow':
         """Return a window without the key frames of a `sensor`, unless it has no others."""
