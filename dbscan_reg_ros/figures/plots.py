@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of maps and comparisons, legible without colour; maps have the same scale on both axes."""
 import warnings
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,17 +85,45 @@ def density_map(scans, poses) -> DensityMap:
 
 def save(figure, path, dpi, **options):
     """Write a matplotlib `figure` completely or not at all; the ending of `path` selects the format."""
-    if (layout := figure.get_layout_engine()) is not None:
-        # matplotlib lays a figure with an engine out twice, and draws it twice.
-        figure.set_dpi(dpi)
-        layout.execute(figure)
-        figure.set_layout_engine(None)
+    _lay_out(figure, dpi)
     if Path(path).suffix == '.png':
         options |= {'pil_kwargs': {'compress_level': PNG_LEVEL}}
-    with replacing(path, binary=True) as file, warnings.catch_warnings():
-        # A title may be the name of a file in any script; the font draws a box for a character that it lacks.
-        warnings.filterwarnings('ignore', 'Glyph .* missing from')
+    with replacing(path, binary=True) as file, _any_script():
         figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
+
+
+def picture(figure, dpi):
+    """Return a matplotlib `figure` as a `PIL.Image.Image`."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    _lay_out(figure, dpi)
+    canvas = FigureCanvasAgg(figure)
+    with _any_script():
+        canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def write_png(path, image):
+    """Write a `PIL.Image.Image` completely or not at all."""
+    with replacing(path, binary=True) as file:
+        image.save(file, format='png', compress_level=PNG_LEVEL)
+
+
+def _lay_out(figure, dpi):
+    """Lay a figure out, once: matplotlib lays a figure with an engine out twice, and draws it twice."""
+    figure.set_dpi(dpi)
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+
+
+@contextmanager
+def _any_script():
+    """A title may be the name of a file in any script; the font draws a box for a character that it lacks."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', 'Glyph .* missing from')
+        yield
 
 
 def plot_map(path, scans, poses, title='', truth=None):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from .clusters import draw_rotation, draw_translation, explain_translation
 from .densities import draw_densities
 from .overlay import draw_overlay, explain_overlay
-from .plots import save
+from .plots import picture, write_png
 from .scans import draw_points, draw_scan_segments
 
 
@@ -55,31 +55,28 @@ FIGURES = {
 SIZE = 12.0, 7.0
 """[inch]"""
 DPI = 100
-SHEET_DPI = 70
 LAYOUT = [['overlay', 'overlay', 'points'], ['overlay', 'overlay', 'segments'],
           ['rotation', 'translation', 'densities']]
-"""Position of each figure on the sheet."""
+"""Position of each figure on the sheet; one with several places is enlarged."""
 
 
 def draw_figures(folder, steps, title):
     """Write ``NAME.png`` for each of the `FIGURES` of `Steps`, and ``sheet.png``, into `folder`."""
     from matplotlib.figure import Figure
+    from PIL import Image
 
+    width, height = (round(DPI * side) for side in SIZE)
+    sheet = Image.new('RGB', (len(LAYOUT[0]) * width, len(LAYOUT) * height))
     for name, drawing in FIGURES.items():
         figure = Figure(figsize=SIZE, layout='constrained')
         drawing.draw(figure, steps)
         figure.suptitle(f'{title}\n{drawing.title}')
         figure.supxlabel(drawing.caption(steps), fontsize='medium')
-        save(figure, folder / f'{name}.png', DPI)
-    rows, columns = len(LAYOUT), len(LAYOUT[0])
-    sheet = Figure(figsize=(columns * SIZE[0], rows * SIZE[1] + 0.5), layout='constrained')
-    sheet.suptitle(title, fontsize='xx-large')
-    grid = sheet.add_gridspec(rows, columns)
-    for name, drawing in FIGURES.items():
-        places = [(row, column) for row in range(rows) for column in range(columns) if LAYOUT[row][column] == name]
-        (top, left), (bottom, right) = places[0], places[-1]
-        part = sheet.add_subfigure(grid[top:bottom + 1, left:right + 1])
-        drawing.draw(part, steps)
-        part.suptitle(drawing.title, fontsize='x-large')
-        part.supxlabel(drawing.caption(steps), fontsize='large')
-    save(sheet, folder / 'sheet.png', SHEET_DPI)
+        image = picture(figure, DPI)
+        write_png(folder / f'{name}.png', image)
+        places = [(column, row) for row, names in enumerate(LAYOUT) for column, each in enumerate(names)
+                  if each == name]
+        (left, top), (right, _) = places[0], places[-1]
+        enlarged = right - left + 1
+        sheet.paste(image if enlarged == 1 else picture(figure, enlarged * DPI), (left * width, top * height))
+    write_png(folder / 'sheet.png', sheet)
