@@ -129,7 +129,7 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
     mounting : Mounting
         Its mounting, which counts as right.
     others : list of FurtherLidar
-        Their mountings may be wrong by about 0.3 m and 10 deg.
+        Their mountings may be wrong by about 0.3 m and 10 deg, on longer drives by any amount.
     parameters : NodeParameters
     progress : callable
         Function that passes on the scans of the first lidar.
@@ -164,7 +164,8 @@ def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> Ca
         count = len(compared.comparisons) if compared else 0
         raise CalibrationError(
             f'{other.recording.path}: only {count} scans of {topic} could be compared with the map of the first lidar; '
-            'check whether both see the same walls, and the mounting: it may be wrong by 0.3 m and 10 deg')
+            'check whether both see the same walls, and upside_down; if the mounting is wrong by more than 0.3 m or '
+            '10 deg, the drive must be longer, as it is searched for after 4 m')
     estimate = compared.judge()
     # The scans are rotated by the given yaw, so the estimate contains its error only.
     pose = first.aligned_pose @ estimate.pose @ SE2(theta=other.mounting.pose.theta)

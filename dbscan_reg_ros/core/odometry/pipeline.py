@@ -113,14 +113,16 @@ class Odometry:
             self.comparisons.add(result, self._locate, prior)
         return result
 
-    def _locate(self, result: OdometryUpdate) -> Location | None:
+    def _locate(self, result: OdometryUpdate, mounting: SE2 | None) -> Location | None:
         """Locate the scan of a further sensor in the map of the sensors of rank 0, in the published frame."""
-        state, sensor = self._state, result.sensor
+        state = self._state
         window = state.window and state.window.of_rank(0)
         if not window:
             return None
-        elapsed = state.order.time_since_last(result.stamp)
-        predicted = sensor.pose_at(state.pose @ SE2.from_array(elapsed * state.motion.twist))
+        predicted = None
+        if mounting is not None:
+            elapsed = state.order.time_since_last(result.stamp)
+            predicted = state.pose @ SE2.from_array(elapsed * state.motion.twist) @ mounting
         location = locate(result.features, window, predicted, self._parameters, self._search_parameters)
         return location and location._replace(pose=state.output.corrected(location.pose))
 
@@ -134,7 +136,7 @@ class Odometry:
         own = self._sensor_state(scan, sensor, uses)
         timing = own.stamps.timing(scan, p)
         # Features of the deskewed scan.
-        twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
+        twist = timing.ratio * self.comparisons.guessed(sensor).twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, sensor)
         repeats = self._repeated.add(sensor.name, scan, prior, p.odometry.coast_time)
         interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)

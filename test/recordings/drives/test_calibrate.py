@@ -86,6 +86,17 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
     assert re.search(r'off by \d[.]\d cm and [23][.]\d deg and its stamps are off by \d\d ms: set the values', verdict)
 
 
+@pytest.mark.parametrize('given', [SE2(), REAR @ SE2(theta=math.pi), REAR @ SE2(0.8, -0.6, math.radians(-25.0)),
+                                   REAR @ SE2(0.0, 0.0, math.radians(90.0))], ids=str)
+def test_the_guess_of_a_mounting_may_be_far_off(drive, tmp_path, given):
+    bag, file = scan_bag(tmp_path / 'bag', drive), tmp_path / 'out.json'
+    assert calibrate([str(bag), *mountings(given), '--json', str(file)]) == 0
+    found, = json.loads(file.read_text())['lidars']
+    assert math.hypot(found['x']['value'] - REAR.x, found['y']['value'] - REAR.y) < 0.005
+    assert abs(math.remainder(found['yaw']['value'] - math.degrees(REAR.theta), 360.0)) < 0.1
+    assert abs(found['time_offset']['value']) < 0.005
+
+
 def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path, capsys):
     """The mounting of the second is wrong by 5 cm and 3 deg, that of the third is right: 6 s of the drive."""
     third = scans_of(hall(2), path.until(6.0), [('/left', LEFT, 14.0, 0.033)])

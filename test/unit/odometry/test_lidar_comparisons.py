@@ -60,23 +60,27 @@ class Drive:
         self.first, self.rear = Sensor('front'), Sensor('rear', given, 1)
         self._rng, self.used, self.now = np.random.default_rng(seed), [], 0.0
 
-    def _locate(self, update):
+    def _locate(self, update, mounting):
         """Locate a scan with noise, and an error for each metre of the drive."""
         if self.chance is not None:
-            return self._by_chance(update)
+            return self._by_chance(update, mounting)
+        if mounting and math.hypot(mounting.x - self.true.x, mounting.y - self.true.y) > 0.3:
+            return None
         seconds = 1e-9 * update.stamp - self.late
         pose, group = self._path(seconds), int(seconds)
         common = np.random.default_rng(group).normal(0.0, BIAS, 3) * [1.0, 1.0, 0.5]
         sigmas = np.array([0.002, 0.002, 0.001])
         found = pose @ self.true @ SE2(*(common + self._rng.normal(0.0, sigmas)))
-        return Location(update.stamp, found, np.diag(sigmas ** 2), group)
+        return Location(update.stamp, found, np.diag(sigmas ** 2), group, mounting is not None)
 
-    def _by_chance(self, update):
-        """Locate a scan at a random place near the given mounting, or most often nowhere: the mounting is far off."""
+    def _by_chance(self, update, mounting):
+        """Locate a scan at a random place near a mounting or anywhere, or most often nowhere: its walls are unknown."""
         if self._rng.random() > self.chance:
             return None
-        pose = self._path(1e-9 * update.stamp) @ self.rear.pose @ SE2(*self._rng.normal(0.0, [0.1, 0.1, 0.03]))
-        return Location(update.stamp, pose, np.diag([0.02, 0.02, 0.01]) ** 2, round(1e-9 * update.stamp))
+        near = self.rear.pose @ SE2(*self._rng.normal(0.0, [0.1, 0.1, 0.03]))
+        pose = self._path(1e-9 * update.stamp) @ (near if mounting else SE2(*self._rng.uniform(-3.0, 3.0, 3)))
+        return Location(update.stamp, pose, np.diag([0.02, 0.02, 0.01]) ** 2, round(1e-9 * update.stamp),
+                        mounting is not None)
 
     def run(self, seconds, silent=False):
         """Drive on."""
@@ -129,6 +133,17 @@ def test_a_wrong_mounting_is_named_after_a_long_drive_and_not_used_before(update
     assert error.distance == pytest.approx(0.05, abs=0.005) and error.time_offset == 0.0
     assert math.degrees(error.rotation) == pytest.approx(-3.0, abs=0.1)
     assert str(error).startswith('its mounting is off by ') and 'ms' not in str(error)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_mounting_that_is_far_off_is_found_without_a_guess(update, seed):
+    drive = Drive(update, TRUE @ SE2(0.8, -0.3, math.pi), seed=seed, calibrate=True).run(10.0)
+    assert drive.lidar.error is None and not any(drive.used[3:])
+    error = drive.run(30.0).lidar.error
+    assert error.distance == pytest.approx(math.hypot(0.8, 0.3), abs=0.005) and error.time_offset == 0.0
+    assert abs(math.degrees(error.rotation)) == pytest.approx(180.0, abs=0.1)
+    off = drive.true.inverse() @ drive.lidar.used
+    assert drive.used[-1] and math.hypot(off.x, off.y) < 0.005 and abs(off.theta) < math.radians(0.1)
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -34,8 +34,10 @@ class Disagreement(NamedTuple):
     time_offset: float
 
     def __str__(self) -> str:
-        mounting = (f'its mounting is off by {100.0 * self.distance:.1f} cm and '
-                    f'{math.degrees(abs(self.rotation)):.1f} deg') if self.distance or self.rotation else ''
+        distance = f'{100.0 * self.distance:.1f} cm' if self.distance else ''
+        rotation = f'{math.degrees(abs(self.rotation)):.1f} deg' if self.rotation else ''
+        mounting = ' and '.join(filter(None, (distance, rotation)))
+        mounting = mounting and f'its mounting is off by {mounting}'
         stamps = f'its stamps are off by {1e3 * abs(self.time_offset):.0f} ms' if self.time_offset else ''
         return ' and '.join(filter(None, (mounting, stamps)))
 
@@ -48,6 +50,8 @@ class ComparedLidar:
     ----------
     given : SE2
         Its mounting as given; the comparisons start again if it changes.
+    guess : SE2
+        The mounting that the lidar probably has: the given one, unless a search has found another, or it is replaced.
     used : SE2
         The mounting that is used: the given one, unless it is replaced.
     calibrate : bool
@@ -81,7 +85,10 @@ class ComparedLidar:
     error: Disagreement | None = None
     wheels: WheelComparison = field(default_factory=WheelComparison)
     wrong: Wrong = Wrong.UNKNOWN
+    guess: SE2 = field(init=False)
     used: SE2 = field(init=False)
+    _found: deque[SE2] = field(default_factory=lambda: deque(maxlen=_LEAST))
+    _searched: float = 0.0
     _pending: deque[Location] = field(default_factory=lambda: deque(maxlen=_PENDING))
     _last: SE2 | None = None
     _new: int = 0
@@ -89,7 +96,7 @@ class ComparedLidar:
     _latest: deque[bool] = field(default_factory=lambda: deque(maxlen=_LEAST))
 
     def __post_init__(self) -> None:
-        self.used = self.given
+        self.guess = self.used = self.given
 
     @property
     def known(self) -> bool:
@@ -131,6 +138,14 @@ class ComparedLidar:
             return True
         return not spacing or len(self.comparisons) + len(self._pending) < _LEAST
 
+    def must_search(self) -> bool:
+        """Whether to register a scan without a prior too: the lidar is not used after `_SEARCHED_AFTER`."""
+        moved = self.driven + self.turned
+        if not self.on_trial or moved < max(_SEARCHED_AFTER, self._searched + _SEARCH_SPACING):
+            return False
+        self._searched = moved
+        return True
+
     def wait(self, location: Location) -> None:
         """Store a `location` until the motion of the first lidar at its stamp is known."""
         self._pending.append(location)
@@ -140,14 +155,30 @@ class ComparedLidar:
         while self._pending and not first.must_wait(self._pending[0].stamp):
             location = self._pending.popleft()
             motion = first.motion_at(location.stamp)
-            if motion is not None:
-                self._compare(location, motion.pose.inverse() @ location.pose, motion.twist)
+            if motion is None:
+                continue
+            relative = motion.pose.inverse() @ location.pose
+            if location.guessed:
+                self._compare(location, relative, motion.twist)
+            else:
+                self._find(relative)
+
+    def _find(self, relative: SE2) -> None:
+        """Add a relative pose that was found without a guess; if the latest agree, their mean is the new guess."""
+        self._found.append(relative)
+        near = [relative.inverse() @ other for other in self._found if _is_near(relative, other)]
+        mean = relative @ SE2.from_array(np.mean([each.as_array() for each in near], axis=0))
+        if len(near) >= _AGREEING and not _is_near(mean, self.guess):
+            self.guess = mean
+            for each in self.comparisons, self._pending, self._latest:
+                each.clear()
 
     def _compare(self, location: Location, relative: SE2, twist: np.ndarray) -> None:
         # A pose of the first lidar has about the covariance of one of the further lidar.
-        span = 2.0 * HALF_SPAN / SECOND
+        span, turn = 2.0 * HALF_SPAN / SECOND, SE2(theta=relative.theta).adjoint()
         self.comparisons.append(Comparison(
-            relative, location.covariance, twist, 2.0 / span ** 2 * location.covariance, location.key_frame))
+            relative, location.covariance, twist, 2.0 / span ** 2 * turn @ location.covariance @ turn.T,
+            location.key_frame))
         self._new += 1
         self._latest.append(self._agrees(relative, location.covariance))
         if self.known and sum(self._latest) >= _AGREEING:
@@ -165,7 +196,7 @@ class ComparedLidar:
 
     def judge(self) -> RelativePose:
         """Estimate mounting and time offset from all comparisons, and judge the lidar by them."""
-        estimate = self.estimate = estimate_relative_pose(self.comparisons, self.given)
+        estimate = self.estimate = estimate_relative_pose(self.comparisons, self.guess)
         self._suspected = any(difference(self.used, 0.0, estimate, PROBABLE))
         certain = difference(self.given, 0.0, estimate, _CERTAIN)
         differs = any(certain) and (self.disagrees or self.used != self.given)
@@ -184,11 +215,12 @@ class ComparedLidar:
                 self.error is None and self.used == self.given):
             return
         if self.disagrees:
-            self.used, self._suspected, self.on_trial = estimate.pose, False, False
+            self.used = self.guess = estimate.pose
+            self._suspected = self.on_trial = False
             return
         motion = (self.used.inverse() @ estimate.pose).as_array()
         ratio = max(math.hypot(motion[0], motion[1]) / _STEPS[0], abs(float(motion[2])) / _STEPS[1], 1.0)
-        self.used = self.used @ SE2.from_array(motion / ratio)
+        self.used = self.guess = self.used @ SE2.from_array(motion / ratio)
 
 
 def difference(given: SE2, time_offset: float, estimate: RelativePose, sigmas: float) -> Disagreement:
@@ -203,6 +235,12 @@ def difference(given: SE2, time_offset: float, estimate: RelativePose, sigmas: f
     shifted = distance > _DISTANCE and (abs(shift.x) > x or abs(shift.y) > y)
     return Disagreement(distance if shifted else 0.0, rotation if abs(rotation) > max(_ROTATION, yaw) else 0.0,
                         late if abs(late) > max(_TIME, time) else 0.0)
+
+
+def _is_near(a: SE2, b: SE2) -> bool:
+    """Whether a location that begins with one of two mountings can find the other."""
+    motion = a.inverse() @ b
+    return math.hypot(motion.x, motion.y) < _NEAR[0] and abs(motion.theta) < _NEAR[1]
 
 
 _LEAST = 10
@@ -224,6 +262,10 @@ _SPARSE = 5.0
 """The motion between two comparisons grows by this factor while the latest `_LEAST` of them agree."""
 _LASTING_DISTANCE, _LASTING_ROTATION = 20.0, math.pi
 """Drive [m, rad] from which on a difference counts as an error of the mounting, and a lidar on trial as unfit."""
+_SEARCHED_AFTER, _SEARCH_SPACING = 4.0, 0.5
+"""Drive [m + rad] after which the mounting of a lidar on trial is searched for, and between two scans of the search."""
+_NEAR = 0.3, math.radians(8.0)
+"""Differences of mountings [m, rad] within which a location that begins with one of them finds the other."""
 _EXACT = np.array([_DISTANCE, _DISTANCE, _ROTATION])
 """An estimate replaces the given mounting if `_CERTAIN` standard deviations are below this [m, m, rad]."""
 _STEPS = 0.002, math.radians(0.05)

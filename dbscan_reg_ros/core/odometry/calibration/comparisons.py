@@ -76,15 +76,19 @@ class LidarComparisons:
     def mounted(self, sensor: Sensor) -> Sensor:
         """Return a `sensor` with the mounting that is used."""
         lidar = self.lidars.get(sensor.name) if sensor.rank else None
-        if lidar is None or lidar.used == lidar.given:
-            return sensor
-        return dataclasses.replace(sensor, pose=lidar.used)
+        return sensor if lidar is None else _with_pose(sensor, lidar.used)
 
-    def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate], Location | None],
+    def guessed(self, sensor: Sensor) -> Sensor:
+        """Return a `sensor` with the mounting that it probably has, whether it is used or not."""
+        lidar = self.lidars.get(sensor.name) if sensor.rank else None
+        return sensor if lidar is None else _with_pose(sensor, lidar.guess)
+
+    def add(self, update: OdometryUpdate, locate: Callable[[OdometryUpdate, SE2 | None], Location | None],
             prior: Prior | None = None) -> None:
         """Add the `update` of a scan and its external `prior`.
 
-        `locate` returns the location of this scan in the map of the first lidar.
+        `locate` returns the location of this scan in the map of the first lidar, for a mounting that may be wrong by
+        0.3 m and 10 deg, or is None: not known.
         """
         sensor = update.sensor
         if self.lidars:
@@ -92,13 +96,18 @@ class LidarComparisons:
         if sensor.rank:
             lidar = self.lidars[sensor.name]
             if not lidar.apart and self._first.is_heard(update.stamp) and lidar.is_due(update.pose, self._spacing):
-                location = locate(update)
-                if location is not None:
-                    lidar.wait(location)
+                for guess in (lidar.guess, None) if lidar.must_search() else (lidar.guess,):
+                    location = locate(update, guess)
+                    if location is not None:
+                        lidar.wait(location)
         elif update.registration is not None and update.status is not Status.FAILED:
             self._first.add(update.stamp, update.pose)
             for lidar in self.lidars.values():
                 lidar.resolve(self._first)
+
+
+def _with_pose(sensor: Sensor, pose: SE2) -> Sensor:
+    return sensor if sensor.pose == pose else dataclasses.replace(sensor, pose=pose)
 
 
 def _differs(before: SE2, now: SE2) -> bool:

@@ -10,7 +10,7 @@ from ...geometry.array_types import FloatArray
 from ...geometry.se2 import DOF, SE2
 from ...geometry.symmetric_matrix import diagonal
 from ...parameters.tree import Parameters
-from ...registration.pipeline import register_within_gate
+from ...registration.pipeline import register, register_within_gate
 from ...registration.records import Prior, Status
 from ..mapping.correspondences import PosePrior
 from ..mapping.key_frame_window import KeyFrameWindow
@@ -30,15 +30,18 @@ class Location(NamedTuple):
         Covariance of `pose` in the frame of the scan [m, m, rad].
     key_frame : int
         `KeyFrame.number` of the latest key frame of the map.
+    guessed : bool
+        Whether it was predicted from a mounting; False if the scan was registered without a prior.
     """
 
     stamp: int
     pose: SE2
     covariance: FloatArray
     key_frame: int
+    guessed: bool = True
 
 
-def locate(features: Features, window: KeyFrameWindow, predicted: SE2, p: Parameters,
+def locate(features: Features, window: KeyFrameWindow, predicted: SE2 | None, p: Parameters,
            search_parameters: Parameters) -> Location | None:
     """Register a scan to the key frames of another lidar, and align it with all of them.
 
@@ -47,23 +50,30 @@ def locate(features: Features, window: KeyFrameWindow, predicted: SE2, p: Parame
     features : Features
     window : KeyFrameWindow
         Key frames of the other lidar.
-    predicted : SE2
-        Predicted pose of the scan; the mounting may be wrong by about 0.3 m and 10 deg.
+    predicted : SE2 or None
+        Predicted pose of the scan; the mounting may be wrong by about 0.3 m and 10 deg. None: it is not known.
     p, search_parameters : Parameters
         Parameters of the odometry, and of its registrations to single references.
 
     Returns
     -------
     Location or None
-        None if the registration failed, is ambiguous, or does not constrain the rotation.
+        None if the registration failed, is ambiguous, or does not constrain the rotation; without a predicted pose also
+        if it does not constrain the translation.
     """
     frame = window.latest
-    prior = Prior(frame.pose.inverse() @ predicted, _UNKNOWN_MOUNTING)
     reference = window.local_map_of(frame.sensor.name)
-    registration = register_within_gate(reference, features, search_parameters, prior)
-    if registration.status not in (Status.OK, Status.DEGENERATE) or registration.rotation_unobservable:
-        return None
-    pose = predicted_along_degenerate(frame, registration, predicted)
+    if predicted is None:
+        registration = register(reference, features, search_parameters)
+        if registration.status is not Status.OK:
+            return None
+        pose = frame.pose @ registration.transform
+    else:
+        prior = Prior(frame.pose.inverse() @ predicted, _UNKNOWN_MOUNTING)
+        registration = register_within_gate(reference, features, search_parameters, prior)
+        if registration.status not in (Status.OK, Status.DEGENERATE) or registration.rotation_unobservable:
+            return None
+        pose = predicted_along_degenerate(frame, registration, predicted)
     initial = InitialAlignment(
         pose, degenerate_direction(frame, registration), registration.rotation_unobservable)
     step = features.backend.step
@@ -74,7 +84,7 @@ def locate(features: Features, window: KeyFrameWindow, predicted: SE2, p: Parame
         angle -= pose.theta
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
         covariance = covariance + _UNCONSTRAINED ** 2 * np.outer(direction, direction)
-    return Location(features.scan.stamp, pose, covariance, frame.number)
+    return Location(features.scan.stamp, pose, covariance, frame.number, predicted is not None)
 
 
 _UNKNOWN_MOUNTING = diagonal(0.15, 0.15, math.radians(4.0)) ** 2

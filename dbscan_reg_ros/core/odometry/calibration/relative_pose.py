@@ -23,6 +23,7 @@ class Comparison(NamedTuple):
     twist : (3,) float
         Velocity of the first lidar at this stamp, in its frame [m/s, m/s, rad/s].
     twist_covariance : (3, 3) float
+        In the frame of the first lidar.
     group : int
         Comparisons of one group have errors in common, because their part of the map is the same.
     """
