@@ -10,7 +10,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
 
+from ...core.errors import RecordingError
 from ..playback import TRANSFORMS
+from .bag_faults import fault_of
 from .decompression import limit_decompression
 from .messages import MessageMaker
 
@@ -41,6 +43,7 @@ class BagReader:
     Attributes
     ----------
     path : Path
+    is_ros2 : bool
     connections : list
         One connection for each topic, message type and publisher, with the fields `topic`, `msgtype` and `msgcount`.
     message_count : int
@@ -51,34 +54,48 @@ class BagReader:
     def __init__(self, path):
         limit_decompression()
         self.path = path
-        self.reader = AnyReader([path], default_typestore=_types(Stores.ROS2_JAZZY))
-        self.reader.open()
-        self._store = _types(Stores.ROS2_JAZZY if self.reader.is2 else Stores.ROS1_NOETIC)
-        self.connections = self.reader.connections
-        self.message_count, self.start_time = self.reader.message_count, self.reader.start_time
-        self.duration = self.reader.duration
+        self.is_ros2 = path.suffix != '.bag'
+        # Not with AnyReader, which parses the definitions of all messages: standard ones are used here.
+        self._reader = (rosbag2 if self.is_ros2 else rosbag1).Reader(path)
+        self._reader.open()
+        self._store = _types(Stores.ROS2_JAZZY if self.is_ros2 else Stores.ROS1_NOETIC)
+        self.connections = self._reader.connections
+        self.message_count, self.start_time = self._reader.message_count, self._reader.start_time
+        self.duration = self._reader.end_time - self.start_time
 
     def close(self):
         """Close the files of the bag."""
-        self.reader.close()
+        self._reader.close()
 
     def messages(self, connections, start=None, stop=None):
         """Return Connection, record time [ns] and bytes of each message recorded in [`start`, `stop`) [ns]."""
-        return self.reader.messages(connections, start, stop)
+        return self._reader.messages(connections, start, stop)
 
     def deserialize(self, raw, kind):
         """Return the message of type `kind`, decoded with the standard definition of the type, not that of the file."""
-        return self._store.deserialize_cdr(raw, kind) if self.reader.is2 else self._store.deserialize_ros1(raw, kind)
+        return self._store.deserialize_cdr(raw, kind) if self.is_ros2 else self._store.deserialize_ros1(raw, kind)
 
     def is_latched(self, connection):
         """Whether late subscribers receive the topic."""
-        if self.reader.is2:
+        if self.is_ros2:
             return any(each.durability == QosDurability.TRANSIENT_LOCAL for each in connection.ext.offered_qos_profiles)
         return bool(connection.ext.latching)
 
     def to_ros2(self, raw, kind):
         """Return a message as the bytes that ROS 2 sends, with the standard definition of its type."""
-        return bytes(raw if self.reader.is2 else _types(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
+        return bytes(raw if self.is_ros2 else _types(Stores.ROS2_JAZZY).ros1_to_cdr(raw, kind))
+
+
+@contextlib.contextmanager
+def _with_definitions(path):
+    """Provide a reader of the bag at `path` that knows the definitions of its messages."""
+    reader = AnyReader([path], default_typestore=_types(Stores.ROS2_JAZZY))
+    try:
+        reader.open()
+    except Exception as error:
+        raise RecordingError(fault_of(path, '')) from error
+    with contextlib.closing(reader):
+        yield reader
 
 
 class BagWriter:
@@ -112,9 +129,9 @@ class BagWriter:
 
     def add_topics_of(self, reader, connections):
         """Add the topics of a `BagReader`; return a function from connection and bytes to the arguments of `write`."""
-        store = None if reader.reader.is2 != self._ros1 else self._store
-        with contextlib.redirect_stdout(io.StringIO()):
-            written, converted = create_connections_converters(connections, store, reader.reader, self._writer)
+        store = None if reader.is_ros2 != self._ros1 else self._store
+        with contextlib.redirect_stdout(io.StringIO()), _with_definitions(reader.path) as definitions:
+            written, converted = create_connections_converters(connections, store, definitions, self._writer)
         return lambda connection, raw: (written[connection.id, connection.owner], converted[connection.msgtype](raw))
 
     def write(self, topic, time, raw):
