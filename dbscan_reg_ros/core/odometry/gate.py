@@ -143,10 +143,15 @@ class Gate:
         if found is None or time <= 0.0:
             return None
         motion = found.inverse() @ pose
-        if math.hypot(motion.x, motion.y) > p.odometry.max_speed * time + p.prior.gate * p.prior.min_sigma:
+        if math.hypot(motion.x, motion.y) > p.odometry.max_speed * time + self._gate_at_rest:
             return Reason.TOO_FAST
-        limit = p.odometry.max_turn_rate * time + p.prior.gate * p.prior.min_sigma
+        limit = p.odometry.max_turn_rate * time + self._gate_at_rest
         return Reason.TURNS_TOO_FAST if abs(motion.theta) > limit else None
+
+    @property
+    def _gate_at_rest(self) -> float:
+        """The gate [m] or [rad] around the prediction for a sensor at rest."""
+        return self._parameters.prior.gate * self._parameters.prior.min_sigma
 
     def _scores_poorly(self, score: float) -> bool:
         """Whether `score` is much lower than that of the last registered scan; less strict the older that scan is."""
@@ -224,8 +229,8 @@ class Gate:
         """
         if self.weak_prior or self._tracking.mode is Mode.STARTING:
             return False
-        change, p = self.predictions.best.pose.inverse() @ pose, self._parameters.prior
-        allowed = p.gate * p.min_sigma if self.predictions.interval.of_others else 0.0
+        change = self.predictions.best.pose.inverse() @ pose
+        allowed = self._gate_at_rest if self.predictions.interval.of_others else 0.0
         return math.hypot(change.x, change.y) > max(self._time_since_found, allowed)
 
     def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
